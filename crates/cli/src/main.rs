@@ -1,0 +1,2 @@
+//! The polepair command line.
+fn main() {}

@@ -1,0 +1,329 @@
+//! The unified vocabulary: what any axis can be told, what it tells, and who translates.
+
+use crate::error::{Failure, Outcome, Unsupported};
+use crate::profile::{Parameter, ParameterId, Profile, Signal};
+use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
+use crate::time::Instant;
+
+/// What an axis can be told to do. A profile has a plan for each verb that its drive can do.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[non_exhaustive]
+pub enum Verb {
+    /// Power the motor, holding where it stands.
+    Enable,
+    /// Take power off the motor.
+    Disable,
+    /// Come to rest along the ramp and stay powered where the drive can.
+    Stop,
+    /// Come to rest as fast as the drive can.
+    QuickStop,
+    /// Clear faults.
+    Clear,
+    /// Turn at a speed.
+    Velocity,
+    /// Turn with a torque.
+    Torque,
+    /// Go to a position.
+    MoveTo,
+    /// Go so far.
+    MoveBy,
+    /// Find the reference position.
+    Home,
+    /// Wait until the last move or homing is done. Moves nothing.
+    Reached,
+    /// Put the settings into permanent memory.
+    Store,
+}
+
+impl Verb {
+    /// Every verb.
+    pub const ALL: [Self; 12] = [
+        Self::Enable,
+        Self::Disable,
+        Self::Stop,
+        Self::QuickStop,
+        Self::Clear,
+        Self::Velocity,
+        Self::Torque,
+        Self::MoveTo,
+        Self::MoveBy,
+        Self::Home,
+        Self::Reached,
+        Self::Store,
+    ];
+
+    /// The word in profiles and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Enable => "enable",
+            Self::Disable => "disable",
+            Self::Stop => "stop",
+            Self::QuickStop => "quick-stop",
+            Self::Clear => "clear",
+            Self::Velocity => "velocity",
+            Self::Torque => "torque",
+            Self::MoveTo => "move-to",
+            Self::MoveBy => "move-by",
+            Self::Home => "home",
+            Self::Reached => "reached",
+            Self::Store => "store",
+        }
+    }
+
+    /// True for what sets an axis in motion or powers it: it needs an armed axis.
+    #[must_use]
+    pub const fn needs_arming(self) -> bool {
+        matches!(
+            self,
+            Self::Enable | Self::Velocity | Self::Torque | Self::MoveTo | Self::MoveBy | Self::Home
+        )
+    }
+
+    /// True for what takes motion out: it overtakes all else and ends what runs on the axis.
+    #[must_use]
+    pub const fn is_stop(self) -> bool {
+        matches!(self, Self::Stop | Self::QuickStop | Self::Disable)
+    }
+}
+
+/// A verb with its arguments, in SI: rad or m, rad/s, rad/s², N·m (1 on ratio axes). An argument
+/// that the caller leaves out is `None`; the plan decides whether it can do without.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Command {
+    /// What to do.
+    pub verb: Verb,
+    /// Where to, or how far.
+    pub target: Option<f64>,
+    /// How fast.
+    pub velocity: Option<f64>,
+    /// How quickly.
+    pub acceleration: Option<f64>,
+    /// With how much torque.
+    pub torque: Option<f64>,
+}
+
+impl Command {
+    /// A verb without arguments.
+    #[must_use]
+    pub const fn new(verb: Verb) -> Self {
+        Self { verb, target: None, velocity: None, acceleration: None, torque: None }
+    }
+}
+
+/// One value of an axis and its age.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Reading {
+    /// SI value; flags are 0 or 1, codes and modes are themselves.
+    pub value: f64,
+    /// Raw value.
+    pub raw: i64,
+    /// When its reply arrived; `None` before the first.
+    pub at: Option<Instant>,
+}
+
+/// What is known of an axis. Values carry their age: nothing here is fresher than its `at`.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct State {
+    readings: [Reading; Signal::COUNT],
+    /// Motion commands are let through.
+    pub armed: bool,
+    /// Writes to permanent memory that this lane made.
+    pub flash_writes: u32,
+}
+
+impl State {
+    /// Nothing known, disarmed.
+    pub const UNKNOWN: Self = Self {
+        readings: [Reading { value: 0.0, raw: 0, at: None }; Signal::COUNT],
+        armed: false,
+        flash_writes: 0,
+    };
+
+    /// The last reading of a signal.
+    #[must_use]
+    pub const fn reading(&self, signal: Signal) -> Reading {
+        self.readings[signal as usize]
+    }
+
+    /// Notes a reading.
+    pub const fn note(&mut self, signal: Signal, reading: Reading) {
+        self.readings[signal as usize] = reading;
+    }
+}
+
+/// One protocol's translation between parameters and requests, for one axis. No queue, no clock, no
+/// executor: those are the lane's. A family overrides what its drive does differently.
+pub trait Driver {
+    /// The protocol's request.
+    type Request: Request;
+    /// The protocol's answer.
+    type Answer: Copy + 'static;
+
+    /// What is known of the product.
+    fn profile(&self) -> &'static Profile;
+
+    /// The drive's address on the wire, as events name it.
+    fn address(&self) -> u32;
+
+    /// The request that reads a parameter.
+    ///
+    /// # Errors
+    /// [`Unsupported`] when the protocol cannot; access was already checked.
+    fn read(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported>;
+
+    /// The request that writes a raw value. `class` is what the lane holds the write to.
+    ///
+    /// # Errors
+    /// [`Unsupported`] when the protocol cannot; access and range were already checked.
+    fn write(
+        &self,
+        parameter: &Parameter,
+        raw: i64,
+        class: Class,
+    ) -> Result<Self::Request, Unsupported>;
+
+    /// The request for a [`Send`](crate::plan::Step::Send) step.
+    ///
+    /// # Errors
+    /// [`Unsupported`] when the protocol has no such function.
+    fn send(&self, function: u8, index: u16, value: i64) -> Result<Self::Request, Unsupported>;
+
+    /// The request that `text`, in the protocol's own language, means for this drive.
+    ///
+    /// # Errors
+    /// [`Unsupported::BadText`] when it is not of that language.
+    fn parse(&self, text: &str) -> Result<Self::Request, Unsupported>;
+
+    /// The raw value in an answer. `parameter` is what was read or written, if it was one.
+    ///
+    /// # Errors
+    /// [`Failure::Refused`] with the drive's code, [`Failure::Misbehaved`].
+    fn answer(
+        &mut self,
+        parameter: Option<&Parameter>,
+        answer: &Self::Answer,
+    ) -> Result<i64, Failure>;
+
+    /// Takes what the drive said unasked, and tells which signal it changes.
+    fn unasked(&mut self, answer: &Self::Answer) -> Option<(Signal, i64)> {
+        let _ = answer;
+        None
+    }
+}
+
+/// Something a rehearsal would do.
+#[derive(Clone, Copy, Debug)]
+pub struct Rehearsed<'a> {
+    /// What the step does, and to which parameter.
+    pub step: RehearsedStep,
+    /// The bytes on the wire; a CAN frame's data, with its id in `id`.
+    pub bytes: &'a [u8],
+    /// CAN identifier, for frames.
+    pub id: Option<u32>,
+}
+
+/// What a rehearsed step does.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum RehearsedStep {
+    /// Reads a parameter.
+    Read(ParameterId),
+    /// Writes a raw value.
+    Write(ParameterId, i64),
+    /// Writes a raw value if the parameter holds another.
+    WriteIfDifferent(ParameterId, i64),
+    /// Writes what a read will bring; the bytes show the read.
+    WriteWhatWasRead(ParameterId, ParameterId),
+    /// Sends the protocol's own request.
+    Send,
+    /// Waits, sending nothing.
+    Wait(u32),
+}
+
+/// What the layers above hold: protocol, family and medium are erased.
+pub trait Axes {
+    /// How many axes there are.
+    fn axes(&self) -> usize;
+    /// The drive's address of an axis.
+    fn address(&self, axis: AxisIndex) -> Option<u32>;
+    /// What is known of the product.
+    fn profile(&self, axis: AxisIndex) -> Option<&'static Profile>;
+    /// What is known of the axis.
+    fn state(&self, axis: AxisIndex) -> Option<&State>;
+
+    /// Lets motion commands through, or no longer.
+    fn arm(&mut self, axis: AxisIndex, armed: bool);
+
+    /// Starts a verb. It ends in one outcome under `ticket`.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn command(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        command: Command,
+    ) -> Result<(), Unsupported>;
+
+    /// Reads a parameter, raw.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn read(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+    ) -> Result<(), Unsupported>;
+
+    /// Writes a parameter, raw. After silence it is read back before the outcome is told.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn write(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+        raw: i64,
+    ) -> Result<(), Unsupported>;
+
+    /// Sends a request in the protocol's own text.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn raw(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        text: &str,
+    ) -> Result<(), Unsupported>;
+
+    /// The next outcome.
+    fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)>;
+
+    /// Shows, step by step, what a command would send. Nothing is sent.
+    ///
+    /// # Errors
+    /// [`Unsupported`] as the command itself would give.
+    fn rehearse(
+        &self,
+        axis: AxisIndex,
+        command: Command,
+        show: &mut dyn FnMut(Rehearsed<'_>),
+    ) -> Result<(), Unsupported>;
+
+    /// SI value of a raw one, by the scale of its parameter. `None` while a parameter that the
+    /// scale depends on was never read.
+    fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64>;
+
+    /// Raw value of an SI one, rounded to the nearest. `None` as with [`to_si`](Self::to_si).
+    fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64>;
+
+    /// What happened on the wire so far.
+    fn counters(&self) -> Counters;
+}

@@ -1,0 +1,78 @@
+//! What stands around a simulated drive: hands, weights, switches, and the truth.
+
+use crate::time::Instant;
+
+/// What is true of a simulated motor, whatever the drive reports.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Truth {
+    /// Shaft position since power-on, rad, never wrapped.
+    pub position: f64,
+    /// Shaft speed, rad/s.
+    pub velocity: f64,
+    /// Motor current, A.
+    pub current: f64,
+    /// Air-gap torque, N·m.
+    pub torque: f64,
+    /// Winding temperature, °C.
+    pub winding: f64,
+    /// The power stage is on.
+    pub enabled: bool,
+    /// The drive's fault code or bits, zero for none.
+    pub fault: u32,
+    /// Writes to flash or EEPROM since it was made.
+    pub flash_writes: u64,
+    /// Requests executed that a repetition would have doubled (relative moves, path starts).
+    pub unrepeatable: u64,
+}
+
+/// Something done to a simulated drive from outside the wire.
+#[derive(Clone, Copy, PartialEq, Debug)]
+#[non_exhaustive]
+pub enum Act {
+    /// Constant torque on the shaft, N·m; positive drives it forward.
+    Load(f64),
+    /// Holds the shaft still, or lets it go.
+    Jam(bool),
+    /// Supply voltage, V.
+    Supply(f64),
+    /// Air temperature, °C.
+    Ambient(f64),
+    /// A digital input, counted from 1.
+    Input(u8, bool),
+    /// An analog input, counted from 0, V.
+    Analog(u8, f64),
+    /// A reference switch at a shaft position: closed from there on in positive direction.
+    Switch {
+        /// Which: 0 home, 1 positive limit, 2 negative limit.
+        which: u8,
+        /// Where, rad; NaN removes it.
+        at: f64,
+    },
+    /// The encoder stops counting, or counts again.
+    EncoderBroken(bool),
+    /// The hall sensors give an impossible pattern, or work again.
+    HallBroken(bool),
+    /// Raises a fault by its code.
+    Fault(u32),
+    /// Takes the supply away and brings it back: RAM is lost, what was stored is not.
+    PowerCycle,
+    /// A key of the front panel goes down or up, counted from 0 as the manual lists them.
+    Key(u8, bool),
+}
+
+/// The bench side of a simulated drive.
+pub trait Bench {
+    /// What is true at `now`.
+    fn truth(&mut self, now: Instant) -> Truth;
+    /// Does something to it. Returns whether this drive has such a thing.
+    fn act(&mut self, now: Instant, act: Act) -> bool;
+    /// What the front panel shows, if there is one, as plain characters.
+    fn panel(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        let _ = (now, out);
+        None
+    }
+    /// Something unusual the drive did since the last call, for a scene log: a trip, a store.
+    fn notice(&mut self) -> Option<&'static str> {
+        None
+    }
+}

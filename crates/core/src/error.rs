@@ -1,0 +1,143 @@
+//! Errors by blame: the bytes, the drive, the caller.
+//!
+//! Nothing here holds a heap string. What the operating system refuses is the link crate's
+//! `LinkError`; what a file gets wrong names file and line in the crate that reads it.
+
+use crate::profile::ParameterId;
+
+/// The bytes are wrong: what a frame breaks of its protocol.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum WireError {
+    /// Fewer bytes than the shortest frame, or than the length that the frame announces.
+    Short {
+        /// Bytes needed.
+        need: u16,
+        /// Bytes found.
+        found: u16,
+    },
+    /// More bytes than the frame has use for.
+    Long {
+        /// Bytes needed.
+        need: u16,
+        /// Bytes found.
+        found: u16,
+    },
+    /// A check over the frame does not agree: sum, LRC or CRC.
+    Checksum {
+        /// What the check should have been.
+        computed: u32,
+        /// What the frame carries.
+        found: u32,
+    },
+    /// A byte that the protocol does not allow there.
+    Unexpected {
+        /// Offset in the frame.
+        at: u16,
+        /// The byte found.
+        found: u8,
+    },
+    /// A count or length field that contradicts the frame or the protocol's limits.
+    Count {
+        /// Offset in the frame.
+        at: u16,
+        /// The value found.
+        found: u16,
+    },
+}
+
+impl core::fmt::Display for WireError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::Short { need, found } => write!(f, "length: needed {need} bytes, found {found}"),
+            Self::Long { need, found } => {
+                write!(f, "length: {need} bytes are the whole frame, found {found}")
+            }
+            Self::Checksum { computed, found } => {
+                let digits = if computed.max(found) > 0xFF { 4 } else { 2 };
+                write!(f, "checksum: computed {computed:0digits$X}, found {found:0digits$X}")
+            }
+            Self::Unexpected { at, found } => write!(f, "byte {at}: unexpected {found:02X}"),
+            Self::Count { at, found } => write!(f, "byte {at}: impossible count {found}"),
+        }
+    }
+}
+
+/// Why a request that was sent did not bring what was asked.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum Failure {
+    /// Nobody answered within the time allowed, retries included.
+    Silent,
+    /// The drive said no, with its own code (TMCL status, Modbus exception, abort code).
+    Refused {
+        /// The code, in the protocol's numbers.
+        code: u32,
+    },
+    /// Something answered, but broke the protocol or answered another question.
+    Misbehaved,
+    /// The drive did as told but what was waited for did not come true in time.
+    NotReached,
+    /// A `Require` step found the drive not ready; the profile's hint tells what to do.
+    NotReady {
+        /// What to do about it.
+        hint: &'static str,
+    },
+    /// The drive reports a fault.
+    Faulted {
+        /// The fault, in the drive's own code or bits.
+        code: u32,
+    },
+    /// A stop, a newer command or the end of the link cut it short.
+    Cancelled,
+    /// The link went down.
+    LinkDown,
+}
+
+/// The caller asked for something that cannot be; nothing was sent.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum Unsupported {
+    /// No axis of that index on this lane.
+    NoSuchAxis,
+    /// The profile has no such parameter.
+    NoSuchParameter,
+    /// The profile has no plan for this verb: the drive, or what is known of it, cannot do it.
+    NoPlan,
+    /// The parameter can only be read.
+    ReadOnly(ParameterId),
+    /// The parameter can only be written.
+    WriteOnly(ParameterId),
+    /// The value is outside the limits, in the drive's raw numbers.
+    OutOfRange {
+        /// The parameter that would have been written.
+        parameter: ParameterId,
+        /// The value, raw.
+        value: i64,
+        /// Least raw value allowed.
+        min: i64,
+        /// Greatest raw value allowed.
+        max: i64,
+    },
+    /// The command lacks a value that its plan needs, or the value is not a finite number.
+    BadArgument,
+    /// A motion command for an axis that is not armed.
+    NotArmed,
+    /// The axis is moving on another command, or the lane's job table is full.
+    Busy,
+    /// Text that is not of the protocol's language.
+    BadText,
+    /// The protocol's rules forbid it; the text says which.
+    Forbidden(&'static str),
+}
+
+/// How a ticket ends. Every ticket ends in exactly one outcome.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Outcome {
+    /// The drive did it. The value is the last one read or echoed, raw.
+    Done(i64),
+    /// It was not executed and never will be.
+    NotDone(Failure),
+    /// It may have been executed: the request went out and no answer came back.
+    Unknown(Failure),
+}

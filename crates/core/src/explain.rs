@@ -1,0 +1,145 @@
+//! Explaining a frame to people: fields with names, byte ranges and meanings, into a sink.
+
+use crate::error::WireError;
+use crate::profile::Profile;
+
+/// Who sent the bytes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Direction {
+    /// Host to drive.
+    ToDrive,
+    /// Drive to host.
+    ToHost,
+}
+
+/// What an explainer may know besides the bytes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Context<'a> {
+    /// Who sent them, if known.
+    pub direction: Option<Direction>,
+    /// The request that these bytes answer, if known.
+    pub request: Option<&'a [u8]>,
+    /// The product's tables, for names.
+    pub profile: Option<&'static Profile>,
+    /// CAN identifier, for frames.
+    pub id: Option<u32>,
+}
+
+/// A value of a field.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Value<'a> {
+    /// A number, to be shown in decimal.
+    Int(i64),
+    /// A number, to be shown in hexadecimal with so many digits.
+    Hex(u64, u8),
+    /// A real number.
+    Real(f64),
+    /// Text.
+    Text(&'a str),
+    /// Big-endian 16-bit words, as they lie in the frame.
+    Words(&'a [u8]),
+}
+
+/// One field of a frame.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Field<'a> {
+    /// The protocol's name for it, `snake_case`.
+    pub name: &'static str,
+    /// First byte in the frame.
+    pub start: u16,
+    /// Byte after the last.
+    pub end: u16,
+    /// Its value.
+    pub value: Value<'a>,
+    /// What the value means, where there is a name for it; empty otherwise.
+    pub meaning: &'static str,
+}
+
+/// Takes what an explainer finds.
+pub trait Sink {
+    /// The protocol's word for the frame: `GAP`, `read holding registers`.
+    fn kind(&mut self, kind: &str);
+    /// The axis, station or module it concerns.
+    fn axis(&mut self, axis: u32);
+    /// One field, in the order of the bytes.
+    fn field(&mut self, field: Field<'_>);
+    /// A piece of the one-line meaning; pieces are joined as they come.
+    fn text(&mut self, piece: &str);
+    /// What the frame breaks. Fields found so far stand.
+    fn error(&mut self, error: WireError);
+}
+
+/// Where, at the head of some bytes, a frame ends.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Cut {
+    /// The first so many bytes are a whole frame whose check agrees.
+    Frame(usize),
+    /// The first so many bytes have a frame's length and shape, but its check fails.
+    Broken(usize),
+    /// The first so many bytes belong to no frame.
+    Skip(usize),
+    /// Too few to tell.
+    More,
+}
+
+/// What can be said in a protocol's own language, made into bytes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Encoded {
+    /// Bytes written.
+    pub len: usize,
+    /// CAN identifier, for frames.
+    pub id: Option<u32>,
+    /// How many bytes the answer has, if there is one.
+    pub answer: Option<usize>,
+}
+
+/// How to encode a text.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Addressing {
+    /// Axis, station or module address; the protocol's default if `None`.
+    pub axis: Option<u32>,
+    /// Host address; the protocol's default if `None`.
+    pub host: Option<u32>,
+    /// The product's tables, for names.
+    pub profile: Option<&'static Profile>,
+    /// Encode for CAN rather than for the serial line.
+    pub can: bool,
+}
+
+/// Why a text could not be encoded: where, and what was expected there.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct TextError {
+    /// Byte offset in the text.
+    pub at: usize,
+    /// What would have been right.
+    pub expected: &'static str,
+}
+
+/// One protocol as captures, dashboards and the encoder see it. Stateless: what spans frames is the
+/// caller's [`Context`].
+pub trait Dissector: Sync {
+    /// The word users type: `tmcl`, `modbus-rtu`.
+    fn name(&self) -> &'static str;
+    /// Where the first frame in a serial stream ends. `ended` says that no more bytes follow soon:
+    /// silence, a change of direction, or the end of the capture.
+    fn cut(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> Cut;
+    /// Whether a CAN identifier can be this protocol's; `false` for protocols without CAN.
+    fn claims(&self, id: u32, extended: bool) -> bool {
+        let _ = (id, extended);
+        false
+    }
+    /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
+    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink);
+    /// Encodes text of the protocol's own language.
+    ///
+    /// # Errors
+    /// [`TextError`] with the place in the text.
+    fn encode(
+        &self,
+        text: &str,
+        addressing: &Addressing,
+        out: &mut [u8],
+    ) -> Result<Encoded, TextError>;
+    /// What a code of this protocol means: a status, an exception, a fault.
+    fn code(&self, code: u32) -> Option<&'static str>;
+}

@@ -1,0 +1,123 @@
+//! What a wire carries: bytes on a serial line, frames on a CAN bus.
+
+/// A kind of wire. The types it names are what a [`Station`](crate::station::Station) takes and gives.
+pub trait Medium: 'static {
+    /// What arrives: a run of bytes, or one frame.
+    type Unit: ?Sized;
+    /// What a station writes into: a byte buffer, or one frame.
+    type Out: ?Sized;
+    /// How the wire is set: baud and parity, or bit rate.
+    type Line: Copy + PartialEq + core::fmt::Debug;
+}
+
+/// RS-232, RS-485, a pseudo-terminal or TCP: a stream of bytes without frame boundaries.
+#[derive(Debug)]
+pub enum Stream {}
+
+/// CAN 2.0A and 2.0B.
+#[derive(Debug)]
+pub enum Can {}
+
+impl Medium for Stream {
+    type Unit = [u8];
+    type Out = [u8];
+    type Line = SerialLine;
+}
+
+impl Medium for Can {
+    type Unit = Frame;
+    type Out = Frame;
+    type Line = CanLine;
+}
+
+/// The largest run of bytes that a stream station sends at once: a Modbus ASCII frame of 513
+/// characters, rounded up.
+pub const STREAM_UNIT_MAX: usize = 520;
+
+/// Parity of a serial character.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Parity {
+    /// No parity bit.
+    #[default]
+    None,
+    /// Even parity.
+    Even,
+    /// Odd parity.
+    Odd,
+}
+
+/// How a serial line is set.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct SerialLine {
+    /// Bits per second; 0 on a wire without timing (pty, TCP).
+    pub baud: u32,
+    /// Data bits of a character, 7 or 8.
+    pub data_bits: u8,
+    /// Parity of a character.
+    pub parity: Parity,
+    /// Stop bits, 1 or 2.
+    pub stop_bits: u8,
+}
+
+impl SerialLine {
+    /// `baud`, eight data bits, no parity, one stop bit.
+    #[must_use]
+    pub const fn n81(baud: u32) -> Self {
+        Self { baud, data_bits: 8, parity: Parity::None, stop_bits: 1 }
+    }
+
+    /// Bits that one character takes on the wire, start and stop bits counted.
+    #[must_use]
+    pub const fn bits_per_character(&self) -> u32 {
+        let parity = !matches!(self.parity, Parity::None) as u32;
+        1 + self.data_bits as u32 + parity + self.stop_bits as u32
+    }
+
+    /// Nanoseconds that `count` characters take; 0 on a wire without timing.
+    #[must_use]
+    pub const fn characters_ns(&self, count: u32) -> u64 {
+        if self.baud == 0 {
+            return 0;
+        }
+        count as u64 * self.bits_per_character() as u64 * 1_000_000_000 / self.baud as u64
+    }
+}
+
+/// How a CAN bus is set.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct CanLine {
+    /// Bits per second.
+    pub bit_rate: u32,
+}
+
+/// One CAN frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Frame {
+    /// 11-bit or 29-bit identifier.
+    pub id: u32,
+    /// True for a 29-bit identifier.
+    pub extended: bool,
+    /// True for a remote transmission request, which carries no data.
+    pub remote: bool,
+    /// Data length, 0 to 8.
+    pub len: u8,
+    /// Data; bytes from `len` on are zero.
+    pub data: [u8; 8],
+}
+
+impl Frame {
+    /// A data frame with an 11-bit identifier. `data` beyond eight bytes is cut.
+    #[must_use]
+    pub fn standard(id: u16, data: &[u8]) -> Self {
+        let len = data.len().min(8);
+        let mut frame = Self { id: u32::from(id & 0x7FF), len: len as u8, ..Self::default() };
+        frame.data[..len].copy_from_slice(&data[..len]);
+        frame
+    }
+
+    /// The data that the frame carries.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &self.data[..usize::from(self.len.min(8))]
+    }
+}

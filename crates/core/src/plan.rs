@@ -1,0 +1,144 @@
+//! A command as data: a short table of steps, as the manuals print them.
+//!
+//! The lane's executor runs every plan, a rehearsal prints one without talking, and a test compares
+//! one with its manual. Steps name parameters of the profile and, for what is no parameter, the
+//! protocol's own function, index and value; so plans are the same kind of data for every protocol
+//! and can be written in TOML by people who never saw this code.
+
+use crate::axis::Verb;
+use crate::profile::ParameterId;
+
+/// Steps that a plan may have at most.
+pub const STEPS_MAX: usize = 64;
+
+/// How a verb is carried out.
+#[derive(Debug)]
+pub struct Plan {
+    /// The verb.
+    pub verb: Verb,
+    /// Where the recipe stands in the manual.
+    pub source: &'static str,
+    /// What to do, in order.
+    pub steps: &'static [Step],
+    /// What to do when a step after the first one sent fails or the plan is cut short.
+    pub undo: &'static [Step],
+}
+
+/// One step.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Step {
+    /// Writes a parameter.
+    Write(ParameterId, Operand),
+    /// Reads a parameter first and writes it only if it differs. For what goes to flash: the write,
+    /// if any, is announced and counted.
+    Ensure(ParameterId, i64),
+    /// Reads a parameter, so that the axis' state has a fresh value.
+    Read(ParameterId),
+    /// Reads a parameter and writes what was read to another: target := actual.
+    Copy {
+        /// Read from here.
+        from: ParameterId,
+        /// Written there.
+        to: ParameterId,
+    },
+    /// Ends the plan with `NotReady { hint }` unless the parameter passes the test.
+    Require {
+        /// The parameter to read.
+        read: ParameterId,
+        /// The test.
+        test: Test,
+        /// What to do about it, for people.
+        hint: &'static str,
+    },
+    /// Ends the plan with `Faulted` if the masked parameter is not zero.
+    NoFault {
+        /// The parameter to read.
+        read: ParameterId,
+        /// Bits that are faults; all ones for a code.
+        mask: i64,
+    },
+    /// Reads a parameter again and again until it passes the test.
+    Until {
+        /// The parameter to read.
+        read: ParameterId,
+        /// The test.
+        test: Test,
+        /// Give up after so long.
+        within_ms: u32,
+    },
+    /// Sends what is no parameter: the protocol's own function, index and value.
+    Send {
+        /// TMCL opcode, Modbus function code.
+        function: u8,
+        /// TMCL type (low byte) and motor or bank (high byte), Modbus register.
+        index: u16,
+        /// The value.
+        operand: Operand,
+        /// The parameter whose scale the argument has.
+        like: Option<ParameterId>,
+    },
+    /// Waits.
+    Wait {
+        /// So long.
+        ms: u32,
+    },
+}
+
+/// Masked comparison.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Test {
+    /// Bits that count; all ones for a number.
+    pub mask: i64,
+    /// How they are compared.
+    pub compare: Compare,
+    /// With what.
+    pub value: i64,
+}
+
+impl Test {
+    /// Whether `raw` passes.
+    #[must_use]
+    pub const fn passes(&self, raw: i64) -> bool {
+        let masked = raw & self.mask;
+        match self.compare {
+            Compare::Equal => masked == self.value,
+            Compare::NotEqual => masked != self.value,
+            Compare::Within => masked.saturating_abs() <= self.value,
+        }
+    }
+}
+
+/// How a test compares.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Compare {
+    /// Equal.
+    Equal,
+    /// Not equal.
+    NotEqual,
+    /// Magnitude at most the value.
+    Within,
+}
+
+/// Where a step's value comes from.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Operand {
+    /// A raw constant.
+    Is(i64),
+    /// The command's argument, scaled; the plan cannot run without it.
+    Argument(Argument),
+    /// The command's argument, scaled; the step is left out when the caller gave none.
+    Given(Argument),
+}
+
+/// What a command carries.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Argument {
+    /// Where to go, or how far.
+    Target,
+    /// How fast.
+    Velocity,
+    /// How quickly to get there.
+    Acceleration,
+    /// With how much torque.
+    Torque,
+}

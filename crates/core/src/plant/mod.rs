@@ -1,0 +1,1 @@
+//! The physics: motor, load, trajectory, thermal model, encoder.

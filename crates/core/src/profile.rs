@@ -1,0 +1,333 @@
+//! A drive as data: parameters, faults, signals and plans in tables that are written by people as
+//! TOML and read here as constants.
+
+use crate::plan::Plan;
+use crate::units::Unit;
+
+/// Position of a parameter in [`Profile::parameters`].
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct ParameterId(pub u16);
+
+/// Everything the upper layers know of one product.
+#[derive(Debug)]
+pub struct Profile {
+    /// The word users type: `tmcm-171`.
+    pub name: &'static str,
+    /// The family whose code serves it: `tmcm17x`; the protocol's name for its generic driver.
+    pub family: &'static str,
+    /// The protocol it speaks: `tmcl`, `modbus`.
+    pub protocol: &'static str,
+    /// The product's full name.
+    pub title: &'static str,
+    /// The manuals it was made from.
+    pub source: &'static str,
+    /// Rotary, linear or ratio.
+    pub axis: AxisKind,
+    /// Named settings and readings. A [`ParameterId`] is an index into this table.
+    pub parameters: &'static [Parameter],
+    /// Faults and warnings in words.
+    pub faults: &'static [Fault],
+    /// Which parameter tells what of the axis.
+    pub signals: &'static [SignalSource],
+    /// How each verb is carried out.
+    pub plans: &'static [Plan],
+    /// What stops the motor when the link dies.
+    pub watchdog: Watchdog,
+    /// Longest time the drive may take for a reply, ms.
+    pub reply_timeout_ms: u32,
+    /// What to check before and after, in one paragraph, shown before the first motion.
+    pub caution: &'static str,
+}
+
+impl Profile {
+    /// The parameter of that id.
+    #[must_use]
+    pub fn parameter(&self, id: ParameterId) -> Option<&'static Parameter> {
+        self.parameters.get(usize::from(id.0))
+    }
+
+    /// The parameter that a person means by `name`: its name or its symbol, letter case, spaces,
+    /// hyphens and underscores ignored.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<ParameterId> {
+        let at = self
+            .parameters
+            .iter()
+            .position(|p| same_name(p.name, name) || same_name(p.symbol, name))?;
+        u16::try_from(at).ok().map(ParameterId)
+    }
+
+    /// Where a signal comes from.
+    #[must_use]
+    pub fn signal(&self, signal: Signal) -> Option<&'static SignalSource> {
+        self.signals.iter().find(|source| source.signal == signal)
+    }
+
+    /// The plan for a verb.
+    #[must_use]
+    pub fn plan(&self, verb: crate::axis::Verb) -> Option<&'static Plan> {
+        self.plans.iter().find(|plan| plan.verb == verb)
+    }
+}
+
+fn same_name(a: &str, b: &str) -> bool {
+    fn plain(text: &str) -> impl Iterator<Item = u8> + '_ {
+        let letters = text.bytes().filter(|c| !matches!(c, b' ' | b'_' | b'-'));
+        letters.map(|c| c.to_ascii_lowercase())
+    }
+    plain(a).eq(plain(b))
+}
+
+/// What an axis moves.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum AxisKind {
+    /// Positions in rad.
+    Rotary,
+    /// Positions in m.
+    Linear,
+    /// Positions, or the output, as a share of the whole.
+    Ratio,
+}
+
+/// What a drive does by itself when nobody talks to it any more.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Watchdog {
+    /// Nothing: it keeps doing what it was last told.
+    None,
+    /// It stops after a time that cannot be set.
+    Fixed {
+        /// That time, ms.
+        after_ms: u32,
+    },
+    /// It stops after the time written to a parameter, 0 = never.
+    Configurable {
+        /// The parameter that holds the time.
+        parameter: ParameterId,
+    },
+}
+
+/// One named setting or reading of a drive.
+#[derive(Debug)]
+pub struct Parameter {
+    /// The word users type: `max current`.
+    pub name: &'static str,
+    /// What the manual calls it: `AP 6`, `Fn_33`.
+    pub symbol: &'static str,
+    /// What it does, in a sentence; empty where no source says.
+    pub about: &'static str,
+    /// The protocol's address space: TMCL 0 = axis parameter, 1 + bank = global parameter;
+    /// Modbus 0 = holding register, 1 = coil, 2 = discrete input, 3 = input register.
+    pub space: u8,
+    /// The protocol's number within the space.
+    pub index: u16,
+    /// How the raw value lies on the wire.
+    pub encoding: Encoding,
+    /// The unit of the value shown.
+    pub unit: Unit,
+    /// From raw to that unit.
+    pub scale: Scale,
+    /// Least raw value that may be written.
+    pub min: i64,
+    /// Greatest raw value that may be written.
+    pub max: i64,
+    /// Raw value from the factory, where known.
+    pub default: Option<i64>,
+    /// Read, written or both.
+    pub access: Access,
+    /// What a written value survives.
+    pub persistence: Persistence,
+    /// Whether the product's own manual gives it.
+    pub certainty: Certainty,
+    /// True when writing it may start, change or enable motion: it needs an armed axis and is
+    /// never sent twice.
+    pub moves: bool,
+    /// Where it stands in the manual.
+    pub section: &'static str,
+    /// Names of raw values.
+    pub values: &'static [(i64, &'static str)],
+}
+
+/// How a raw value lies on the wire.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Encoding {
+    /// One bit.
+    Bit,
+    /// Unsigned 16 bits, one register.
+    U16,
+    /// Signed 16 bits, one register.
+    I16,
+    /// Unsigned 32 bits; on Modbus two registers, high word first.
+    U32,
+    /// Signed 32 bits; on Modbus two registers, high word first.
+    I32,
+    /// Signed 32 bits in two registers, low word first.
+    I32LowFirst,
+    /// Two signed registers: tens in the first, thousandths in the second. Raw counts thousandths.
+    TensAndThousandths,
+}
+
+/// From raw to the parameter's unit: value = raw × factor × P(times) ÷ P(over).
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Scale {
+    /// Constant part.
+    pub factor: f64,
+    /// A parameter of the same drive that multiplies it.
+    pub times: Option<ParameterId>,
+    /// A parameter of the same drive that divides it.
+    pub over: Option<ParameterId>,
+}
+
+impl Scale {
+    /// Raw is the value.
+    pub const ONE: Self = Self { factor: 1.0, times: None, over: None };
+}
+
+/// Read, written or both.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Access {
+    /// Can only be read.
+    Read,
+    /// Can only be written.
+    Write,
+    /// Both.
+    ReadWrite,
+}
+
+/// What a written value survives.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Persistence {
+    /// Gone with the power, or not a setting at all.
+    Volatile,
+    /// Gone with the power unless a store command saves it.
+    Storable,
+    /// Every write goes to flash or EEPROM.
+    Always,
+    /// Every write goes to flash unless the drive was told to keep writes in RAM.
+    UnlessRam,
+}
+
+/// How sure a fact is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Certainty {
+    /// The product's own manual says so.
+    Documented,
+    /// Concluded from sibling products, drivers or the standard.
+    Inferred,
+    /// The drive has it, nothing says what it is.
+    Undocumented,
+}
+
+/// One fault or warning.
+#[derive(Debug)]
+pub struct Fault {
+    /// The drive's code, or the bit mask in its flag word.
+    pub code: u32,
+    /// The manual's short name.
+    pub name: &'static str,
+    /// What happened, in words.
+    pub text: &'static str,
+    /// Why it usually happens.
+    pub cause: &'static str,
+    /// What to do.
+    pub remedy: &'static str,
+    /// A fault stops the drive, a warning does not.
+    pub severity: Severity,
+}
+
+/// A fault stops the drive, a warning does not, a note is neither.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Severity {
+    /// Information only, such as "position reached".
+    Note,
+    /// The drive goes on.
+    Warning,
+    /// The drive stopped.
+    Fault,
+}
+
+/// What an axis can tell of itself.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+#[repr(u8)]
+pub enum Signal {
+    /// Where it is.
+    Position,
+    /// How fast it goes.
+    Velocity,
+    /// Its torque, or what stands for it.
+    Torque,
+    /// Motor current.
+    Current,
+    /// Supply voltage.
+    Voltage,
+    /// Temperature of the power stage.
+    Temperature,
+    /// Where it is told to be.
+    TargetPosition,
+    /// How fast it is told to go.
+    TargetVelocity,
+    /// Fault code or fault bits; zero is none.
+    Fault,
+    /// True while the motor is powered.
+    Enabled,
+    /// True while a move, path or homing runs.
+    Moving,
+    /// True when the last move arrived.
+    Reached,
+    /// Mode of operation.
+    Mode,
+}
+
+impl Signal {
+    /// Number of signals.
+    pub const COUNT: usize = 13;
+    /// Every signal, in order.
+    pub const ALL: [Self; Self::COUNT] = [
+        Self::Position,
+        Self::Velocity,
+        Self::Torque,
+        Self::Current,
+        Self::Voltage,
+        Self::Temperature,
+        Self::TargetPosition,
+        Self::TargetVelocity,
+        Self::Fault,
+        Self::Enabled,
+        Self::Moving,
+        Self::Reached,
+        Self::Mode,
+    ];
+
+    /// The word users type.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Position => "position",
+            Self::Velocity => "velocity",
+            Self::Torque => "torque",
+            Self::Current => "current",
+            Self::Voltage => "voltage",
+            Self::Temperature => "temperature",
+            Self::TargetPosition => "target position",
+            Self::TargetVelocity => "target velocity",
+            Self::Fault => "fault",
+            Self::Enabled => "enabled",
+            Self::Moving => "moving",
+            Self::Reached => "reached",
+            Self::Mode => "mode",
+        }
+    }
+}
+
+/// Where a signal comes from: `P(parameter) & mask`, as a flag when `flag` says so.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct SignalSource {
+    /// The signal.
+    pub signal: Signal,
+    /// The parameter to read.
+    pub parameter: ParameterId,
+    /// Bits that count; all ones for a number.
+    pub mask: i64,
+    /// For a flag: the masked value that means true. `None` for a number; a number that is masked
+    /// is the masked bits.
+    pub equals: Option<i64>,
+}

@@ -1,0 +1,134 @@
+//! The two ends of a wire, and the verbs they share.
+
+use crate::error::Failure;
+use crate::medium::Medium;
+use crate::time::Instant;
+
+/// Time, once per object, whatever the number of its wires.
+pub trait Timed {
+    /// To be called at or after the instant that [`poll_timeout`](Self::poll_timeout) gave.
+    /// Calling it early or twice does no harm.
+    fn handle_timeout(&mut self, now: Instant);
+    /// When this object next wants [`handle_timeout`](Self::handle_timeout), if ever.
+    fn poll_timeout(&self) -> Option<Instant>;
+}
+
+/// What happens to a wire, apart from data.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum LineEvent {
+    /// The cable, port or socket is gone.
+    Down,
+    /// It is there again. Nothing may be assumed of what the other end went through.
+    Up,
+    /// A framing or parity error, or a break.
+    Break,
+    /// The CAN controller went bus-off.
+    BusOff,
+}
+
+/// One end of one wire. It owns no socket, thread or clock.
+///
+/// After any `handle_*`, drain every wire of the object with
+/// [`poll_transmit`](Self::poll_transmit) until it gives `None`, then sleep until
+/// [`poll_timeout`](Timed::poll_timeout).
+pub trait Station<M: Medium>: Timed {
+    /// Takes what arrived. For a stream, `now` is when the last of these bytes arrived; how the
+    /// bytes are cut into calls means nothing.
+    fn handle_input(&mut self, now: Instant, unit: &M::Unit);
+    /// Takes what happened to the wire.
+    fn handle_line(&mut self, now: Instant, event: LineEvent);
+    /// Writes the next thing to send into `out` and returns its length (1 for a frame).
+    fn poll_transmit(&mut self, now: Instant, out: &mut M::Out) -> Option<usize>;
+    /// How this station now drives the wire.
+    fn line(&self) -> M::Line;
+}
+
+/// A caller's name for a request, chosen by the caller.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Ticket(pub u32);
+
+/// Position of an axis in its lane.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct AxisIndex(pub u8);
+
+/// Whom an event of a host concerns.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum To {
+    /// The request submitted with this ticket. It has now ended.
+    Ticket(Ticket),
+    /// A drive that spoke unasked, by its address on the wire.
+    Address(u32),
+}
+
+/// Whether a request may be sent again by itself when no answer came.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Class {
+    /// A read, or a stop: sending it twice is sending it once.
+    Idempotent,
+    /// A write of a setting: first read back whether it arrived.
+    Confirm,
+    /// A start of motion, a relative move, a write to flash: never again.
+    Never,
+}
+
+/// A protocol's request, as a small value.
+pub trait Request: Copy + 'static {
+    /// Whether it may be resent.
+    fn class(&self) -> Class;
+    /// True for a request that takes motion out of a drive. It overtakes everything, is let into a
+    /// quarantined line, and is never held back.
+    fn is_stop(&self) -> bool;
+}
+
+/// What a host counted. A gap in the evidence is never a silent loss.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Counters {
+    /// Requests put on the wire, resends included.
+    pub sent: u64,
+    /// Requests sent again after silence.
+    pub resent: u64,
+    /// Replies that answered what was asked.
+    pub answered: u64,
+    /// Whole, valid replies that came when nothing waited for them.
+    pub late: u64,
+    /// Valid frames of another address, opcode or length than the one asked.
+    pub foreign: u64,
+    /// Our own bytes heard back (RS-485 echo).
+    pub echoed: u64,
+    /// Bytes thrown away while looking for a frame.
+    pub skipped: u64,
+    /// Frames whose check failed.
+    pub corrupt: u64,
+    /// Requests that ended in silence.
+    pub silent: u64,
+}
+
+/// The commanding end. Every ticket submitted ends in exactly one event.
+pub trait Host<M: Medium>: Station<M> {
+    /// What it can ask.
+    type Request: Request;
+    /// What a drive answers.
+    type Answer: Copy + 'static;
+
+    /// Takes a request, or gives it back when it cannot take one now (half-duplex: one outstanding;
+    /// quarantine after silence admits a stop only).
+    ///
+    /// # Errors
+    /// The request itself, unsent.
+    fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        request: Self::Request,
+    ) -> Result<(), Self::Request>;
+
+    /// The next thing that happened: a request's end, or a drive that spoke unasked.
+    fn poll_event(&mut self) -> Option<(To, Result<Self::Answer, Failure>)>;
+
+    /// The bytes of `request`, for rehearsals; nothing is sent.
+    fn emit(&self, request: &Self::Request, out: &mut M::Out) -> usize;
+
+    /// What happened on the wire so far.
+    fn counters(&self) -> Counters;
+}

@@ -1,0 +1,147 @@
+//! Units: what a number on the wire means, and its SI twin.
+
+use core::f64::consts::PI;
+
+/// What a quantity measures.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum Quantity {
+    /// A number, a code, a bit field: nothing to convert.
+    Plain,
+    /// Position of the axis: rad, m or 1, as the axis is rotary, linear or a ratio.
+    Position,
+    /// Its first derivative.
+    Velocity,
+    /// Its second derivative.
+    Acceleration,
+    /// Torque, N·m.
+    Torque,
+    /// Electric current, A.
+    Current,
+    /// Voltage, V.
+    Voltage,
+    /// Temperature, °C (the one quantity kept out of SI: nobody thinks of motors in kelvin).
+    Temperature,
+    /// Time, s.
+    Time,
+    /// A share of a whole, 1 = all of it.
+    Ratio,
+    /// Bits per second.
+    BitRate,
+}
+
+/// The unit in which a profile states a parameter.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum Unit {
+    /// No unit.
+    None,
+    /// Degrees of the motor shaft.
+    Degree,
+    /// Turns of the motor shaft.
+    Turn,
+    /// Radians.
+    Radian,
+    /// Millimetres.
+    Millimetre,
+    /// Turns per minute.
+    Rpm,
+    /// Turns per minute gained each second.
+    RpmPerSecond,
+    /// Newton metres.
+    NewtonMetre,
+    /// Amperes.
+    Ampere,
+    /// Volts.
+    Volt,
+    /// Degrees Celsius.
+    Celsius,
+    /// Milliseconds.
+    Millisecond,
+    /// Seconds.
+    Second,
+    /// Hundredths.
+    Percent,
+    /// Bits per second.
+    Baud,
+}
+
+impl Unit {
+    /// Every unit, for tables and parsers.
+    pub const ALL: [Self; 15] = [
+        Self::None,
+        Self::Degree,
+        Self::Turn,
+        Self::Radian,
+        Self::Millimetre,
+        Self::Rpm,
+        Self::RpmPerSecond,
+        Self::NewtonMetre,
+        Self::Ampere,
+        Self::Volt,
+        Self::Celsius,
+        Self::Millisecond,
+        Self::Second,
+        Self::Percent,
+        Self::Baud,
+    ];
+
+    /// How people write it; empty for none.
+    #[must_use]
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::None => "",
+            Self::Degree => "deg",
+            Self::Turn => "turn",
+            Self::Radian => "rad",
+            Self::Millimetre => "mm",
+            Self::Rpm => "rpm",
+            Self::RpmPerSecond => "rpm/s",
+            Self::NewtonMetre => "Nm",
+            Self::Ampere => "A",
+            Self::Volt => "V",
+            Self::Celsius => "degC",
+            Self::Millisecond => "ms",
+            Self::Second => "s",
+            Self::Percent => "%",
+            Self::Baud => "baud",
+        }
+    }
+
+    /// The unit of that [`symbol`](Self::symbol).
+    #[must_use]
+    pub fn of_symbol(symbol: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|unit| unit.symbol() == symbol)
+    }
+
+    /// What it measures.
+    #[must_use]
+    pub const fn quantity(self) -> Quantity {
+        match self {
+            Self::None => Quantity::Plain,
+            Self::Degree | Self::Turn | Self::Radian | Self::Millimetre => Quantity::Position,
+            Self::Rpm => Quantity::Velocity,
+            Self::RpmPerSecond => Quantity::Acceleration,
+            Self::NewtonMetre => Quantity::Torque,
+            Self::Ampere => Quantity::Current,
+            Self::Volt => Quantity::Voltage,
+            Self::Celsius => Quantity::Temperature,
+            Self::Millisecond | Self::Second => Quantity::Time,
+            Self::Percent => Quantity::Ratio,
+            Self::Baud => Quantity::BitRate,
+        }
+    }
+
+    /// SI value of one of it.
+    #[must_use]
+    pub const fn si(self) -> f64 {
+        match self {
+            Self::Degree => PI / 180.0,
+            Self::Turn => 2.0 * PI,
+            Self::Millimetre | Self::Millisecond => 1e-3,
+            Self::Rpm | Self::RpmPerSecond => 2.0 * PI / 60.0,
+            Self::Percent => 1e-2,
+            _ => 1.0,
+        }
+    }
+}
