@@ -172,7 +172,8 @@ pub trait Driver {
     /// [`Unsupported`] when the protocol cannot; access was already checked.
     fn read(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported>;
 
-    /// The request that writes a raw value. `class` is what the lane holds the write to.
+    /// The request that writes a raw value. `class` is what the lane holds the write to; the
+    /// request must answer it from [`Request::class`].
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol cannot; access and range were already checked.

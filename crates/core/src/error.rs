@@ -92,6 +92,9 @@ pub enum Failure {
     Cancelled,
     /// The link went down.
     LinkDown,
+    /// What the lane learned from the drive (a scale, a mode) makes the rest of it impossible; the
+    /// step in question was not sent.
+    Impossible(Unsupported),
 }
 
 /// The caller asked for something that cannot be; nothing was sent.

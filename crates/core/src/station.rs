@@ -64,21 +64,26 @@ pub enum To {
 /// Whether a request may be sent again by itself when no answer came.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Class {
-    /// A read, or a stop: sending it twice is sending it once.
+    /// A read: sending it twice is sending it once.
     Idempotent,
     /// A write of a setting: first read back whether it arrived.
     Confirm,
     /// A start of motion, a relative move, a write to flash: never again.
     Never,
+    /// Takes motion out of a drive: may be sent twice, overtakes everything, is let into a
+    /// quarantined line.
+    Stop,
 }
 
 /// A protocol's request, as a small value.
 pub trait Request: Copy + 'static {
-    /// Whether it may be resent.
+    /// Whether it may be resent. A driver gives a write the class that the lane names; other
+    /// requests know theirs.
     fn class(&self) -> Class;
-    /// True for a request that takes motion out of a drive. It overtakes everything, is let into a
-    /// quarantined line, and is never held back.
-    fn is_stop(&self) -> bool;
+    /// True for a request that takes motion out of a drive.
+    fn is_stop(&self) -> bool {
+        self.class() == Class::Stop
+    }
 }
 
 /// What a host counted. A gap in the evidence is never a silent loss.
