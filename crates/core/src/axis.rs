@@ -1,6 +1,7 @@
 //! The unified vocabulary: what any axis can be told, what it tells, and who translates.
 
 use crate::error::{Failure, Outcome, Unsupported};
+use crate::plan::Argument;
 use crate::profile::{Parameter, ParameterId, Profile, Signal};
 use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
 use crate::time::Instant;
@@ -104,6 +105,17 @@ pub struct Command {
 }
 
 impl Command {
+    /// The argument of that kind, if the caller gave one.
+    #[must_use]
+    pub const fn argument(&self, which: Argument) -> Option<f64> {
+        match which {
+            Argument::Target => self.target,
+            Argument::Velocity => self.velocity,
+            Argument::Acceleration => self.acceleration,
+            Argument::Torque => self.torque,
+        }
+    }
+
     /// A verb without arguments.
     #[must_use]
     pub const fn new(verb: Verb) -> Self {
@@ -190,6 +202,15 @@ pub trait Driver {
     /// [`Unsupported`] when the protocol has no such function.
     fn send(&self, function: u8, index: u16, value: i64) -> Result<Self::Request, Unsupported>;
 
+    /// The request that keeps a parameter's present value over power-off.
+    ///
+    /// # Errors
+    /// [`Unsupported`] when the protocol has none.
+    fn keep(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported> {
+        let _ = parameter;
+        Err(Unsupported::NoPlan)
+    }
+
     /// The request that `text`, in the protocol's own language, means for this drive.
     ///
     /// # Errors
@@ -231,6 +252,8 @@ pub enum RehearsedStep {
     Read(ParameterId),
     /// Writes a raw value.
     Write(ParameterId, i64),
+    /// Has the parameter's value kept over power-off.
+    Keep(ParameterId),
     /// Writes a raw value if the parameter holds another.
     WriteIfDifferent(ParameterId, i64),
     /// Writes what a read will bring; the bytes show the read.
@@ -279,7 +302,9 @@ pub trait Axes {
         parameter: ParameterId,
     ) -> Result<(), Unsupported>;
 
-    /// Writes a parameter, raw. After silence it is read back before the outcome is told.
+    /// Writes a parameter, raw. After silence it is read back before the outcome is told. Permanent
+    /// memory is left alone unless `keep` asks for it: a drive that would write it is first told
+    /// not to.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
@@ -290,6 +315,7 @@ pub trait Axes {
         axis: AxisIndex,
         parameter: ParameterId,
         raw: i64,
+        keep: bool,
     ) -> Result<(), Unsupported>;
 
     /// Sends a request in the protocol's own text.
@@ -328,3 +354,8 @@ pub trait Axes {
     /// What happened on the wire so far.
     fn counters(&self) -> Counters;
 }
+
+/// A lane with its host erased: what connections and simulated worlds hold.
+pub trait AnyLane<M: crate::medium::Medium>: Axes + crate::station::Station<M> + Send {}
+
+impl<M: crate::medium::Medium, T: Axes + crate::station::Station<M> + Send> AnyLane<M> for T {}

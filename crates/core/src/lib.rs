@@ -23,6 +23,7 @@ pub mod axis;
 pub mod drives;
 pub mod error;
 pub mod explain;
+pub mod lane;
 pub mod medium;
 pub mod plan;
 pub mod plant;

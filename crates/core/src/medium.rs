@@ -8,6 +8,12 @@ pub trait Medium: 'static {
     type Out: ?Sized;
     /// How the wire is set: baud and parity, or bit rate.
     type Line: Copy + PartialEq + core::fmt::Debug;
+    /// Lends `emit` something to write into and `show` what came of it: the bytes, with the
+    /// identifier if the medium has one.
+    fn render(
+        emit: &mut dyn FnMut(&mut Self::Out) -> usize,
+        show: &mut dyn FnMut(Option<u32>, &[u8]),
+    );
 }
 
 /// RS-232, RS-485, a pseudo-terminal or TCP: a stream of bytes without frame boundaries.
@@ -22,12 +28,22 @@ impl Medium for Stream {
     type Unit = [u8];
     type Out = [u8];
     type Line = SerialLine;
+    fn render(emit: &mut dyn FnMut(&mut [u8]) -> usize, show: &mut dyn FnMut(Option<u32>, &[u8])) {
+        let mut buffer = [0; STREAM_UNIT_MAX];
+        let len = emit(&mut buffer).min(STREAM_UNIT_MAX);
+        show(None, &buffer[..len]);
+    }
 }
 
 impl Medium for Can {
     type Unit = Frame;
     type Out = Frame;
     type Line = CanLine;
+    fn render(emit: &mut dyn FnMut(&mut Frame) -> usize, show: &mut dyn FnMut(Option<u32>, &[u8])) {
+        let mut frame = Frame::default();
+        emit(&mut frame);
+        show(Some(frame.id), frame.bytes());
+    }
 }
 
 /// The largest run of bytes that a stream station sends at once: a Modbus ASCII frame of 513

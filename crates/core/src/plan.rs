@@ -77,6 +77,8 @@ pub enum Step {
         /// The parameter whose scale the argument has.
         like: Option<ParameterId>,
     },
+    /// Has the drive keep the parameter's present value over power-off (TMCL STAP).
+    Keep(ParameterId),
     /// Waits.
     Wait {
         /// So long.

@@ -31,6 +31,9 @@ pub struct Profile {
     pub signals: &'static [SignalSource],
     /// How each verb is carried out.
     pub plans: &'static [Plan],
+    /// What keeps written settings out of permanent memory, where every write goes there otherwise.
+    /// It holds for the parameters of [`Persistence::UnlessRam`].
+    pub ram: Option<RamMode>,
     /// What stops the motor when the link dies.
     pub watchdog: Watchdog,
     /// Longest time the drive may take for a reply, ms.
@@ -76,6 +79,17 @@ fn same_name(a: &str, b: &str) -> bool {
         letters.map(|c| c.to_ascii_lowercase())
     }
     plain(a).eq(plain(b))
+}
+
+/// The parameter and value that keep writes in RAM.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct RamMode {
+    /// The parameter.
+    pub parameter: ParameterId,
+    /// The raw value that means RAM.
+    pub ram: i64,
+    /// The raw value that means permanent memory.
+    pub flash: i64,
 }
 
 /// What an axis moves.

@@ -1,0 +1,323 @@
+//! The one executor of plans: what a job asks next, and what an answer makes of it.
+
+use core::time::Duration;
+
+use super::job::{Asked, Job, Run, Stage, Task};
+use super::slot::Slot;
+use crate::error::{Failure, Outcome, Unsupported};
+use crate::plan::Step;
+use crate::profile::{Access, ParameterId, Persistence};
+use crate::station::{Class, Request};
+use crate::time::Instant;
+
+/// How often a condition that is waited for is read.
+const POLL: Duration = Duration::from_millis(20);
+
+/// What becomes of a job.
+#[derive(Debug)]
+pub enum Next {
+    /// It has something to send.
+    Go,
+    /// It waits.
+    Sleep(Instant),
+    /// It is over.
+    End(Outcome),
+}
+
+fn impossible(reason: Unsupported) -> Next {
+    Next::End(Outcome::NotDone(Failure::Impossible(reason)))
+}
+
+/// The request that a ready job has next. Changes nothing that matters if the host will not have it.
+pub fn next<R: Request, A: Copy + 'static>(
+    now: Instant,
+    job: &mut Job<R>,
+    slot: &mut Slot<R, A>,
+) -> Result<(R, Asked), Next> {
+    match &mut job.task {
+        Task::Read(id) => {
+            let id = *id;
+            let asked = slot.missing(id).map_or(Asked::Read(id), Asked::Factor);
+            read(slot, asked).map_err(impossible)
+        }
+        Task::Raw(request) => Ok((*request, Asked::Send(request.class()))),
+        Task::Run(run) => next_of_run(now, run, slot),
+    }
+}
+
+fn read<R: Request, A: Copy + 'static>(
+    slot: &Slot<R, A>,
+    asked: Asked,
+) -> Result<(R, Asked), Unsupported> {
+    let id = asked.parameter().ok_or(Unsupported::NoSuchParameter)?;
+    Ok((slot.driver.read(slot.readable(id)?)?, asked))
+}
+
+fn next_of_run<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut Run,
+    slot: &mut Slot<R, A>,
+) -> Result<(R, Asked), Next> {
+    if !run.checked {
+        if let Some(id) = missing_factor(run, slot) {
+            return read(slot, Asked::Factor(id)).map_err(impossible);
+        }
+        for at in 0..=u8::MAX {
+            let Some(step) = run.steps.step(at) else { break };
+            slot.check(&step, &run.command).map_err(impossible)?;
+        }
+        run.checked = true;
+    }
+    // Each turn of this loop passes a step that sends nothing; plans are bounded.
+    loop {
+        match run.stage {
+            Stage::Confirm(id, raw) => {
+                return read(slot, Asked::Confirm(id, raw)).map_err(impossible);
+            }
+            Stage::Sleep(until) if until > now => return Err(Next::Sleep(until)),
+            Stage::Sleep(_) => run.stage = Stage::First,
+            _ => {}
+        }
+        let Some(step) = run.step() else { return Err(Next::End(finished(run))) };
+        match request(now, run, slot, step) {
+            Ok(Some(next)) => return Ok(next),
+            Ok(None) => {}
+            Err(reason) => return Err(failed(run, Failure::Impossible(reason))),
+        }
+    }
+}
+
+/// A scale that the run's arguments need and nobody knows yet.
+fn missing_factor<R: Request, A: Copy + 'static>(
+    run: &Run,
+    slot: &Slot<R, A>,
+) -> Option<ParameterId> {
+    (0..=u8::MAX).map_while(|at| run.steps.step(at)).find_map(|step| match step {
+        Step::Write(id, _) | Step::Send { like: Some(id), .. } => {
+            let unknown = !slot.check(&step, &run.command).unwrap_or(true);
+            unknown.then(|| slot.missing(id)).flatten()
+        }
+        _ => None,
+    })
+}
+
+/// The request of a step; `None` when the step is passed without one.
+fn request<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut Run,
+    slot: &Slot<R, A>,
+    step: Step,
+) -> Result<Option<(R, Asked)>, Unsupported> {
+    let write = |run: &Run, id, raw| {
+        let parameter = slot.writable(id, raw)?;
+        let class = run.class(parameter);
+        let request = slot.driver.write(parameter, raw, class)?;
+        Ok(Some((request, Asked::Write(id, raw, class))))
+    };
+    match (step, run.stage) {
+        (Step::Write(id, operand), _) => match slot.operand(operand, &run.command, Some(id))? {
+            Some(raw) => write(run, id, raw),
+            None => {
+                run.advance(run.last);
+                Ok(None)
+            }
+        },
+        (Step::Ensure(id, raw), Stage::Write(_)) => write(run, id, raw),
+        (Step::Copy { to, .. }, Stage::Write(raw)) => write(run, to, raw),
+        (
+            Step::Ensure(id, _)
+            | Step::Copy { from: id, .. }
+            | Step::Read(id)
+            | Step::Require { read: id, .. }
+            | Step::NoFault { read: id, .. }
+            | Step::Until { read: id, .. },
+            _,
+        ) => read(slot, Asked::Read(id)).map(Some),
+        (Step::Send { function, index, operand, like }, _) => {
+            match slot.operand(operand, &run.command, like)? {
+                Some(raw) => {
+                    let request = slot.driver.send(function, index, raw)?;
+                    Ok(Some((request, Asked::Send(request.class()))))
+                }
+                None => {
+                    run.advance(run.last);
+                    Ok(None)
+                }
+            }
+        }
+        (Step::Keep(id), _) => {
+            let parameter = slot.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+            Ok(Some((slot.driver.keep(parameter)?, Asked::Send(Class::Never))))
+        }
+        (Step::Wait { ms }, _) => {
+            match run.since {
+                Some(_) => run.advance(run.last),
+                None => {
+                    run.since = Some(now);
+                    run.stage = Stage::Sleep(now.plus_ms(ms));
+                }
+            }
+            Ok(None)
+        }
+    }
+}
+
+/// Notes that a request went to the host.
+pub fn sent<R: Request>(job: &mut Job<R>, asked: Asked) {
+    if let Task::Run(run) = &mut job.task {
+        run.touched |= matches!(asked, Asked::Write(.., Class::Never) | Asked::Send(Class::Never));
+    }
+}
+
+/// Whether the request that is out could have changed the drive.
+pub fn may_have_been_executed<R: Request>(job: &Job<R>) -> bool {
+    matches!(job.asked, Asked::Write(..) | Asked::Send(_) | Asked::Confirm(..))
+}
+
+/// What an answer, or its lack, makes of a job.
+pub fn answered<R: Request, A: Copy + 'static>(
+    now: Instant,
+    job: &mut Job<R>,
+    slot: &mut Slot<R, A>,
+    raw: Result<i64, Failure>,
+) -> Next {
+    let asked = core::mem::replace(&mut job.asked, Asked::Nothing);
+    if let (Some(id), Ok(raw)) = (asked.parameter(), raw) {
+        slot.note(now, id, raw);
+    }
+    match &mut job.task {
+        _ if job.cancelled => Next::End(outcome(asked, raw, Failure::Cancelled)),
+        Task::Read(id) => match (asked, raw) {
+            (Asked::Factor(id), _) => {
+                slot.tried(id);
+                Next::Go
+            }
+            (_, Ok(raw)) => Next::End(Outcome::Done(raw)),
+            (_, Err(failure)) => {
+                debug_assert_eq!(asked, Asked::Read(*id));
+                Next::End(Outcome::NotDone(failure))
+            }
+        },
+        Task::Raw(_) => Next::End(match raw {
+            Ok(raw) => Outcome::Done(raw),
+            Err(failure) => outcome(asked, Err(failure), failure),
+        }),
+        Task::Run(run) => answered_run(now, run, slot, asked, raw),
+    }
+}
+
+/// How a request ends whose answer does not matter any more.
+fn outcome(asked: Asked, raw: Result<i64, Failure>, failure: Failure) -> Outcome {
+    match (asked, raw) {
+        (Asked::Send(Class::Idempotent), Err(_)) => Outcome::NotDone(failure),
+        (Asked::Write(..) | Asked::Send(_), Err(Failure::Silent | Failure::Misbehaved)) => {
+            Outcome::Unknown(failure)
+        }
+        _ => Outcome::NotDone(failure),
+    }
+}
+
+fn answered_run<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut Run,
+    slot: &mut Slot<R, A>,
+    asked: Asked,
+    raw: Result<i64, Failure>,
+) -> Next {
+    if let Asked::Factor(id) = asked {
+        slot.tried(id);
+        return match raw {
+            Ok(_) => Next::Go,
+            Err(failure) => Next::End(Outcome::NotDone(failure)),
+        };
+    }
+    match (asked, raw) {
+        (Asked::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
+            let readable =
+                slot.profile.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
+            if class == Class::Confirm && readable {
+                run.stage = Stage::Confirm(id, value);
+                return Next::Go;
+            }
+            failed(run, raw.err().unwrap_or(Failure::Silent))
+        }
+        (Asked::Confirm(_, value), Ok(raw)) if raw != value => failed(run, Failure::Silent),
+        (_, Err(failure)) => failed(run, failure),
+        (_, Ok(raw)) => {
+            if let Asked::Write(id, ..) | Asked::Confirm(id, _) = asked {
+                count_flash(slot, id, run);
+            }
+            passed(now, run, raw)
+        }
+    }
+}
+
+/// A write that went to permanent memory, as far as the profile tells.
+fn count_flash<R: Request, A: Copy + 'static>(slot: &mut Slot<R, A>, id: ParameterId, run: &Run) {
+    let always = slot.profile.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
+    let kept = matches!(run.step(), Some(Step::Ensure(..)))
+        && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
+    slot.state.flash_writes += u32::from(always || kept);
+}
+
+/// What a step makes of the value it got.
+fn passed(now: Instant, run: &mut Run, raw: i64) -> Next {
+    let Some(step) = run.step() else { return Next::End(finished(run)) };
+    match (step, run.stage) {
+        (Step::Ensure(_, value), Stage::First) if raw != value => run.stage = Stage::Write(raw),
+        (Step::Copy { .. }, Stage::First) => run.stage = Stage::Write(raw),
+        (Step::Require { test, hint, .. }, _) if !test.passes(raw) => {
+            return failed(run, Failure::NotReady { hint });
+        }
+        (Step::NoFault { mask, .. }, _) if raw & mask != 0 => {
+            return failed(run, Failure::Faulted { code: (raw & mask) as u32 });
+        }
+        (Step::Until { test, within_ms, .. }, _) if !test.passes(raw) => {
+            let since = *run.since.get_or_insert(now);
+            if now > since.plus_ms(within_ms) {
+                return failed(run, Failure::NotReached);
+            }
+            run.stage = Stage::Sleep(now + POLL);
+            return Next::Sleep(now + POLL);
+        }
+        _ => run.advance(raw),
+    }
+    match run.step() {
+        Some(_) => Next::Go,
+        None => Next::End(finished(run)),
+    }
+}
+
+fn finished(run: &Run) -> Outcome {
+    run.undoing.unwrap_or(Outcome::Done(run.last))
+}
+
+/// A step failed: a stop goes on with its next step, anything else is undone.
+fn failed(run: &mut Run, failure: Failure) -> Next {
+    let lost = matches!(failure, Failure::Silent | Failure::Misbehaved);
+    let outcome = match run.undoing {
+        Some(outcome) => outcome,
+        None if lost && (run.touched || run.is_stop()) => Outcome::Unknown(failure),
+        None => Outcome::NotDone(failure),
+    };
+    if run.undoing.is_some() {
+        run.advance(0);
+    } else if run.is_stop() {
+        // What is left of a stop is still worth trying.
+        run.undo = run.steps.rest(run.at);
+        run.undoing = Some(outcome);
+        run.at = 0;
+        run.stage = Stage::First;
+    } else if run.at > 0 && !run.undo.is_empty() {
+        run.undoing = Some(outcome);
+        run.at = 0;
+        run.stage = Stage::First;
+        run.since = None;
+    } else {
+        return Next::End(outcome);
+    }
+    match run.step() {
+        Some(_) => Next::Go,
+        None => Next::End(outcome),
+    }
+}

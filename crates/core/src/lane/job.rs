@@ -1,0 +1,185 @@
+//! One thing a lane was asked to do, and how far it is.
+
+use crate::axis::{Command, Verb};
+use crate::error::Outcome;
+use crate::plan::{Operand, Step};
+use crate::profile::{Parameter, ParameterId, Persistence, Profile, RamMode};
+use crate::station::{Class, Ticket};
+use crate::time::Instant;
+
+#[derive(Clone, Copy, Debug)]
+pub struct Job<R> {
+    pub ticket: Ticket,
+    pub axis: u8,
+    pub task: Task<R>,
+    pub asked: Asked,
+    /// A stop came by while its request was out: it ends when that request does.
+    pub cancelled: bool,
+    pub outcome: Option<Outcome>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Task<R> {
+    Read(ParameterId),
+    Raw(R),
+    Run(Run),
+}
+
+/// What the request that is out asks.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Asked {
+    Nothing,
+    /// A parameter that a scale depends on.
+    Factor(ParameterId),
+    Read(ParameterId),
+    Write(ParameterId, i64, Class),
+    /// Whether a write whose answer was lost arrived.
+    Confirm(ParameterId, i64),
+    Send(Class),
+}
+
+impl Asked {
+    pub fn parameter(self) -> Option<ParameterId> {
+        match self {
+            Self::Factor(id) | Self::Read(id) | Self::Write(id, ..) | Self::Confirm(id, _) => {
+                Some(id)
+            }
+            Self::Nothing | Self::Send(_) => None,
+        }
+    }
+}
+
+/// A walk along steps.
+#[derive(Clone, Copy, Debug)]
+pub struct Run {
+    pub steps: Steps,
+    pub undo: &'static [Step],
+    pub command: Command,
+    /// True when the steps set something in motion, or stop it.
+    pub verb: Option<Verb>,
+    pub at: u8,
+    pub stage: Stage,
+    /// Something that cannot be taken back was sent.
+    pub touched: bool,
+    /// Scales known and arguments in range: from here on bytes are sent.
+    pub checked: bool,
+    /// The undo steps are running; the job ends so when they are through.
+    pub undoing: Option<Outcome>,
+    /// When the step in hand began to wait.
+    pub since: Option<Instant>,
+    pub last: i64,
+}
+
+/// Where a step that takes more than one request is.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Stage {
+    First,
+    /// The value read is to be written.
+    Write(i64),
+    /// A lost write is to be read back.
+    Confirm(ParameterId, i64),
+    /// Nothing is sent before then.
+    Sleep(Instant),
+}
+
+#[derive(Clone, Copy, Debug)]
+pub enum Steps {
+    Plan(&'static [Step]),
+    Write(Write),
+}
+
+/// The steps that write one parameter: permanent memory is spared, or asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Write {
+    id: ParameterId,
+    raw: i64,
+    keep: bool,
+    ram: Option<RamMode>,
+    storable: bool,
+}
+
+impl Write {
+    pub fn new(profile: &Profile, id: ParameterId, raw: i64, keep: bool) -> Self {
+        let persistence = profile.parameter(id).map(|p| p.persistence);
+        let spares = persistence == Some(Persistence::UnlessRam);
+        let ram = profile.ram.filter(|ram| spares && ram.parameter != id);
+        Self { id, raw, keep, ram, storable: persistence == Some(Persistence::Storable) }
+    }
+
+    fn step(&self, at: u8) -> Option<Step> {
+        let write = Step::Write(self.id, Operand::Is(self.raw));
+        match (self.ram, at) {
+            (Some(ram), 0) if self.keep => Some(Step::Ensure(ram.parameter, ram.flash)),
+            (Some(ram), 0) => Some(Step::Ensure(ram.parameter, ram.ram)),
+            (Some(_), 1) | (None, 0) => Some(write),
+            (Some(ram), 2) if self.keep => Some(Step::Ensure(ram.parameter, ram.ram)),
+            (None, 1) if self.keep && self.storable => Some(Step::Keep(self.id)),
+            _ => None,
+        }
+    }
+}
+
+impl Steps {
+    pub fn step(&self, at: u8) -> Option<Step> {
+        match self {
+            Self::Plan(steps) => steps.get(usize::from(at)).copied(),
+            Self::Write(write) => write.step(at),
+        }
+    }
+
+    /// What is left behind step `at`, of a plan.
+    pub fn rest(&self, at: u8) -> &'static [Step] {
+        match self {
+            Self::Plan(steps) => steps.get(usize::from(at) + 1..).unwrap_or(&[]),
+            Self::Write(_) => &[],
+        }
+    }
+}
+
+impl Run {
+    pub fn new(steps: Steps, undo: &'static [Step], command: Command, verb: Option<Verb>) -> Self {
+        Self {
+            steps,
+            undo,
+            command,
+            verb,
+            at: 0,
+            stage: Stage::First,
+            touched: false,
+            checked: false,
+            undoing: None,
+            since: None,
+            last: 0,
+        }
+    }
+
+    pub fn step(&self) -> Option<Step> {
+        match self.undoing {
+            Some(_) => self.undo.get(usize::from(self.at)).copied(),
+            None => self.steps.step(self.at),
+        }
+    }
+
+    pub fn is_stop(&self) -> bool {
+        self.verb.is_some_and(Verb::is_stop)
+    }
+
+    /// What a write within this run is held to.
+    pub fn class(&self, parameter: &Parameter) -> Class {
+        if self.is_stop() {
+            Class::Stop
+        } else if parameter.moves || parameter.persistence == Persistence::Always {
+            Class::Never
+        } else {
+            Class::Confirm
+        }
+    }
+
+    /// On to the next step.
+    pub fn advance(&mut self, raw: i64) {
+        self.at += 1;
+        self.stage = Stage::First;
+        self.since = None;
+        self.last = raw;
+    }
+}
