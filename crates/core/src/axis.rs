@@ -126,7 +126,8 @@ impl Command {
 /// One value of an axis and its age.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Reading {
-    /// SI value; flags are 0 or 1, codes and modes are themselves.
+    /// SI value; flags are 0 or 1, codes and modes are themselves. NaN while a parameter that the
+    /// scale depends on was never read.
     pub value: f64,
     /// Raw value.
     pub raw: i64,

@@ -18,6 +18,7 @@ pub struct Job<R> {
     pub outcome: Option<Outcome>,
 }
 
+#[expect(clippy::large_enum_variant, reason = "lives in the lane's table, which is made once")]
 #[derive(Clone, Copy, Debug)]
 pub enum Task<R> {
     Read(ParameterId),

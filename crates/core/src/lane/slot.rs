@@ -87,7 +87,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             let masked = raw & source.mask;
             let (raw, value) = match source.equals {
                 Some(equals) => (i64::from(masked == equals), f64::from(masked == equals)),
-                None => (masked, self.to_si(id, masked).unwrap_or(masked as f64)),
+                None => (masked, self.to_si(id, masked).unwrap_or(f64::NAN)),
             };
             self.state.note(source.signal, Reading { value, raw, at: Some(now) });
         }

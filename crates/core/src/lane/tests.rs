@@ -1,1 +1,441 @@
+//! The lane against a drive of four registers whose answers the test decides.
 
+extern crate std;
+
+use std::boxed::Box;
+use std::collections::VecDeque;
+use std::string::String;
+use std::vec::Vec;
+
+use super::*;
+use crate::axis::{Driver, Verb};
+use crate::medium::{SerialLine, Stream};
+use crate::plan::{Argument, Compare, Plan, Test};
+use crate::profile::{
+    Access, AxisKind, Certainty, Encoding, Parameter, Persistence, RamMode, Scale, Signal,
+    SignalSource, Watchdog,
+};
+use crate::units::Unit;
+
+const SPEED: ParameterId = ParameterId(0);
+const STEPS: ParameterId = ParameterId(1);
+const POSITION: ParameterId = ParameterId(2);
+const MODE: ParameterId = ParameterId(3);
+const RAM: ParameterId = ParameterId(4);
+const GAIN: ParameterId = ParameterId(5);
+
+const fn parameter(name: &'static str, index: u16, unit: Unit, scale: Scale) -> Parameter {
+    Parameter {
+        name,
+        symbol: "",
+        about: "",
+        space: 0,
+        index,
+        encoding: Encoding::I32,
+        unit,
+        scale,
+        min: -3000,
+        max: 3000,
+        default: None,
+        access: Access::ReadWrite,
+        persistence: Persistence::Volatile,
+        certainty: Certainty::Documented,
+        moves: false,
+        section: "",
+        values: &[],
+    }
+}
+
+static PARAMETERS: &[Parameter] = &[
+    Parameter { moves: true, ..parameter("speed", 0, Unit::Rpm, Scale::ONE) },
+    parameter("steps", 1, Unit::None, Scale::ONE),
+    Parameter {
+        access: Access::Read,
+        ..parameter(
+            "position",
+            2,
+            Unit::Turn,
+            Scale { factor: 1.0, times: None, over: Some(STEPS) },
+        )
+    },
+    parameter("mode", 3, Unit::None, Scale::ONE),
+    Parameter { persistence: Persistence::Always, ..parameter("ram", 4, Unit::None, Scale::ONE) },
+    Parameter {
+        persistence: Persistence::UnlessRam,
+        ..parameter("gain", 5, Unit::None, Scale::ONE)
+    },
+];
+
+const IN_MODE: Test = Test { mask: -1, compare: Compare::Equal, value: 1 };
+const AT_REST: Test = Test { mask: -1, compare: Compare::Within, value: 5 };
+
+static PROFILE: Profile = Profile {
+    name: "toy",
+    family: "toy",
+    protocol: "toy",
+    title: "",
+    source: "",
+    axis: AxisKind::Rotary,
+    parameters: PARAMETERS,
+    faults: &[],
+    signals: &[SignalSource {
+        signal: Signal::Position,
+        parameter: POSITION,
+        mask: -1,
+        equals: None,
+    }],
+    plans: &[
+        Plan {
+            verb: Verb::Velocity,
+            source: "",
+            steps: &[
+                Step::Require { read: MODE, test: IN_MODE, hint: "set mode = 1" },
+                Step::Ensure(RAM, 1),
+                Step::Write(SPEED, crate::plan::Operand::Argument(Argument::Velocity)),
+            ],
+            undo: &[Step::Write(SPEED, crate::plan::Operand::Is(0))],
+        },
+        Plan {
+            verb: Verb::Stop,
+            source: "",
+            steps: &[
+                Step::Write(SPEED, crate::plan::Operand::Is(0)),
+                Step::Until { read: POSITION, test: AT_REST, within_ms: 100 },
+            ],
+            undo: &[],
+        },
+    ],
+    ram: Some(RamMode { parameter: RAM, ram: 1, flash: 0 }),
+    watchdog: Watchdog::None,
+    reply_timeout_ms: 100,
+    caution: "",
+};
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct Ask {
+    write: bool,
+    index: u16,
+    value: i64,
+    class: Class,
+}
+
+impl Request for Ask {
+    fn class(&self) -> Class {
+        self.class
+    }
+}
+
+struct ToyDriver;
+
+impl Driver for ToyDriver {
+    type Request = Ask;
+    type Answer = i64;
+    fn profile(&self) -> &'static Profile {
+        &PROFILE
+    }
+    fn address(&self) -> u32 {
+        1
+    }
+    fn read(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
+        Ok(Ask { write: false, index: parameter.index, value: 0, class: Class::Idempotent })
+    }
+    fn write(&self, parameter: &Parameter, value: i64, class: Class) -> Result<Ask, Unsupported> {
+        Ok(Ask { write: true, index: parameter.index, value, class })
+    }
+    fn send(&self, _: u8, _: u16, _: i64) -> Result<Ask, Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+    fn parse(&self, _: &str) -> Result<Ask, Unsupported> {
+        Err(Unsupported::BadText)
+    }
+    fn answer(&mut self, _: Option<&Parameter>, answer: &i64) -> Result<i64, Failure> {
+        Ok(*answer)
+    }
+}
+
+/// A host and the drive behind it in one: `lose` names requests whose answer is lost.
+#[derive(Default)]
+struct Toy {
+    registers: [i64; 6],
+    log: Vec<Ask>,
+    lose: Vec<usize>,
+    refuse: Option<u16>,
+    out: Option<(Ticket, Ask)>,
+    events: VecDeque<(To, Result<i64, Failure>)>,
+}
+
+impl Timed for Toy {
+    fn handle_timeout(&mut self, _: Instant) {}
+    fn poll_timeout(&self) -> Option<Instant> {
+        None
+    }
+}
+
+impl Station<Stream> for Toy {
+    fn handle_input(&mut self, _: Instant, _: &[u8]) {
+        let Some((ticket, ask)) = self.out.take() else { return };
+        let lost = self.lose.contains(&self.log.len());
+        self.log.push(ask);
+        let register = &mut self.registers[usize::from(ask.index)];
+        let answer = if self.refuse == Some(ask.index) {
+            Err(Failure::Refused { code: 4 })
+        } else {
+            if ask.write {
+                *register = ask.value;
+            }
+            if lost { Err(Failure::Silent) } else { Ok(*register) }
+        };
+        self.events.push_back((To::Ticket(ticket), answer));
+    }
+    fn handle_line(&mut self, _: Instant, _: LineEvent) {
+        self.out = None;
+    }
+    fn poll_transmit(&mut self, _: Instant, _: &mut [u8]) -> Option<usize> {
+        self.out.map(|_| 1)
+    }
+    fn line(&self) -> SerialLine {
+        SerialLine::n81(9600)
+    }
+}
+
+impl Host<Stream> for Toy {
+    type Request = Ask;
+    type Answer = i64;
+    fn submit(&mut self, _: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        if self.out.is_some() {
+            return Err(request);
+        }
+        self.out = Some((ticket, request));
+        Ok(())
+    }
+    fn poll_event(&mut self) -> Option<(To, Result<i64, Failure>)> {
+        self.events.pop_front()
+    }
+    fn emit(&self, request: &Ask, out: &mut [u8]) -> usize {
+        out[0] = request.index as u8;
+        1
+    }
+    fn counters(&self) -> Counters {
+        Counters::default()
+    }
+}
+
+const AXIS: AxisIndex = AxisIndex(0);
+
+struct Bench {
+    lane: Lane<Stream, Toy>,
+    now: Instant,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let mut host = Toy::default();
+        host.registers = [0, 4096, 0, 1, 0, 0];
+        let driver: BoxedDriver<Ask, i64> = Box::new(ToyDriver);
+        let mut lane = Lane::new(host, [driver]);
+        lane.arm(AXIS, true);
+        Self { lane, now: Instant::ZERO }
+    }
+
+    fn velocity(&mut self, ticket: u32, rad_per_s: f64) -> Result<(), Unsupported> {
+        let command = Command { velocity: Some(rad_per_s), ..Command::new(Verb::Velocity) };
+        self.lane.command(self.now, Ticket(ticket), AXIS, command)
+    }
+
+    /// One request, if there is one.
+    fn turn(&mut self) {
+        let sent = self.lane.poll_transmit(self.now, &mut [0; 8]).is_some();
+        if sent {
+            self.lane.handle_input(self.now, &[0]);
+        } else if let Some(at) = self.lane.poll_timeout() {
+            self.now = self.now.max(at);
+            self.lane.handle_timeout(self.now);
+        }
+    }
+
+    fn run(&mut self) -> Vec<(u32, Outcome)> {
+        let mut ends = Vec::new();
+        for _ in 0..200 {
+            self.turn();
+            ends.extend(
+                core::iter::from_fn(|| self.lane.poll_outcome()).map(|(t, outcome)| (t.0, outcome)),
+            );
+        }
+        ends
+    }
+
+    fn writes(&self) -> Vec<(u16, i64)> {
+        let writes = self.lane.host.log.iter().filter(|ask| ask.write);
+        writes.map(|ask| (ask.index, ask.value)).collect()
+    }
+}
+
+const RPM: f64 = core::f64::consts::PI / 30.0;
+
+#[test]
+fn a_plan_is_run_step_by_step_and_scaled() {
+    let mut bench = Bench::new();
+    bench.velocity(7, 350.0 * RPM).unwrap();
+    assert_eq!(bench.run(), [(7, Outcome::Done(350))]);
+    assert_eq!(bench.writes(), [(4, 1), (0, 350)]);
+    assert_eq!(bench.lane.state(AXIS).unwrap().flash_writes, 1, "the RAM mode itself is kept");
+}
+
+#[test]
+fn a_scale_is_read_before_the_value_that_needs_it() {
+    let mut bench = Bench::new();
+    bench.lane.host.registers[2] = 1024;
+    assert_eq!(bench.lane.to_si(AXIS, POSITION, 1024), None);
+    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    assert_eq!(bench.run(), [(1, Outcome::Done(1024))]);
+    let reading = bench.lane.state(AXIS).unwrap().reading(Signal::Position);
+    assert!((reading.value - core::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    assert_eq!(bench.lane.host.log.len(), 2);
+}
+
+#[test]
+fn what_cannot_be_is_refused_before_a_byte_is_sent() {
+    let mut bench = Bench::new();
+    let out_of_range =
+        Unsupported::OutOfRange { parameter: SPEED, value: 3001, min: -3000, max: 3000 };
+    assert_eq!(bench.velocity(1, 3001.0 * RPM), Err(out_of_range));
+    assert_eq!(bench.velocity(1, f64::NAN), Err(Unsupported::BadArgument));
+    let bare = Command::new(Verb::Velocity);
+    let lane = &mut bench.lane;
+    let now = bench.now;
+    assert_eq!(lane.command(now, Ticket(1), AXIS, bare), Err(Unsupported::BadArgument));
+    let home = Command::new(Verb::Home);
+    assert_eq!(lane.command(now, Ticket(1), AXIS, home), Err(Unsupported::NoPlan));
+    assert_eq!(
+        lane.write(now, Ticket(1), AXIS, POSITION, 1, false),
+        Err(Unsupported::ReadOnly(POSITION))
+    );
+    lane.arm(AXIS, false);
+    assert_eq!(lane.write(now, Ticket(1), AXIS, SPEED, 1, false), Err(Unsupported::NotArmed));
+    assert_eq!(bench.velocity(1, 1.0), Err(Unsupported::NotArmed));
+    assert_eq!(bench.run(), []);
+    assert!(bench.lane.host.log.is_empty());
+}
+
+#[test]
+fn a_drive_that_is_not_ready_is_left_alone() {
+    let mut bench = Bench::new();
+    bench.lane.host.registers[3] = 2;
+    bench.velocity(1, 1.0).unwrap();
+    let failure = Failure::NotReady { hint: "set mode = 1" };
+    assert_eq!(bench.run(), [(1, Outcome::NotDone(failure))]);
+    assert_eq!(bench.writes(), []);
+}
+
+#[test]
+fn a_lost_setting_is_read_back() {
+    let mut bench = Bench::new();
+    bench.lane.host.lose = std::vec![0];
+    bench.lane.write(bench.now, Ticket(1), AXIS, MODE, 5, false).unwrap();
+    assert_eq!(bench.run(), [(1, Outcome::Done(5))]);
+    assert_eq!(bench.writes(), [(3, 5)], "written once");
+}
+
+#[test]
+fn a_lost_start_of_motion_is_unknown_and_undone() {
+    let mut bench = Bench::new();
+    bench.lane.host.lose = std::vec![3];
+    bench.velocity(1, 100.0 * RPM).unwrap();
+    assert_eq!(bench.run(), [(1, Outcome::Unknown(Failure::Silent))]);
+    assert_eq!(bench.writes(), [(4, 1), (0, 100), (0, 0)]);
+}
+
+#[test]
+fn permanent_memory_is_spared_unless_asked_for() {
+    let mut bench = Bench::new();
+    bench.lane.write(bench.now, Ticket(1), AXIS, GAIN, 9, false).unwrap();
+    assert_eq!(bench.run(), [(1, Outcome::Done(9))]);
+    assert_eq!(bench.writes(), [(4, 1), (5, 9)]);
+    bench.lane.write(bench.now, Ticket(2), AXIS, GAIN, 8, true).unwrap();
+    assert_eq!(bench.run(), [(2, Outcome::Done(1))]);
+    assert_eq!(bench.writes()[2..], [(4, 0), (5, 8), (4, 1)]);
+}
+
+#[test]
+fn a_stop_overtakes_and_ends_what_runs() {
+    let mut bench = Bench::new();
+    bench.velocity(1, 100.0 * RPM).unwrap();
+    for ticket in 10..14 {
+        bench.lane.read(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
+    }
+    assert!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_some());
+    bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
+    assert_eq!(bench.velocity(3, 1.0), Err(Unsupported::Busy));
+    let ends = bench.run();
+    assert!(ends.contains(&(1, Outcome::NotDone(Failure::Cancelled))));
+    assert!(ends.contains(&(2, Outcome::Done(0))));
+    assert_eq!(ends.len(), 6);
+    assert_eq!(bench.lane.host.log[1].index, SPEED.0, "after the one in flight, the stop");
+}
+
+#[test]
+fn a_stop_goes_on_after_silence_and_owns_up() {
+    let mut bench = Bench::new();
+    bench.lane.host.lose = std::vec![0];
+    bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
+    assert_eq!(bench.run(), [(2, Outcome::Unknown(Failure::Silent))]);
+    assert_eq!(bench.lane.host.log.len(), 2, "the step behind it was still tried");
+}
+
+#[test]
+fn waiting_ends_in_time() {
+    let mut bench = Bench::new();
+    bench.lane.host.registers[2] = 1000;
+    bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
+    assert_eq!(bench.run(), [(2, Outcome::NotDone(Failure::NotReached))]);
+    assert!(bench.now.since(Instant::ZERO).as_millis() <= 121);
+}
+
+#[test]
+fn a_dead_link_ends_everything_and_disarms() {
+    let mut bench = Bench::new();
+    bench.lane.host.registers[4] = 1;
+    bench.lane.read(bench.now, Ticket(1), AXIS, MODE).unwrap();
+    bench.turn();
+    bench.velocity(2, 1.0).unwrap();
+    bench.turn();
+    bench.turn();
+    assert!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_some(), "the speed is on its way");
+    bench.lane.handle_line(bench.now, LineEvent::Down);
+    let ends = bench.run();
+    assert_eq!(ends, [(1, Outcome::Done(1)), (2, Outcome::Unknown(Failure::LinkDown))]);
+    assert!(!bench.lane.state(AXIS).unwrap().armed);
+    assert_eq!(bench.velocity(3, 1.0), Err(Unsupported::NotArmed));
+}
+
+#[test]
+fn a_full_table_is_busy_and_every_job_ends_once() {
+    let mut bench = Bench::new();
+    for ticket in 0..JOBS_MAX as u32 {
+        bench.lane.read(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
+    }
+    let further = bench.lane.read(bench.now, Ticket(99), AXIS, MODE);
+    assert_eq!(further, Err(Unsupported::Busy));
+    let mut tickets: Vec<u32> = bench.run().into_iter().map(|(ticket, _)| ticket).collect();
+    tickets.sort_unstable();
+    assert_eq!(tickets, (0..JOBS_MAX as u32).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_rehearsal_shows_what_would_be_sent_and_sends_nothing() {
+    let bench = Bench::new();
+    let command = Command { velocity: Some(100.0 * RPM), ..Command::new(Verb::Velocity) };
+    let mut shown = Vec::new();
+    bench.lane.rehearse(AXIS, command, &mut |r| shown.push((r.step, r.bytes.to_vec()))).unwrap();
+    assert_eq!(
+        shown,
+        [
+            (RehearsedStep::Read(MODE), std::vec![3]),
+            (RehearsedStep::WriteIfDifferent(RAM, 1), std::vec![4]),
+            (RehearsedStep::Write(SPEED, 100), std::vec![0]),
+        ]
+    );
+    assert!(bench.lane.host.log.is_empty());
+    let text = std::format!("{:?}", bench.lane);
+    assert!(text.contains("toy"), "{}", String::from(&text));
+}
