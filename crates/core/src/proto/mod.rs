@@ -1,5 +1,7 @@
 //! The protocols. This is the one list of them: nothing outside names one.
 
+pub mod modbus;
+
 use crate::axis::Driver;
 use crate::explain::Dissector;
 use crate::medium::Medium;

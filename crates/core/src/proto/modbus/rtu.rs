@@ -1,0 +1,165 @@
+//! Modbus RTU: station address, PDU, CRC-16 with the low byte first.
+//!
+//! Source: MODBUS over Serial Line V1.02 (here "MSL") 2.5.1; TS manual V2 §2.3. Frames are told
+//! apart by the length that their head announces and confirmed by the CRC: silence between frames
+//! does not survive USB adapters, pseudo-terminals and TCP. Where a drive goes by silence alone, its
+//! own end does (see `device`).
+
+use super::wire::{self, Span};
+use crate::error::WireError;
+use crate::medium::SerialLine;
+
+/// Longest frame, bytes: address, PDU, CRC.
+pub const ADU_MAX: usize = 256;
+/// Shortest frame, bytes: address, function code, CRC.
+pub const ADU_MIN: usize = 4;
+
+/// CRC of one byte followed by so many zero bytes: slicing by eight.
+static TABLES: [[u16; 256]; 8] = tables();
+
+/// CRC-16/MODBUS: polynomial 8005 reflected, start FFFF.
+#[must_use]
+#[inline]
+pub fn crc16(bytes: &[u8]) -> u16 {
+    let (eights, rest) = bytes.as_chunks::<8>();
+    let mut crc = 0xFFFF;
+    for eight in eights {
+        let head = u16::from_le_bytes([eight[0], eight[1]]) ^ crc;
+        crc = of(7, head as u8)
+            ^ of(6, (head >> 8) as u8)
+            ^ of(5, eight[2])
+            ^ of(4, eight[3])
+            ^ of(3, eight[4])
+            ^ of(2, eight[5])
+            ^ of(1, eight[6])
+            ^ of(0, eight[7]);
+    }
+    crc_rest(crc, rest)
+}
+
+/// Writes address, PDU and CRC around a PDU that `pdu` emits, and returns the length.
+///
+/// `out` must hold [`ADU_MAX`] bytes, or what is emitted.
+#[inline]
+pub fn emit(unit: u8, out: &mut [u8], pdu: impl FnOnce(&mut [u8]) -> usize) -> usize {
+    out[0] = unit;
+    let end = 1 + pdu(&mut out[1..]);
+    let crc = crc16(&out[..end]);
+    out[end..end + 2].copy_from_slice(&crc.to_le_bytes());
+    end + 2
+}
+
+/// Whether the check of a whole frame agrees. The CRC over a frame and its own CRC is zero.
+#[must_use]
+#[inline]
+pub fn agrees(adu: &[u8]) -> bool {
+    adu.len() >= ADU_MIN && crc16(adu) == 0
+}
+
+/// Address and PDU of one whole frame.
+///
+/// # Errors
+/// [`WireError::Short`], [`WireError::Long`] or [`WireError::Checksum`]; a CRC is printed in the
+/// order of the wire.
+pub fn open(adu: &[u8]) -> Result<(u8, &[u8]), WireError> {
+    let found = adu.len() as u16;
+    if adu.len() < ADU_MIN {
+        return Err(WireError::Short { need: ADU_MIN as u16, found });
+    }
+    if adu.len() > ADU_MAX {
+        return Err(WireError::Long { need: ADU_MAX as u16, found });
+    }
+    if agrees(adu) {
+        return Ok((adu[0], &adu[1..adu.len() - 2]));
+    }
+    let (body, check) = adu.split_at(adu.len() - 2);
+    let computed = u32::from(crc16(body).swap_bytes());
+    Err(WireError::Checksum { computed, found: u32::from(wire::word(check, 0)) })
+}
+
+/// Length of the request frame that begins with `head`.
+#[must_use]
+pub fn request_span(head: &[u8]) -> Span {
+    framed(head, wire::request_span)
+}
+
+/// Length of the reply frame that begins with `head`.
+#[must_use]
+pub fn reply_span(head: &[u8]) -> Span {
+    framed(head, wire::reply_span)
+}
+
+/// Silence between frames by the standard (MSL 2.5.1.1): 3.5 characters, fixed at 1.75 ms above
+/// 19200 baud; 0 on a wire without timing. In ns.
+#[must_use]
+pub const fn silence_ns(line: &SerialLine) -> u64 {
+    match line.baud {
+        0 => 0,
+        1..=19_200 => true_silence_ns(line),
+        _ => 1_750_000,
+    }
+}
+
+/// 3.5 characters whatever the baud rate, for fast lines. In ns.
+#[must_use]
+pub const fn true_silence_ns(line: &SerialLine) -> u64 {
+    line.characters_ns(7) / 2
+}
+
+fn framed(head: &[u8], span: fn(&[u8]) -> Span) -> Span {
+    match span(head.get(1..).unwrap_or_default()) {
+        Span::Bytes(pdu) if pdu > wire::PDU_MAX => Span::Never,
+        Span::Bytes(pdu) => Span::Bytes(pdu + 3),
+        other => other,
+    }
+}
+
+#[inline]
+fn of(zeros: usize, byte: u8) -> u16 {
+    TABLES[zeros][usize::from(byte)]
+}
+
+/// The last up to seven bytes, in steps of four, two and one.
+#[inline]
+fn crc_rest(mut crc: u16, mut rest: &[u8]) -> u16 {
+    if let Some((&[a, b, c, d], after)) = rest.split_first_chunk::<4>() {
+        let head = u16::from_le_bytes([a, b]) ^ crc;
+        crc = of(3, head as u8) ^ of(2, (head >> 8) as u8) ^ of(1, c) ^ of(0, d);
+        rest = after;
+    }
+    if let Some((&pair, after)) = rest.split_first_chunk::<2>() {
+        let head = u16::from_le_bytes(pair) ^ crc;
+        crc = of(1, head as u8) ^ of(0, (head >> 8) as u8);
+        rest = after;
+    }
+    match rest {
+        [byte, ..] => (crc >> 8) ^ of(0, crc as u8 ^ byte),
+        [] => crc,
+    }
+}
+
+const fn tables() -> [[u16; 256]; 8] {
+    let mut tables = [[0; 256]; 8];
+    let mut byte = 0;
+    while byte < 256 {
+        let mut crc = byte as u16;
+        let mut bit = 0;
+        while bit < 8 {
+            crc = if crc & 1 == 1 { (crc >> 1) ^ 0xA001 } else { crc >> 1 };
+            bit += 1;
+        }
+        tables[0][byte] = crc;
+        byte += 1;
+    }
+    let mut zeros = 1;
+    while zeros < 8 {
+        let mut byte = 0;
+        while byte < 256 {
+            let before = tables[zeros - 1][byte];
+            tables[zeros][byte] = (before >> 8) ^ tables[0][(before & 0xFF) as usize];
+            byte += 1;
+        }
+        zeros += 1;
+    }
+    tables
+}

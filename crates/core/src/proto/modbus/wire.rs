@@ -1,0 +1,655 @@
+//! The Modbus protocol data unit: function codes, exceptions, requests and replies.
+//!
+//! Source: MODBUS Application Protocol Specification V1.1b3 (here "MAP"), chapters 4.1, 6 and 7.
+//! A PDU is the function code and its data, without station address and check. Numbers are
+//! big-endian; bits lie eight to a byte, the lowest address in bit 0. Parsing borrows, emitting
+//! writes into the caller's buffer: nothing is allocated.
+
+use crate::error::WireError;
+
+/// Longest PDU, bytes (MAP 4.1: 256 − address − CRC).
+pub const PDU_MAX: usize = 253;
+/// Most bits that one request reads (MAP 6.1, 6.2).
+pub const READ_BITS_MAX: u16 = 2000;
+/// Most registers that one request reads (MAP 6.3, 6.4).
+pub const READ_WORDS_MAX: u16 = 125;
+/// Most coils that one request writes (MAP 6.11).
+pub const WRITE_BITS_MAX: u16 = 1968;
+/// Most registers that one request writes (MAP 6.12).
+pub const WRITE_WORDS_MAX: u16 = 123;
+/// The station address that every station obeys and none answers.
+pub const BROADCAST: u8 = 0;
+/// Set in the function code of an exception reply.
+pub const EXCEPTION_BIT: u8 = 0x80;
+
+const COIL_ON: u16 = 0xFF00;
+
+/// An address space of a station. The numbers are those of a profile's `space`.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Space {
+    /// Holding registers, read and written; profile space 0.
+    Holding,
+    /// Coils, read and written; profile space 1.
+    Coil,
+    /// Discrete inputs, read only; profile space 2.
+    Discrete,
+    /// Input registers, read only; profile space 3.
+    Input,
+}
+
+impl Space {
+    /// The space of a profile's number.
+    #[must_use]
+    pub const fn of_number(number: u8) -> Option<Self> {
+        match number {
+            0 => Some(Self::Holding),
+            1 => Some(Self::Coil),
+            2 => Some(Self::Discrete),
+            3 => Some(Self::Input),
+            _ => None,
+        }
+    }
+
+    /// A profile's number for the space.
+    #[must_use]
+    pub const fn number(self) -> u8 {
+        match self {
+            Self::Holding => 0,
+            Self::Coil => 1,
+            Self::Discrete => 2,
+            Self::Input => 3,
+        }
+    }
+
+    /// True where an address is one bit, false where it is a 16-bit register.
+    #[must_use]
+    pub const fn is_bits(self) -> bool {
+        matches!(self, Self::Coil | Self::Discrete)
+    }
+
+    /// The function that reads it.
+    #[must_use]
+    pub const fn read(self) -> Function {
+        match self {
+            Self::Holding => Function::ReadHoldingRegisters,
+            Self::Coil => Function::ReadCoils,
+            Self::Discrete => Function::ReadDiscreteInputs,
+            Self::Input => Function::ReadInputRegisters,
+        }
+    }
+
+    /// Most that one request reads.
+    #[must_use]
+    pub const fn read_max(self) -> u16 {
+        if self.is_bits() { READ_BITS_MAX } else { READ_WORDS_MAX }
+    }
+
+    /// Data bytes of a reply that carries `count` of it.
+    #[must_use]
+    pub const fn reply_bytes(self, count: u16) -> usize {
+        if self.is_bits() { (count as usize).div_ceil(8) } else { count as usize * 2 }
+    }
+}
+
+/// A function code.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Function {
+    /// 01.
+    ReadCoils,
+    /// 02.
+    ReadDiscreteInputs,
+    /// 03.
+    ReadHoldingRegisters,
+    /// 04.
+    ReadInputRegisters,
+    /// 05.
+    WriteCoil,
+    /// 06.
+    WriteRegister,
+    /// 0F.
+    WriteCoils,
+    /// 10.
+    WriteRegisters,
+    /// Any other, exceptions' bit included.
+    Unknown(u8),
+}
+
+impl Function {
+    /// The function of a code.
+    #[must_use]
+    pub const fn of_code(code: u8) -> Self {
+        match code {
+            0x01 => Self::ReadCoils,
+            0x02 => Self::ReadDiscreteInputs,
+            0x03 => Self::ReadHoldingRegisters,
+            0x04 => Self::ReadInputRegisters,
+            0x05 => Self::WriteCoil,
+            0x06 => Self::WriteRegister,
+            0x0F => Self::WriteCoils,
+            0x10 => Self::WriteRegisters,
+            code => Self::Unknown(code),
+        }
+    }
+
+    /// The code on the wire.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::ReadCoils => 0x01,
+            Self::ReadDiscreteInputs => 0x02,
+            Self::ReadHoldingRegisters => 0x03,
+            Self::ReadInputRegisters => 0x04,
+            Self::WriteCoil => 0x05,
+            Self::WriteRegister => 0x06,
+            Self::WriteCoils => 0x0F,
+            Self::WriteRegisters => 0x10,
+            Self::Unknown(code) => code,
+        }
+    }
+
+    /// The space that it reads; `None` for what does not read.
+    #[must_use]
+    pub const fn reads(self) -> Option<Space> {
+        match self {
+            Self::ReadCoils => Some(Space::Coil),
+            Self::ReadDiscreteInputs => Some(Space::Discrete),
+            Self::ReadHoldingRegisters => Some(Space::Holding),
+            Self::ReadInputRegisters => Some(Space::Input),
+            _ => None,
+        }
+    }
+
+    /// The standard's words for it (MAP 5 and 6, those without a variant here included).
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self.code() {
+            0x01 => "read coils",
+            0x02 => "read discrete inputs",
+            0x03 => "read holding registers",
+            0x04 => "read input registers",
+            0x05 => "write single coil",
+            0x06 => "write single register",
+            0x07 => "read exception status",
+            0x08 => "diagnostics",
+            0x0B => "get comm event counter",
+            0x0C => "get comm event log",
+            0x0F => "write multiple coils",
+            0x10 => "write multiple registers",
+            0x11 => "report server id",
+            0x14 => "read file record",
+            0x15 => "write file record",
+            0x16 => "mask write register",
+            0x17 => "read/write multiple registers",
+            0x18 => "read fifo queue",
+            0x2B => "encapsulated interface transport",
+            _ => "unknown function",
+        }
+    }
+}
+
+/// Why a station refuses (MAP 7).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Exception {
+    /// 01.
+    IllegalFunction,
+    /// 02.
+    IllegalAddress,
+    /// 03.
+    IllegalValue,
+    /// 04.
+    DeviceFailure,
+    /// 05.
+    Acknowledge,
+    /// 06.
+    DeviceBusy,
+    /// 07, of older editions of the standard.
+    NegativeAcknowledge,
+    /// 08.
+    MemoryParity,
+    /// 0A.
+    GatewayPath,
+    /// 0B.
+    GatewayTarget,
+    /// Any other.
+    Unknown(u8),
+}
+
+impl Exception {
+    /// The exception of a code.
+    #[must_use]
+    pub const fn of_code(code: u8) -> Self {
+        match code {
+            0x01 => Self::IllegalFunction,
+            0x02 => Self::IllegalAddress,
+            0x03 => Self::IllegalValue,
+            0x04 => Self::DeviceFailure,
+            0x05 => Self::Acknowledge,
+            0x06 => Self::DeviceBusy,
+            0x07 => Self::NegativeAcknowledge,
+            0x08 => Self::MemoryParity,
+            0x0A => Self::GatewayPath,
+            0x0B => Self::GatewayTarget,
+            code => Self::Unknown(code),
+        }
+    }
+
+    /// The code on the wire.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::IllegalFunction => 0x01,
+            Self::IllegalAddress => 0x02,
+            Self::IllegalValue => 0x03,
+            Self::DeviceFailure => 0x04,
+            Self::Acknowledge => 0x05,
+            Self::DeviceBusy => 0x06,
+            Self::NegativeAcknowledge => 0x07,
+            Self::MemoryParity => 0x08,
+            Self::GatewayPath => 0x0A,
+            Self::GatewayTarget => 0x0B,
+            Self::Unknown(code) => code,
+        }
+    }
+
+    /// What it says, in words.
+    #[must_use]
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::IllegalFunction => "illegal function: the drive does not know this function code",
+            Self::IllegalAddress => "illegal data address: the drive has no such register or coil",
+            Self::IllegalValue => "illegal data value: the value, count or length is not allowed",
+            Self::DeviceFailure => "device failure: the drive could not do it",
+            Self::Acknowledge => "acknowledge: accepted, still being carried out",
+            Self::DeviceBusy => "device busy: try again later",
+            Self::NegativeAcknowledge => "negative acknowledge: the drive cannot do this now",
+            Self::MemoryParity => "memory parity error in the drive",
+            Self::GatewayPath => "gateway path unavailable",
+            Self::GatewayTarget => "gateway target failed to respond",
+            Self::Unknown(_) => "unknown exception",
+        }
+    }
+}
+
+/// What a host asks.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum RequestPdu<'a> {
+    /// 01 to 04: so many bits or registers from `start` on.
+    Read {
+        /// Where.
+        space: Space,
+        /// First address.
+        start: u16,
+        /// How many, 1 to [`Space::read_max`].
+        count: u16,
+    },
+    /// 05: one coil.
+    WriteCoil {
+        /// Which.
+        address: u16,
+        /// On (FF00) or off (0000).
+        on: bool,
+    },
+    /// 06: one holding register.
+    WriteRegister {
+        /// Which.
+        address: u16,
+        /// Its new value.
+        value: u16,
+    },
+    /// 0F: several coils.
+    WriteCoils {
+        /// First address.
+        start: u16,
+        /// How many, 1 to [`WRITE_BITS_MAX`].
+        count: u16,
+        /// Eight to a byte, lowest address in bit 0.
+        bits: &'a [u8],
+    },
+    /// 10: several holding registers.
+    WriteRegisters {
+        /// First address.
+        start: u16,
+        /// Big-endian words, 1 to [`WRITE_WORDS_MAX`].
+        words: &'a [u8],
+    },
+    /// A function without a variant here.
+    Unknown {
+        /// Its code.
+        function: u8,
+        /// Whatever follows.
+        data: &'a [u8],
+    },
+}
+
+impl<'a> RequestPdu<'a> {
+    /// Reads a PDU. Offsets in errors count from the function code.
+    ///
+    /// # Errors
+    /// [`WireError`]: lengths, counts beyond the standard's limits, coil values other than FF00
+    /// and 0000.
+    pub fn parse(pdu: &'a [u8]) -> Result<Self, WireError> {
+        let (&code, data) = pdu.split_first().ok_or(WireError::Short { need: 1, found: 0 })?;
+        let function = Function::of_code(code);
+        match function {
+            Function::WriteCoil => Self::parse_write_coil(pdu),
+            Function::WriteRegister => {
+                exactly(pdu, 5)?;
+                Ok(Self::WriteRegister { address: word(pdu, 1), value: word(pdu, 3) })
+            }
+            Function::WriteCoils => Self::parse_write_coils(pdu),
+            Function::WriteRegisters => Self::parse_write_registers(pdu),
+            Function::Unknown(function) => Ok(Self::Unknown { function, data }),
+            _ => match function.reads() {
+                Some(space) => Self::parse_read(space, pdu),
+                None => Ok(Self::Unknown { function: code, data }),
+            },
+        }
+    }
+
+    /// Writes the PDU and returns its length. Counts are not checked: what the standard forbids can
+    /// be emitted on purpose. `out` must hold [`PDU_MAX`] bytes, or what is emitted.
+    #[inline]
+    pub fn emit(&self, out: &mut [u8]) -> usize {
+        out[0] = self.function().code();
+        match *self {
+            Self::Read { start, count, .. } => emit_pair(out, start, count),
+            Self::WriteCoil { address, on } => {
+                emit_pair(out, address, if on { COIL_ON } else { 0 })
+            }
+            Self::WriteRegister { address, value } => emit_pair(out, address, value),
+            Self::WriteCoils { start, count, bits } => emit_block(out, start, count, bits),
+            Self::WriteRegisters { start, words } => {
+                emit_block(out, start, (words.len() / 2) as u16, words)
+            }
+            Self::Unknown { data, .. } => {
+                out[1..=data.len()].copy_from_slice(data);
+                1 + data.len()
+            }
+        }
+    }
+
+    /// Its function.
+    #[must_use]
+    #[inline]
+    pub const fn function(&self) -> Function {
+        match *self {
+            Self::Read { space, .. } => space.read(),
+            Self::WriteCoil { .. } => Function::WriteCoil,
+            Self::WriteRegister { .. } => Function::WriteRegister,
+            Self::WriteCoils { .. } => Function::WriteCoils,
+            Self::WriteRegisters { .. } => Function::WriteRegisters,
+            Self::Unknown { function, .. } => Function::Unknown(function),
+        }
+    }
+
+    /// Length of the PDU that answers it, exceptions apart; `None` where the standard is not
+    /// followed here.
+    #[must_use]
+    pub const fn reply_len(&self) -> Option<usize> {
+        match *self {
+            Self::Read { space, count, .. } => Some(2 + space.reply_bytes(count)),
+            Self::Unknown { .. } => None,
+            _ => Some(5),
+        }
+    }
+
+    fn parse_read(space: Space, pdu: &[u8]) -> Result<Self, WireError> {
+        exactly(pdu, 5)?;
+        let count = within(pdu, 3, space.read_max())?;
+        Ok(Self::Read { space, start: word(pdu, 1), count })
+    }
+
+    fn parse_write_coil(pdu: &[u8]) -> Result<Self, WireError> {
+        exactly(pdu, 5)?;
+        match word(pdu, 3) {
+            0 => Ok(Self::WriteCoil { address: word(pdu, 1), on: false }),
+            COIL_ON => Ok(Self::WriteCoil { address: word(pdu, 1), on: true }),
+            found => Err(WireError::Count { at: 3, found }),
+        }
+    }
+
+    fn parse_write_coils(pdu: &'a [u8]) -> Result<Self, WireError> {
+        let bits = block(pdu)?;
+        let count = within(pdu, 3, WRITE_BITS_MAX)?;
+        if bits.len() != usize::from(count).div_ceil(8) {
+            return Err(WireError::Count { at: 5, found: bits.len() as u16 });
+        }
+        Ok(Self::WriteCoils { start: word(pdu, 1), count, bits })
+    }
+
+    fn parse_write_registers(pdu: &'a [u8]) -> Result<Self, WireError> {
+        let words = block(pdu)?;
+        let count = within(pdu, 3, WRITE_WORDS_MAX)?;
+        if words.len() != usize::from(count) * 2 {
+            return Err(WireError::Count { at: 5, found: words.len() as u16 });
+        }
+        Ok(Self::WriteRegisters { start: word(pdu, 1), words })
+    }
+}
+
+/// What a station answers.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum ReplyPdu<'a> {
+    /// 01 to 04: what was read.
+    Read {
+        /// From where.
+        space: Space,
+        /// Bits eight to a byte, or big-endian words.
+        data: &'a [u8],
+    },
+    /// 05, the request again.
+    WroteCoil {
+        /// Which.
+        address: u16,
+        /// On or off.
+        on: bool,
+    },
+    /// 06, the request again.
+    WroteRegister {
+        /// Which.
+        address: u16,
+        /// Its new value.
+        value: u16,
+    },
+    /// 0F or 10: where and how many.
+    Wrote {
+        /// True for coils (0F), false for registers (10).
+        coils: bool,
+        /// First address.
+        start: u16,
+        /// How many.
+        count: u16,
+    },
+    /// A refusal.
+    Exception {
+        /// The function refused.
+        function: u8,
+        /// Why.
+        exception: Exception,
+    },
+    /// A function without a variant here.
+    Unknown {
+        /// Its code.
+        function: u8,
+        /// Whatever follows.
+        data: &'a [u8],
+    },
+}
+
+impl<'a> ReplyPdu<'a> {
+    /// Reads a PDU. Offsets in errors count from the function code.
+    ///
+    /// # Errors
+    /// [`WireError`]: lengths and counts that contradict each other.
+    pub fn parse(pdu: &'a [u8]) -> Result<Self, WireError> {
+        let (&code, data) = pdu.split_first().ok_or(WireError::Short { need: 1, found: 0 })?;
+        if code & EXCEPTION_BIT != 0 {
+            exactly(pdu, 2)?;
+            let exception = Exception::of_code(pdu[1]);
+            return Ok(Self::Exception { function: code & !EXCEPTION_BIT, exception });
+        }
+        let function = Function::of_code(code);
+        if let Some(space) = function.reads() {
+            return Self::parse_read(space, data);
+        }
+        if let Function::Unknown(function) = function {
+            return Ok(Self::Unknown { function, data });
+        }
+        exactly(pdu, 5)?;
+        let (first, second) = (word(pdu, 1), word(pdu, 3));
+        match function {
+            Function::WriteCoil if second != 0 && second != COIL_ON => {
+                Err(WireError::Count { at: 3, found: second })
+            }
+            Function::WriteCoil => Ok(Self::WroteCoil { address: first, on: second != 0 }),
+            Function::WriteRegister => Ok(Self::WroteRegister { address: first, value: second }),
+            function => {
+                let coils = matches!(function, Function::WriteCoils);
+                Ok(Self::Wrote { coils, start: first, count: second })
+            }
+        }
+    }
+
+    /// Writes the PDU and returns its length. `out` must hold [`PDU_MAX`] bytes, or what is
+    /// emitted.
+    pub fn emit(&self, out: &mut [u8]) -> usize {
+        match *self {
+            Self::Read { space, data } => {
+                out[0] = space.read().code();
+                out[1] = data.len() as u8;
+                out[2..2 + data.len()].copy_from_slice(data);
+                2 + data.len()
+            }
+            Self::WroteCoil { address, on } => RequestPdu::WriteCoil { address, on }.emit(out),
+            Self::WroteRegister { address, value } => {
+                RequestPdu::WriteRegister { address, value }.emit(out)
+            }
+            Self::Wrote { coils, start, count } => {
+                out[0] = if coils { Function::WriteCoils } else { Function::WriteRegisters }.code();
+                emit_pair(out, start, count)
+            }
+            Self::Exception { function, exception } => {
+                out[0] = function | EXCEPTION_BIT;
+                out[1] = exception.code();
+                2
+            }
+            Self::Unknown { function, data } => RequestPdu::Unknown { function, data }.emit(out),
+        }
+    }
+
+    fn parse_read(space: Space, data: &'a [u8]) -> Result<Self, WireError> {
+        let (&count, data) = data.split_first().ok_or(WireError::Short { need: 2, found: 1 })?;
+        exactly(data, usize::from(count))?;
+        if count == 0 || (!space.is_bits() && count % 2 != 0) {
+            return Err(WireError::Count { at: 1, found: u16::from(count) });
+        }
+        Ok(Self::Read { space, data })
+    }
+}
+
+/// How many bytes a frame has, told by its head.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Span {
+    /// So many.
+    Bytes(usize),
+    /// The head is too short to tell.
+    More,
+    /// The function is none whose length is known.
+    Unknown,
+    /// No PDU begins like this.
+    Never,
+}
+
+/// The length of the request PDU that begins with `head` (MAP 6; the functions that are only named
+/// here included, so that a station can refuse them as a whole).
+#[must_use]
+pub fn request_span(head: &[u8]) -> Span {
+    let Some(&code) = head.first() else { return Span::More };
+    match code {
+        0x01..=0x06 | 0x08 => Span::Bytes(5),
+        0x07 | 0x0B | 0x0C | 0x11 => Span::Bytes(1),
+        0x0F | 0x10 => counted(head, 5, 1, WRITE_WORDS_MAX as usize * 2),
+        0x14 | 0x15 => counted(head, 1, 1, 0xFB),
+        0x16 => Span::Bytes(7),
+        0x17 => counted(head, 9, 1, 121 * 2),
+        0x18 => Span::Bytes(3),
+        0x2B => Span::Bytes(4),
+        0 | 0x80.. => Span::Never,
+        _ => Span::Unknown,
+    }
+}
+
+/// The length of the reply PDU that begins with `head`.
+#[must_use]
+pub fn reply_span(head: &[u8]) -> Span {
+    let Some(&code) = head.first() else { return Span::More };
+    match code {
+        0x01..=0x04 | 0x0C | 0x11 | 0x14 | 0x15 | 0x17 => counted(head, 1, 0, 251),
+        0x05 | 0x06 | 0x08 | 0x0B | 0x0F | 0x10 => Span::Bytes(5),
+        0x07 => Span::Bytes(2),
+        0x16 => Span::Bytes(7),
+        0x80 => Span::Never,
+        0x81.. => Span::Bytes(2),
+        0 => Span::Never,
+        _ => Span::Unknown,
+    }
+}
+
+/// The 16-bit word at an offset.
+#[must_use]
+#[inline]
+pub fn word(bytes: &[u8], at: usize) -> u16 {
+    u16::from_be_bytes([bytes[at], bytes[at + 1]])
+}
+
+/// The words that lie in `bytes`, big-endian.
+#[inline]
+pub fn words(bytes: &[u8]) -> impl Iterator<Item = u16> + '_ {
+    bytes.as_chunks::<2>().0.iter().map(|pair| u16::from_be_bytes(*pair))
+}
+
+fn counted(head: &[u8], at: usize, least: usize, most: usize) -> Span {
+    match head.get(at).map(|&count| usize::from(count)) {
+        None => Span::More,
+        Some(count) if count < least || count > most => Span::Never,
+        Some(count) => Span::Bytes(at + 1 + count),
+    }
+}
+
+fn exactly(bytes: &[u8], need: usize) -> Result<(), WireError> {
+    let (need, found) = (need as u16, bytes.len() as u16);
+    match found.cmp(&need) {
+        core::cmp::Ordering::Less => Err(WireError::Short { need, found }),
+        core::cmp::Ordering::Equal => Ok(()),
+        core::cmp::Ordering::Greater => Err(WireError::Long { need, found }),
+    }
+}
+
+fn within(pdu: &[u8], at: usize, most: u16) -> Result<u16, WireError> {
+    let found = word(pdu, at);
+    let right = (1..=most).contains(&found);
+    if right { Ok(found) } else { Err(WireError::Count { at: at as u16, found }) }
+}
+
+/// The data of a PDU that carries start, count, byte count and data.
+fn block(pdu: &[u8]) -> Result<&[u8], WireError> {
+    if pdu.len() < 6 {
+        return Err(WireError::Short { need: 6, found: pdu.len() as u16 });
+    }
+    exactly(pdu, 6 + usize::from(pdu[5]))?;
+    Ok(&pdu[6..])
+}
+
+#[inline]
+fn emit_pair(out: &mut [u8], first: u16, second: u16) -> usize {
+    out[1..3].copy_from_slice(&first.to_be_bytes());
+    out[3..5].copy_from_slice(&second.to_be_bytes());
+    5
+}
+
+fn emit_block(out: &mut [u8], start: u16, count: u16, data: &[u8]) -> usize {
+    emit_pair(out, start, count);
+    out[5] = data.len() as u8;
+    out[6..6 + data.len()].copy_from_slice(data);
+    6 + data.len()
+}
