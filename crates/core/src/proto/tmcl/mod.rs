@@ -1,0 +1,14 @@
+//! TMCL, Trinamic's motion control language: nine-byte datagrams on RS-232 and RS-485, the same in
+//! CAN frames, and an ASCII mode.
+//!
+//! Sources: "TMCM-170 and TMCM-171 MODULE, Reference and Programming Manual" chapter 2 for the
+//! datagram; later TMCL manuals for the rest. What no manual states is marked \[I\].
+
+pub mod ascii;
+pub mod device;
+pub mod opcode;
+pub mod text;
+pub mod wire;
+
+pub use opcode::{Opcode, Status};
+pub use wire::{Instruction, Reply, Request, VersionText};

@@ -1,0 +1,338 @@
+//! The language of TMCL manuals: `ROR 0, 350`, `MVP ABS, 0, 1000`, `GAP 1, 0`.
+//!
+//! A command is its mnemonic and the numbers that it has a use for, in the order type, motor or
+//! bank, value. Numbers at the end may be left out and are 0; a word stands for the type where the
+//! manuals have one (`ABS`, `MUL`, `TICKS`). Numbers are decimal or `$` or `0x` hexadecimal. What
+//! the manuals write no line for (the control opcodes from 128 on, and numbers without a name) is
+//! written by name or number with all three fields.
+
+use super::opcode::Opcode;
+use super::wire::Request;
+use crate::explain::TextError;
+
+/// Which fields a command's line has.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Shape {
+    /// The type byte.
+    pub kind: bool,
+    /// The motor or bank byte.
+    pub motor: bool,
+    /// The value.
+    pub value: bool,
+    /// Words for the type.
+    pub words: &'static [(u8, &'static str)],
+}
+
+const MOVES: &[(u8, &str)] = &[(0, "ABS"), (1, "REL"), (2, "COORD")];
+const SEARCHES: &[(u8, &str)] = &[(0, "START"), (1, "STOP"), (2, "STATUS")];
+const SUMS: &[(u8, &str)] = &[
+    (0, "ADD"),
+    (1, "SUB"),
+    (2, "MUL"),
+    (3, "DIV"),
+    (4, "MOD"),
+    (5, "AND"),
+    (6, "OR"),
+    (7, "XOR"),
+    (8, "NOT"),
+    (9, "LOAD"),
+];
+const SUMS_WITH_X: &[(u8, &str)] = &[
+    (0, "ADD"),
+    (1, "SUB"),
+    (2, "MUL"),
+    (3, "DIV"),
+    (4, "MOD"),
+    (5, "AND"),
+    (6, "OR"),
+    (7, "XOR"),
+    (8, "NOT"),
+    (9, "LOAD"),
+    (10, "SWAP"),
+];
+const CONDITIONS: &[(u8, &str)] = &[
+    (0, "ZE"),
+    (1, "NZ"),
+    (2, "EQ"),
+    (3, "NE"),
+    (4, "GT"),
+    (5, "GE"),
+    (6, "LT"),
+    (7, "LE"),
+    (8, "ETO"),
+    (9, "EAL"),
+    (12, "ESD"),
+];
+const WAITS: &[(u8, &str)] = &[(0, "TICKS"), (1, "POS"), (2, "REFSW"), (3, "LIMSW"), (4, "RFS")];
+const ERRORS: &[(u8, &str)] = &[(0, "ALL"), (1, "ETO"), (2, "EAL"), (3, "EDV"), (4, "EPO")];
+
+impl Shape {
+    /// The shape of an opcode's line.
+    #[must_use]
+    pub const fn of(opcode: Opcode) -> Self {
+        use Opcode as O;
+        match opcode {
+            O::Ror | O::Rol => Self::new(false, true, true, &[]),
+            O::Mst | O::Rola | O::Rora => Self::new(false, true, false, &[]),
+            O::Mvp => Self::new(true, true, true, MOVES),
+            O::Mvpa => Self::new(true, true, false, MOVES),
+            O::Gap
+            | O::Ggp
+            | O::Stap
+            | O::Rsap
+            | O::Stgp
+            | O::Rsgp
+            | O::Gio
+            | O::Gco
+            | O::Cco
+            | O::Gapx
+            | O::Aap
+            | O::Agp
+            | O::Aco => Self::new(true, true, false, &[]),
+            O::Rfs => Self::new(true, true, false, SEARCHES),
+            O::Calc => Self::new(true, false, true, SUMS),
+            O::Calcx => Self::new(true, false, false, SUMS_WITH_X),
+            O::Jc | O::Call => Self::new(true, false, true, CONDITIONS),
+            O::Wait => Self::new(true, true, true, WAITS),
+            O::Comp | O::Ja | O::Csub | O::Rst => Self::new(false, false, true, &[]),
+            O::Rsub | O::Stop | O::Reti => Self::new(false, false, false, &[]),
+            O::Ei | O::Di => Self::new(true, false, false, &[]),
+            O::Cle => Self::new(true, false, false, ERRORS),
+            O::Vect | O::Djnz | O::Siv | O::Giv => Self::new(true, false, true, &[]),
+            O::Aiv => Self::new(true, false, false, &[]),
+            _ => Self::new(true, true, true, &[]),
+        }
+    }
+
+    const fn new(
+        kind: bool,
+        motor: bool,
+        value: bool,
+        words: &'static [(u8, &'static str)],
+    ) -> Self {
+        Self { kind, motor, value, words }
+    }
+
+    /// The word for a type, if it has one.
+    #[must_use]
+    pub fn word(&self, kind: u8) -> Option<&'static str> {
+        self.words.iter().find(|(number, _)| *number == kind).map(|(_, word)| *word)
+    }
+
+    /// Whether a line of this shape says all of a request.
+    #[must_use]
+    pub const fn covers(&self, request: &Request) -> bool {
+        (self.kind || request.kind == 0)
+            && (self.motor || request.motor == 0)
+            && (self.value || request.value == 0)
+    }
+}
+
+/// Reads a line. The request is for module `address`.
+///
+/// # Errors
+/// [`TextError`] with the place and what was expected there.
+pub fn parse(text: &str, address: u8) -> Result<Request, TextError> {
+    let mut words = Words { text, at: 0 };
+    let (start, name) = words.name();
+    let opcode = opcode(name).ok_or(TextError { at: start, expected: "a TMCL mnemonic" })?;
+    let shape = Shape::of(opcode);
+    let mut request = Request { address, opcode, kind: 0, motor: 0, value: 0 };
+    let (mut fields, count) = words.fields()?;
+    // All three fields may always be given: then they are type, motor, value.
+    let full = count == 3;
+    let mut next = || {
+        let field = fields[0];
+        fields.rotate_left(1);
+        fields[2] = None;
+        field
+    };
+    if (shape.kind || full)
+        && let Some((at, word)) = next()
+    {
+        request.kind = kind(&shape, at, word)?;
+    }
+    if (shape.motor || full)
+        && let Some((at, word)) = next()
+    {
+        request.motor = byte(at, word, "a motor or bank, 0 to 255")?;
+    }
+    if (shape.value || full)
+        && let Some((at, word)) = next()
+    {
+        request.value = value(at, word)?;
+    }
+    match next() {
+        Some((at, _)) => {
+            Err(TextError { at, expected: "the end: this command has no more fields" })
+        }
+        None => Ok(request),
+    }
+}
+
+/// Writes a request as a line, piece by piece.
+pub fn write(request: &Request, show: &mut dyn FnMut(&str)) {
+    let shape = Shape::of(request.opcode);
+    match request.opcode.word() {
+        "" => show(Decimal::of(request.opcode.number().into()).as_str()),
+        word => show(word),
+    }
+    let full = !shape.covers(request);
+    let mut separator = " ";
+    let mut field = |text: &str| {
+        show(separator);
+        show(text);
+        separator = ", ";
+    };
+    if shape.kind || full {
+        match shape.word(request.kind) {
+            Some(word) => field(word),
+            None => field(Decimal::of(request.kind.into()).as_str()),
+        }
+    }
+    if shape.motor || full {
+        field(Decimal::of(request.motor.into()).as_str());
+    }
+    if shape.value || full {
+        field(Decimal::of(request.value.into()).as_str());
+    }
+}
+
+/// A number as decimal characters.
+#[derive(Clone, Copy, Debug)]
+pub struct Decimal {
+    digits: [u8; 20],
+    start: usize,
+}
+
+impl Decimal {
+    /// Writes `number`.
+    #[must_use]
+    pub fn of(number: i64) -> Self {
+        let mut this = Self { digits: [0; 20], start: 20 };
+        let mut rest = number.unsigned_abs();
+        loop {
+            this.push(b'0' + (rest % 10) as u8);
+            rest /= 10;
+            if rest == 0 {
+                break;
+            }
+        }
+        if number < 0 {
+            this.push(b'-');
+        }
+        this
+    }
+
+    /// The characters.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        core::str::from_utf8(&self.digits[self.start..]).unwrap_or("")
+    }
+
+    fn push(&mut self, digit: u8) {
+        self.start -= 1;
+        self.digits[self.start] = digit;
+    }
+}
+
+/// A decimal or hexadecimal number.
+#[must_use]
+pub fn number(text: &str) -> Option<i64> {
+    let (negative, digits) = match text.strip_prefix('-') {
+        Some(rest) => (true, rest),
+        None => (false, text.strip_prefix('+').unwrap_or(text)),
+    };
+    let hex = digits.strip_prefix("0x").or(digits.strip_prefix("0X")).or(digits.strip_prefix('$'));
+    let (digits, radix) = hex.map_or((digits, 10), |hex| (hex, 16));
+    if !digits.bytes().all(|c| c.is_ascii_hexdigit()) {
+        return None;
+    }
+    let magnitude = i64::from_str_radix(digits, radix).ok()?;
+    Some(if negative { -magnitude } else { magnitude })
+}
+
+fn opcode(name: &str) -> Option<Opcode> {
+    Opcode::of_word(name)
+        .or_else(|| number(name).and_then(|n| u8::try_from(n).ok()).map(Opcode::from))
+}
+
+fn kind(shape: &Shape, at: usize, word: &str) -> Result<u8, TextError> {
+    if let Some((number, _)) = shape.words.iter().find(|(_, w)| w.eq_ignore_ascii_case(word)) {
+        return Ok(*number);
+    }
+    let expected = match shape.words.first() {
+        Some((_, "ABS")) => "ABS, REL or COORD",
+        Some((_, "START")) => "START, STOP or STATUS",
+        Some((_, "TICKS")) => "TICKS, POS, REFSW, LIMSW or RFS",
+        Some(_) => "an operation's name or number",
+        None => "a type or parameter number, 0 to 255",
+    };
+    byte(at, word, expected)
+}
+
+fn byte(at: usize, word: &str, expected: &'static str) -> Result<u8, TextError> {
+    number(word).and_then(|n| u8::try_from(n).ok()).ok_or(TextError { at, expected })
+}
+
+/// A value: signed, or the unsigned twin of a negative one.
+fn value(at: usize, word: &str) -> Result<i32, TextError> {
+    let expected = "a value, -2147483648 to 4294967295";
+    let number = number(word).ok_or(TextError { at, expected })?;
+    i32::try_from(number)
+        .or_else(|_| u32::try_from(number).map(u32::cast_signed))
+        .map_err(|_| TextError { at, expected })
+}
+
+/// Fields of a line with their places, and how many there are.
+type Fields<'a> = ([Option<(usize, &'a str)>; 3], usize);
+
+struct Words<'a> {
+    text: &'a str,
+    at: usize,
+}
+
+impl<'a> Words<'a> {
+    /// The mnemonic: one word, or two for names such as `GET VERSION`.
+    fn name(&mut self) -> (usize, &'a str) {
+        let rest = self.text.trim_start();
+        let start = self.text.len() - rest.len();
+        let name = Opcode::NAMED
+            .iter()
+            .map(|opcode| opcode.word())
+            .filter(|word| begins_with_word(rest, word))
+            .map(str::len)
+            .max()
+            .unwrap_or_else(|| rest.find([' ', '\t', ',']).unwrap_or(rest.len()));
+        self.at = start + name;
+        (start, &rest[..name])
+    }
+
+    fn fields(&mut self) -> Result<Fields<'a>, TextError> {
+        let mut fields = [None; 3];
+        let mut count = 0;
+        let rest = &self.text[self.at..];
+        if rest.trim().is_empty() {
+            return Ok((fields, 0));
+        }
+        let mut at = self.at;
+        for piece in rest.split(',') {
+            let word = piece.trim();
+            let place = at + (piece.len() - piece.trim_start().len());
+            if word.is_empty() || word.contains([' ', '\t']) {
+                return Err(TextError { at: place, expected: "one number or word between commas" });
+            }
+            let expected = "at most three fields: type, motor, value";
+            *fields.get_mut(count).ok_or(TextError { at: place, expected })? = Some((place, word));
+            count += 1;
+            at += piece.len() + 1;
+        }
+        Ok((fields, count))
+    }
+}
+
+fn begins_with_word(text: &str, word: &str) -> bool {
+    let Some((head, tail)) = text.split_at_checked(word.len()) else { return false };
+    head.eq_ignore_ascii_case(word)
+        && tail.bytes().next().is_none_or(|c| !c.is_ascii_alphanumeric())
+}

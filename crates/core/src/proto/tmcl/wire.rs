@@ -1,0 +1,266 @@
+//! The datagram: nine bytes on a serial line, seven in a CAN frame (TMCM-170/171 manual §2.1, §2.2).
+//!
+//! ```text
+//! request  address  opcode  type    motor   value (MSB first)  checksum
+//! reply    host     module  status  opcode  value (MSB first)  checksum
+//! ```
+//! The checksum is the sum of the first eight bytes, modulo 256. On CAN the first byte and the
+//! checksum are left out; some hosts and modules send eight data bytes all the same, the last one
+//! being the serial checksum or padding, so it is read and ignored.
+
+use super::opcode::{Opcode, Status};
+use crate::error::WireError;
+use crate::medium::Frame;
+
+/// Bytes of a datagram on a serial line.
+pub const DATAGRAM: usize = 9;
+/// Bytes of a datagram in a CAN frame.
+pub const CAN_DATAGRAM: usize = 7;
+/// Module address, and CAN id of requests, from the factory.
+pub const MODULE: u8 = 1;
+/// Host address, and CAN id of replies, from the factory.
+pub const HOST: u8 = 2;
+
+/// The sum over the first eight bytes.
+#[must_use]
+pub fn checksum(bytes: &[u8; DATAGRAM]) -> u8 {
+    bytes[..DATAGRAM - 1].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte))
+}
+
+/// What a host asks.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Request {
+    /// Module address; on CAN it is not sent, the identifier stands for it.
+    pub address: u8,
+    /// What to do.
+    pub opcode: Opcode,
+    /// The "type" byte: a parameter number, a kind of move.
+    pub kind: u8,
+    /// The "motor" or "bank" byte.
+    pub motor: u8,
+    /// The operand.
+    pub value: i32,
+}
+
+impl Request {
+    /// Reads nine bytes.
+    ///
+    /// # Errors
+    /// [`WireError::Short`], [`WireError::Long`], [`WireError::Checksum`].
+    pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
+        let whole = whole(bytes)?;
+        Ok(Self::from_body(whole[0], body(whole, 1)))
+    }
+
+    /// Reads the data of a CAN frame; `address` is what its identifier stands for.
+    ///
+    /// # Errors
+    /// [`WireError::Short`], [`WireError::Long`].
+    pub fn parse_can(data: &[u8], address: u8) -> Result<Self, WireError> {
+        Ok(Self::from_body(address, can_body(data)?))
+    }
+
+    /// The nine bytes on a serial line.
+    #[must_use]
+    pub fn emit(&self) -> [u8; DATAGRAM] {
+        let [a, b, c, d] = self.value.to_be_bytes();
+        summed([self.address, self.opcode.number(), self.kind, self.motor, a, b, c, d, 0])
+    }
+
+    /// The CAN frame, of seven data bytes, or of eight with the serial checksum as the last.
+    #[must_use]
+    pub fn emit_can(&self, id: u16, eight: bool) -> Frame {
+        Frame::standard(id, &self.emit()[1..if eight { 9 } else { 8 }])
+    }
+
+    fn from_body(address: u8, [opcode, kind, motor, a, b, c, d]: [u8; CAN_DATAGRAM]) -> Self {
+        let value = i32::from_be_bytes([a, b, c, d]);
+        Self { address, opcode: Opcode::from(opcode), kind, motor, value }
+    }
+}
+
+/// What a module answers.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Reply {
+    /// Host address; on CAN it is not sent.
+    pub host: u8,
+    /// Address of the module that answers.
+    pub module: u8,
+    /// Whether it did what was asked.
+    pub status: Status,
+    /// Opcode of the request that this answers.
+    pub opcode: Opcode,
+    /// The value; narrower quantities come sign-extended.
+    pub value: i32,
+}
+
+impl Reply {
+    /// Reads nine bytes.
+    ///
+    /// # Errors
+    /// [`WireError::Short`], [`WireError::Long`], [`WireError::Checksum`].
+    pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
+        let whole = whole(bytes)?;
+        Ok(Self::from_body(whole[0], body(whole, 1)))
+    }
+
+    /// Reads the data of a CAN frame; `host` is what its identifier stands for.
+    ///
+    /// # Errors
+    /// [`WireError::Short`], [`WireError::Long`].
+    pub fn parse_can(data: &[u8], host: u8) -> Result<Self, WireError> {
+        Ok(Self::from_body(host, can_body(data)?))
+    }
+
+    /// The nine bytes on a serial line.
+    #[must_use]
+    pub fn emit(&self) -> [u8; DATAGRAM] {
+        let [a, b, c, d] = self.value.to_be_bytes();
+        let (status, opcode) = (self.status.number(), self.opcode.number());
+        summed([self.host, self.module, status, opcode, a, b, c, d, 0])
+    }
+
+    /// The CAN frame, of seven data bytes, or of eight with a zero as the last, as the TMCM-1260
+    /// sends it.
+    #[must_use]
+    pub fn emit_can(&self, id: u16, eight: bool) -> Frame {
+        let mut frame = Frame::standard(id, &self.emit()[1..8]);
+        frame.len = if eight { 8 } else { 7 };
+        frame
+    }
+
+    fn from_body(host: u8, [module, status, opcode, a, b, c, d]: [u8; CAN_DATAGRAM]) -> Self {
+        let value = i32::from_be_bytes([a, b, c, d]);
+        Self { host, module, status: Status::from(status), opcode: Opcode::from(opcode), value }
+    }
+}
+
+/// The reply to opcode 136 type 0: the host's address and eight characters, like `170V1.14`. It has
+/// no checksum. On CAN the eight characters fill the frame.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct VersionText {
+    /// Host address; on CAN it is not sent.
+    pub host: u8,
+    /// The characters.
+    pub text: [u8; 8],
+}
+
+impl VersionText {
+    /// Reads nine bytes. The only check there is: all characters can be printed.
+    ///
+    /// # Errors
+    /// [`WireError::Short`], [`WireError::Long`], [`WireError::Unexpected`].
+    pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
+        let nine = nine(bytes)?;
+        Self::checked(
+            nine[0],
+            [nine[1], nine[2], nine[3], nine[4], nine[5], nine[6], nine[7], nine[8]],
+        )
+    }
+
+    /// Reads the data of a CAN frame.
+    ///
+    /// # Errors
+    /// [`WireError::Short`], [`WireError::Unexpected`].
+    pub fn parse_can(data: &[u8], host: u8) -> Result<Self, WireError> {
+        let found = data.len().min(usize::from(u16::MAX)) as u16;
+        Self::checked(host, data.try_into().map_err(|_| WireError::Short { need: 8, found })?)
+    }
+
+    /// The nine bytes on a serial line.
+    #[must_use]
+    pub fn emit(&self) -> [u8; DATAGRAM] {
+        let mut out = [self.host; DATAGRAM];
+        out[1..].copy_from_slice(&self.text);
+        out
+    }
+
+    fn checked(host: u8, text: [u8; 8]) -> Result<Self, WireError> {
+        match text.iter().position(|c| !(b' '..=b'~').contains(c)) {
+            Some(at) => Err(WireError::Unexpected { at: at as u16 + 1, found: text[at] }),
+            None => Ok(Self { host, text }),
+        }
+    }
+}
+
+/// The reply to opcode 134: it reuses all fields between host address and checksum for the
+/// instruction found in program memory.
+///
+/// \[I\] No manual prints the layout. The instruction has seven bytes, exactly as many as there are
+/// between the host address and the checksum, and the vendor's host library skips its status check
+/// on this reply but not the checksum.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Instruction {
+    /// Opcode of the instruction stored.
+    pub opcode: u8,
+    /// Its type.
+    pub kind: u8,
+    /// Its motor or bank.
+    pub motor: u8,
+    /// Its operand.
+    pub value: i32,
+}
+
+impl Instruction {
+    /// Takes apart a reply whose fields hold an instruction.
+    #[must_use]
+    pub fn of_reply(reply: &Reply) -> Self {
+        Self {
+            opcode: reply.module,
+            kind: reply.status.number(),
+            motor: reply.opcode.number(),
+            value: reply.value,
+        }
+    }
+
+    /// Lays the instruction over a reply's fields.
+    #[must_use]
+    pub fn into_reply(self, host: u8) -> Reply {
+        Reply {
+            host,
+            module: self.opcode,
+            status: Status::from(self.kind),
+            opcode: Opcode::from(self.motor),
+            value: self.value,
+        }
+    }
+}
+
+fn summed(mut bytes: [u8; DATAGRAM]) -> [u8; DATAGRAM] {
+    bytes[DATAGRAM - 1] = checksum(&bytes);
+    bytes
+}
+
+fn nine(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
+    let found = bytes.len().min(usize::from(u16::MAX)) as u16;
+    let need = DATAGRAM as u16;
+    bytes.try_into().map_err(|_| match found < need {
+        true => WireError::Short { need, found },
+        false => WireError::Long { need, found },
+    })
+}
+
+fn whole(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
+    let nine = nine(bytes)?;
+    let (computed, found) = (checksum(nine), nine[DATAGRAM - 1]);
+    if computed != found {
+        return Err(WireError::Checksum { computed: computed.into(), found: found.into() });
+    }
+    Ok(nine)
+}
+
+fn body(bytes: &[u8; DATAGRAM], from: usize) -> [u8; CAN_DATAGRAM] {
+    core::array::from_fn(|i| bytes[from + i])
+}
+
+fn can_body(data: &[u8]) -> Result<[u8; CAN_DATAGRAM], WireError> {
+    match data {
+        [a, b, c, d, e, f, g] | [a, b, c, d, e, f, g, _] => Ok([*a, *b, *c, *d, *e, *f, *g]),
+        short if short.len() < CAN_DATAGRAM => {
+            Err(WireError::Short { need: CAN_DATAGRAM as u16, found: short.len() as u16 })
+        }
+        long => {
+            Err(WireError::Long { need: 8, found: long.len().min(usize::from(u16::MAX)) as u16 })
+        }
+    }
+}
