@@ -1,0 +1,366 @@
+//! Lines in, explained frames out.
+
+use core::fmt;
+
+use polepair_core::error::WireError;
+use polepair_core::explain::{Context, Direction};
+use polepair_core::medium::Frame;
+use polepair_core::profile::Profile;
+
+use crate::conversation::Conversation;
+use crate::explained::Explained;
+use crate::line::{BadLine, Data, Line, Lines, parse};
+use crate::rules::{Rule, Rules, Scope};
+use crate::stamp::Stamp;
+use crate::stream::{Flow, Piece, Shape};
+
+/// Damaged lines that are remembered one by one; more are only counted.
+pub const DAMAGE_MAX: usize = 100;
+/// Links that a capture may name; lines of further ones are damaged.
+pub const LINKS_MAX: usize = 256;
+
+/// One frame of a capture, or bytes that are none.
+#[derive(Clone, Copy, Debug)]
+pub struct Event<'a> {
+    /// When its first byte came.
+    pub time: Option<Stamp>,
+    /// On which link.
+    pub link: &'a str,
+    /// Who sent it.
+    pub direction: Option<Direction>,
+    /// The protocol that explains it; `None` where nobody can.
+    pub protocol: Option<&'static str>,
+    /// Its bytes.
+    pub bytes: &'a [u8],
+    /// CAN identifier.
+    pub id: Option<u32>,
+    /// True for a CAN identifier of 29 bits.
+    pub extended: bool,
+    /// True for a CAN remote request.
+    pub remote: bool,
+    /// The host's own request, heard back through its adapter.
+    pub echo: bool,
+    /// What it says.
+    pub explained: &'a Explained,
+    /// What is wrong with it.
+    pub wrong: Option<Wrong>,
+}
+
+/// What is wrong with a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Wrong {
+    /// It breaks its protocol.
+    Wire(WireError),
+    /// Its check fails.
+    Broken,
+    /// These bytes are no frame.
+    Stray(usize),
+}
+
+impl fmt::Display for Wrong {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Wire(error) => error.fmt(f),
+            Self::Broken => f.write_str("frame: its check fails"),
+            Self::Stray(1) => f.write_str("stray: 1 byte that belongs to no frame"),
+            Self::Stray(count) => write!(f, "stray: {count} bytes that belong to no frame"),
+        }
+    }
+}
+
+/// A line that could not be read.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Damage {
+    /// The line's number, from 1.
+    pub line: u64,
+    /// What is wrong with it.
+    pub reason: BadLine,
+}
+
+impl fmt::Display for Damage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}: {}", self.line, self.reason)
+    }
+}
+
+/// Explains a capture, line by line. Memory stays bounded however long the capture is.
+#[derive(Debug)]
+pub struct Decoder {
+    rules: Rules,
+    /// Rules came from weighing: a CAN frame that no protocol claims stays unexplained.
+    judged: bool,
+    profile: Option<&'static Profile>,
+    echoing: Vec<String>,
+    wires: Vec<Wire>,
+    lines: Lines,
+    number: u64,
+    scratch: Vec<u8>,
+    explained: Explained,
+    damaged: Vec<Damage>,
+    damaged_count: u64,
+}
+
+/// One link of the capture.
+#[derive(Debug)]
+struct Wire {
+    name: String,
+    rules: Vec<Rule>,
+    flows: [Flow; 3],
+    conversation: Conversation,
+}
+
+type Out<'a> = &'a mut dyn FnMut(&Event<'_>);
+
+impl Decoder {
+    /// A decoder that holds to `rules`, as a person stated them.
+    #[must_use]
+    pub fn new(rules: Rules) -> Self {
+        Self {
+            rules,
+            judged: false,
+            profile: None,
+            echoing: Vec::new(),
+            wires: Vec::new(),
+            lines: Lines::default(),
+            number: 0,
+            scratch: Vec::new(),
+            explained: Explained::default(),
+            damaged: Vec::new(),
+            damaged_count: 0,
+        }
+    }
+
+    /// A decoder by what a [`Judge`](crate::Judge) found.
+    pub(crate) fn judged(rules: Rules, echoing: Vec<String>) -> Self {
+        Self { judged: true, echoing, ..Self::new(rules) }
+    }
+
+    /// Names parameters as `profile` does.
+    #[must_use]
+    pub fn with_profile(mut self, profile: Option<&'static Profile>) -> Self {
+        self.profile = profile;
+        self
+    }
+
+    /// Takes a piece of the capture, cut anywhere.
+    pub fn feed(&mut self, piece: &[u8], out: Out<'_>) {
+        let mut lines = core::mem::take(&mut self.lines);
+        lines.feed(piece, &mut |_, line| self.line(line, out));
+        self.lines = lines;
+    }
+
+    /// Takes one line.
+    pub fn line(&mut self, line: &[u8], out: Out<'_>) {
+        self.number += 1;
+        let mut scratch = core::mem::take(&mut self.scratch);
+        match parse(line, &mut scratch) {
+            Ok(None) => {}
+            Ok(Some(line)) => self.take(&line, out),
+            Err(reason) => self.damage(reason),
+        }
+        self.scratch = scratch;
+    }
+
+    /// Ends the capture: what waits for more is given out as it is.
+    pub fn finish(&mut self, out: Out<'_>) {
+        let mut lines = core::mem::take(&mut self.lines);
+        lines.finish(&mut |_, line| self.line(line, out));
+        for at in 0..self.wires.len() {
+            for direction in DIRECTIONS {
+                self.drain(at, direction, true, out);
+            }
+        }
+    }
+
+    /// The first [`DAMAGE_MAX`] lines that could not be read.
+    #[must_use]
+    pub fn damaged(&self) -> &[Damage] {
+        &self.damaged
+    }
+
+    /// How many lines could not be read, and how many there were.
+    #[must_use]
+    pub const fn damaged_of(&self) -> (u64, u64) {
+        (self.damaged_count, self.number)
+    }
+
+    /// Links on which the host was seen to hear itself.
+    pub(crate) fn echoing(&self) -> impl Iterator<Item = &str> {
+        self.wires.iter().filter(|wire| wire.conversation.echoes()).map(|wire| wire.name.as_str())
+    }
+
+    fn take(&mut self, line: &Line<'_>, out: Out<'_>) {
+        let Some(at) = self.wire(line.link) else {
+            return self.damage(BadLine("more links than are followed at once"));
+        };
+        match line.data {
+            Data::Frame(frame) => self.frame(at, line, &frame, out),
+            Data::Bytes(bytes) => self.bytes(at, line, bytes, out),
+        }
+    }
+
+    fn wire(&mut self, name: &str) -> Option<usize> {
+        if let Some(at) = self.wires.iter().position(|wire| wire.name == name) {
+            return Some(at);
+        }
+        let echoes = self.echoing.iter().any(|link| link == name);
+        (self.wires.len() < LINKS_MAX).then(|| {
+            self.wires.push(Wire {
+                name: name.to_owned(),
+                rules: self.rules.on(name),
+                flows: Default::default(),
+                conversation: Conversation::with_echo(echoes),
+            });
+            self.wires.len() - 1
+        })
+    }
+
+    fn damage(&mut self, reason: BadLine) {
+        self.damaged_count += 1;
+        if self.damaged.len() < DAMAGE_MAX {
+            self.damaged.push(Damage { line: self.number, reason });
+        }
+    }
+
+    fn bytes(&mut self, at: usize, line: &Line<'_>, bytes: &[u8], out: Out<'_>) {
+        for other in DIRECTIONS {
+            let wire = &self.wires[at];
+            let flow = &wire.flows[index(other)];
+            let ended =
+                other != line.direction || flow.breaks_off(&wire.rules, other, line.time, bytes);
+            if ended && !flow.pending().is_empty() {
+                self.drain(at, other, true, out);
+            }
+        }
+        self.wires[at].flows[index(line.direction)].push(line.time, bytes);
+        // Data alone on a line stands for itself: nothing more of it follows.
+        self.drain(at, line.direction, line.time.is_none(), out);
+    }
+
+    /// Gives out what one direction holds.
+    fn drain(&mut self, at: usize, direction: Option<Direction>, ended: bool, out: Out<'_>) {
+        loop {
+            let wire = &mut self.wires[at];
+            let flow = &mut wire.flows[index(direction)];
+            let Some(piece) = flow.next(&wire.rules, direction, ended) else { return };
+            let time = flow.time();
+            let bytes = flow.take(piece.len).to_vec();
+            let glued = !flow.pending().is_empty();
+            self.piece(at, &bytes, &piece, Place { time, direction, glued }, out);
+        }
+    }
+
+    fn piece(&mut self, at: usize, bytes: &[u8], piece: &Piece, place: Place, out: Out<'_>) {
+        let Wire { name, rules, conversation, .. } = &mut self.wires[at];
+        let Place { time, direction, glued } = place;
+        let rule = rules.get(piece.rule);
+        let whole = piece.shape == Shape::Frame;
+        let reply = direction == Some(Direction::ToHost);
+        let echo = whole && reply && conversation.is_echo(bytes, glued);
+        let speaker = if echo { Some(Direction::ToDrive) } else { direction };
+        let request = if reply && !echo { conversation.request() } else { None };
+        let context = Context { direction: speaker, request, profile: self.profile, id: None };
+        self.explained.clear();
+        if let Some(rule) = rule {
+            rule.dissector.explain(bytes, &context, &mut self.explained);
+        }
+        let wrong = rule.and_then(|_| wrong(self.explained.error, piece));
+        if whole && direction == Some(Direction::ToDrive) {
+            conversation.ask(bytes);
+        }
+        out(&Event {
+            time,
+            link: name,
+            direction,
+            protocol: rule.map(|rule| rule.dissector.name()),
+            bytes,
+            id: None,
+            extended: false,
+            remote: false,
+            echo,
+            explained: &self.explained,
+            wrong,
+        });
+    }
+
+    fn frame(&mut self, at: usize, line: &Line<'_>, frame: &Frame, out: Out<'_>) {
+        let wire = &self.wires[at];
+        let context = Context {
+            direction: line.direction,
+            request: None,
+            profile: self.profile,
+            id: Some(frame.id),
+        };
+        self.explained.clear();
+        let rule = if frame.remote {
+            None
+        } else {
+            explain_frame(&wire.rules, self.judged, frame, &context, &mut self.explained)
+        };
+        out(&Event {
+            time: line.time,
+            link: &wire.name,
+            direction: line.direction,
+            protocol: rule.map(|rule| rule.dissector.name()),
+            bytes: if frame.remote { &[] } else { frame.bytes() },
+            id: Some(frame.id),
+            extended: frame.extended,
+            remote: frame.remote,
+            echo: false,
+            explained: &self.explained,
+            wrong: self.explained.error.map(Wrong::Wire),
+        });
+    }
+}
+
+/// Where in the capture a piece stands.
+#[derive(Clone, Copy)]
+struct Place {
+    time: Option<Stamp>,
+    direction: Option<Direction>,
+    /// More bytes follow it in the same chunk.
+    glued: bool,
+}
+
+const DIRECTIONS: [Option<Direction>; 3] =
+    [Some(Direction::ToDrive), Some(Direction::ToHost), None];
+
+const fn index(direction: Option<Direction>) -> usize {
+    match direction {
+        Some(Direction::ToDrive) => 0,
+        Some(Direction::ToHost) => 1,
+        None => 2,
+    }
+}
+
+fn wrong(error: Option<WireError>, piece: &Piece) -> Option<Wrong> {
+    error.map(Wrong::Wire).or(match piece.shape {
+        Shape::Frame => None,
+        Shape::Broken => Some(Wrong::Broken),
+        Shape::Junk => Some(Wrong::Stray(piece.len)),
+    })
+}
+
+/// Lets the first rule that holds for the frame explain it.
+fn explain_frame<'r>(
+    rules: &'r [Rule],
+    judged: bool,
+    frame: &Frame,
+    context: &Context<'_>,
+    explained: &mut Explained,
+) -> Option<&'r Rule> {
+    let claims = |rule: &&Rule| rule.dissector.claims(frame.id, frame.extended);
+    for rule in rules.iter().filter(claims) {
+        explained.clear();
+        rule.dissector.explain(frame.bytes(), context, explained);
+        match rule.scope {
+            Scope::Axis(axis) if explained.axis != Some(axis) => {}
+            _ => return Some(rule),
+        }
+    }
+    explained.clear();
+    let stated = |rule: &&Rule| !judged && !matches!(rule.scope, Scope::Axis(_));
+    let rule = rules.iter().find(stated)?;
+    rule.dissector.explain(frame.bytes(), context, explained);
+    Some(rule)
+}

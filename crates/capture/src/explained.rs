@@ -1,0 +1,141 @@
+//! What a dissector found in one frame, kept in buffers that are used again for the next.
+
+use polepair_core::error::WireError;
+use polepair_core::explain::{Field, Sink, Value};
+
+/// An explained frame.
+#[derive(Debug, Default)]
+pub struct Explained {
+    /// The protocol's word for the frame; empty if it has none.
+    pub kind: String,
+    /// The axis, station or module it concerns.
+    pub axis: Option<u32>,
+    /// The one-line meaning.
+    pub text: String,
+    /// What the frame breaks first.
+    pub error: Option<WireError>,
+    items: Vec<Stored>,
+    bytes: Vec<u8>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Stored {
+    name: &'static str,
+    start: u16,
+    end: u16,
+    value: StoredValue,
+    meaning: &'static str,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum StoredValue {
+    Int(i64),
+    Hex(u64, u8),
+    Real(f64),
+    Text(usize, usize),
+    Words(usize, usize),
+}
+
+/// One field of an explained frame.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Item<'a> {
+    /// The protocol's name for it, `snake_case`.
+    pub name: &'static str,
+    /// First byte in the frame.
+    pub start: u16,
+    /// Byte after the last.
+    pub end: u16,
+    /// Its value.
+    pub value: ItemValue<'a>,
+    /// What the value means; empty if there is no name for it.
+    pub meaning: &'static str,
+}
+
+/// Value of an [`Item`].
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum ItemValue<'a> {
+    /// A number, shown in decimal.
+    Int(i64),
+    /// A number, shown in hexadecimal with so many digits.
+    Hex(u64, u8),
+    /// A real number.
+    Real(f64),
+    /// Text.
+    Text(&'a str),
+    /// Big-endian 16-bit words.
+    Words(&'a [u8]),
+}
+
+impl Explained {
+    /// Forgets the frame before.
+    pub fn clear(&mut self) {
+        self.kind.clear();
+        self.axis = None;
+        self.text.clear();
+        self.error = None;
+        self.items.clear();
+        self.bytes.clear();
+    }
+
+    /// The fields in the order in which they were found.
+    pub fn items(&self) -> impl ExactSizeIterator<Item = Item<'_>> {
+        self.items.iter().map(|stored| self.item(stored))
+    }
+
+    fn item(&self, stored: &Stored) -> Item<'_> {
+        let value = match stored.value {
+            StoredValue::Int(value) => ItemValue::Int(value),
+            StoredValue::Hex(value, digits) => ItemValue::Hex(value, digits),
+            StoredValue::Real(value) => ItemValue::Real(value),
+            StoredValue::Words(from, to) => ItemValue::Words(&self.bytes[from..to]),
+            StoredValue::Text(from, to) => {
+                ItemValue::Text(std::str::from_utf8(&self.bytes[from..to]).unwrap_or_default())
+            }
+        };
+        let Stored { name, start, end, meaning, .. } = *stored;
+        Item { name, start, end, value, meaning }
+    }
+
+    fn keep(&mut self, bytes: &[u8]) -> (usize, usize) {
+        let from = self.bytes.len();
+        self.bytes.extend_from_slice(bytes);
+        (from, self.bytes.len())
+    }
+}
+
+impl Sink for Explained {
+    fn kind(&mut self, kind: &str) {
+        self.kind.clear();
+        self.kind.push_str(kind);
+    }
+
+    fn axis(&mut self, axis: u32) {
+        self.axis = Some(axis);
+    }
+
+    fn field(&mut self, field: Field<'_>) {
+        let value = match field.value {
+            Value::Int(value) => StoredValue::Int(value),
+            Value::Hex(value, digits) => StoredValue::Hex(value, digits),
+            Value::Real(value) => StoredValue::Real(value),
+            Value::Text(text) => {
+                let (from, to) = self.keep(text.as_bytes());
+                StoredValue::Text(from, to)
+            }
+            Value::Words(words) => {
+                let (from, to) = self.keep(words);
+                StoredValue::Words(from, to)
+            }
+        };
+        let Field { name, start, end, meaning, .. } = field;
+        self.items.push(Stored { name, start, end, value, meaning });
+    }
+
+    fn text(&mut self, piece: &str) {
+        self.text.push_str(piece);
+    }
+
+    fn error(&mut self, error: WireError) {
+        self.error.get_or_insert(error);
+    }
+}

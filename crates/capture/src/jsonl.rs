@@ -1,0 +1,169 @@
+//! One JSON object a frame, fields always in the same order.
+
+use std::io::Write as _;
+
+use polepair_core::explain::Direction;
+
+use crate::decoder::Event;
+use crate::explained::{Explained, Item, ItemValue};
+
+/// Appends one line: `{"time":…,"link":…,"direction":…,"protocol":…,"bytes":…,"id":…,"extended":…,
+/// "kind":…,"axis":…,"fields":{…},"text":…,"ok":…,"error":…}`.
+///
+/// `id` and `extended` are null for what did not come from a CAN bus. A field that occurs several
+/// times in a frame is an array.
+pub fn write(event: &Event<'_>, out: &mut Vec<u8>) {
+    out.extend_from_slice(b"{\"time\":");
+    number_or_null(out, event.time);
+    key(out, "link");
+    string(out, event.link);
+    key(out, "direction");
+    out.extend_from_slice(match event.direction {
+        Some(Direction::ToDrive) => b"\"tx\"",
+        Some(Direction::ToHost) => b"\"rx\"",
+        None => b"null",
+    });
+    key(out, "protocol");
+    string_or_null(out, event.protocol);
+    key(out, "bytes");
+    out.push(b'"');
+    hex(out, event.bytes);
+    out.push(b'"');
+    key(out, "id");
+    number_or_null(out, event.id);
+    key(out, "extended");
+    number_or_null(out, event.id.map(|_| event.extended));
+    meaning(event, out);
+    out.extend_from_slice(b"}\n");
+}
+
+fn meaning(event: &Event<'_>, out: &mut Vec<u8>) {
+    let explained = event.explained;
+    key(out, "kind");
+    string_or_null(out, Some(explained.kind.as_str()).filter(|kind| !kind.is_empty()));
+    key(out, "axis");
+    number_or_null(out, explained.axis);
+    key(out, "fields");
+    fields(out, explained);
+    key(out, "text");
+    out.push(b'"');
+    if event.echo {
+        out.extend_from_slice(b"echo: ");
+    }
+    if event.remote {
+        out.extend_from_slice(b"remote request");
+    }
+    escaped(out, &explained.text);
+    out.push(b'"');
+    key(out, "ok");
+    out.extend_from_slice(if event.wrong.is_none() { b"true" } else { b"false" });
+    key(out, "error");
+    match event.wrong {
+        None => out.extend_from_slice(b"null"),
+        Some(wrong) => string(out, &wrong.to_string()),
+    }
+}
+
+/// Appends the fields as an object.
+pub fn fields(out: &mut Vec<u8>, explained: &Explained) {
+    out.push(b'{');
+    let items: Vec<Item<'_>> = explained.items().collect();
+    for (at, item) in items.iter().enumerate() {
+        if items[..at].iter().any(|earlier| earlier.name == item.name) {
+            continue;
+        }
+        if at > 0 {
+            out.push(b',');
+        }
+        string(out, item.name);
+        out.push(b':');
+        let same = items[at..].iter().filter(|other| other.name == item.name);
+        if same.clone().count() == 1 {
+            value(out, &item.value);
+        } else {
+            list(out, same.map(|item| item.value), |out, item| value(out, &item));
+        }
+    }
+    out.push(b'}');
+}
+
+fn value(out: &mut Vec<u8>, item: &ItemValue<'_>) {
+    match *item {
+        ItemValue::Int(value) => number(out, value),
+        ItemValue::Hex(value, _) => number(out, value),
+        ItemValue::Real(value) if value.is_finite() => number(out, value),
+        ItemValue::Real(_) => out.extend_from_slice(b"null"),
+        ItemValue::Text(text) => string(out, text),
+        ItemValue::Words(words) => {
+            let words =
+                words.chunks(2).map(|w| w.iter().fold(0, |sum, b| sum << 8 | u32::from(*b)));
+            list(out, words, number);
+        }
+    }
+}
+
+fn list<T>(out: &mut Vec<u8>, items: impl Iterator<Item = T>, each: impl Fn(&mut Vec<u8>, T)) {
+    out.push(b'[');
+    for (at, item) in items.enumerate() {
+        if at > 0 {
+            out.push(b',');
+        }
+        each(out, item);
+    }
+    out.push(b']');
+}
+
+fn key(out: &mut Vec<u8>, name: &str) {
+    out.extend_from_slice(b",\"");
+    out.extend_from_slice(name.as_bytes());
+    out.extend_from_slice(b"\":");
+}
+
+fn number(out: &mut Vec<u8>, value: impl core::fmt::Display) {
+    // Writing into a Vec cannot fail.
+    let _ = write!(out, "{value}");
+}
+
+fn number_or_null(out: &mut Vec<u8>, value: Option<impl core::fmt::Display>) {
+    match value {
+        Some(value) => number(out, value),
+        None => out.extend_from_slice(b"null"),
+    }
+}
+
+fn string_or_null(out: &mut Vec<u8>, text: Option<&str>) {
+    match text {
+        Some(text) => string(out, text),
+        None => out.extend_from_slice(b"null"),
+    }
+}
+
+/// Appends a quoted JSON string.
+pub fn string(out: &mut Vec<u8>, text: &str) {
+    out.push(b'"');
+    escaped(out, text);
+    out.push(b'"');
+}
+
+fn escaped(out: &mut Vec<u8>, text: &str) {
+    for byte in text.bytes() {
+        match byte {
+            b'"' => out.extend_from_slice(b"\\\""),
+            b'\\' => out.extend_from_slice(b"\\\\"),
+            b'\n' => out.extend_from_slice(b"\\n"),
+            b'\r' => out.extend_from_slice(b"\\r"),
+            b'\t' => out.extend_from_slice(b"\\t"),
+            0..0x20 => number(out, format_args!("\\u{byte:04x}")),
+            _ => out.push(byte),
+        }
+    }
+}
+
+/// Appends bytes as hexadecimal digits without spaces.
+pub fn hex(out: &mut Vec<u8>, bytes: &[u8]) {
+    const DIGITS: &[u8; 16] = b"0123456789ABCDEF";
+    for byte in bytes {
+        out.push(DIGITS[usize::from(byte >> 4)]);
+        out.push(DIGITS[usize::from(byte & 0xF)]);
+    }
+}

@@ -1,0 +1,112 @@
+//! Which protocol is spoken where: `tmcl`, `canopen@2,thruster@11`, `modbus-rtu@ttyUSB0`.
+
+use polepair_core::explain::Dissector;
+use polepair_core::proto;
+
+/// One protocol, and where it holds.
+#[derive(Clone)]
+pub struct Rule {
+    /// The protocol.
+    pub dissector: &'static dyn Dissector,
+    /// Where it is spoken.
+    pub scope: Scope,
+}
+
+impl core::fmt::Debug for Rule {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{}@{:?}", self.dissector.name(), self.scope)
+    }
+}
+
+/// Where a rule holds.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Scope {
+    /// On every link.
+    Anywhere,
+    /// For frames of that axis, node or station.
+    Axis(u32),
+    /// On the link of that name.
+    Link(String),
+}
+
+/// Rules in the order in which they are tried. Without any, every protocol is possible.
+#[derive(Clone, Debug, Default)]
+pub struct Rules(pub Vec<Rule>);
+
+/// Why rules could not be read.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct RuleError {
+    /// The word that names no protocol.
+    pub word: String,
+    /// The known word nearest to it.
+    pub nearest: Option<&'static str>,
+}
+
+impl Rules {
+    /// Reads `PROTO[@ID],…`, where an ID is an axis number or a link's name.
+    ///
+    /// # Errors
+    /// [`RuleError`] when a word names no protocol.
+    pub fn parse(text: &str) -> Result<Self, RuleError> {
+        text.split(',').map(|rule| Rule::parse(rule.trim())).collect::<Result<_, _>>().map(Self)
+    }
+
+    /// What may be spoken on a link, in the order in which it is tried.
+    pub(crate) fn on(&self, link: &str) -> Vec<Rule> {
+        let holds = |rule: &&Rule| match &rule.scope {
+            Scope::Link(name) => name == link,
+            Scope::Axis(_) | Scope::Anywhere => true,
+        };
+        let mut rules: Vec<Rule> = self.0.iter().filter(holds).cloned().collect();
+        rules.sort_by_key(|rule| rule.scope == Scope::Anywhere);
+        rules
+    }
+}
+
+impl Rule {
+    fn parse(text: &str) -> Result<Self, RuleError> {
+        let (name, place) = text.split_once('@').map_or((text, None), |(n, p)| (n, Some(p)));
+        let dissector = proto::dissector(name).ok_or_else(|| RuleError {
+            word: name.to_owned(),
+            nearest: nearest(name, proto::dissectors().iter().map(|d| d.name())),
+        })?;
+        let scope = match place {
+            None => Scope::Anywhere,
+            Some(place) => number(place).map_or(Scope::Link(place.to_owned()), Scope::Axis),
+        };
+        Ok(Self { dissector, scope })
+    }
+}
+
+fn number(text: &str) -> Option<u32> {
+    match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
+        Some(digits) => u32::from_str_radix(digits, 16).ok(),
+        None => text.parse().ok(),
+    }
+}
+
+/// The word nearest to `word`, if any is near enough to be meant.
+pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let near = |known: &'a str| {
+        let distance = distance(&word.to_ascii_lowercase(), &known.to_ascii_lowercase());
+        let starts = known.starts_with(word) && word.len() > 1;
+        (starts || distance <= 1 + known.len() / 4).then_some((distance, known))
+    };
+    known.into_iter().filter_map(near).min_by_key(|(distance, _)| *distance).map(|(_, known)| known)
+}
+
+/// Levenshtein's distance: letters to insert, take out or change.
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, letter) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for j in 0..b.len() {
+            let change = diagonal + usize::from(letter != b[j]);
+            diagonal = row[j + 1];
+            row[j + 1] = change.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}

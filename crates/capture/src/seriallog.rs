@@ -1,0 +1,55 @@
+//! Serial logs: `> 01 01 00 00 00 00 01 5E 61` after the time stamp and the link.
+
+use polepair_core::explain::Direction;
+
+use crate::line::{BadLine, word};
+
+/// Reads direction and bytes. Without `>` or `<` the direction is not known.
+pub(crate) fn parse(rest: &[u8], bytes: &mut Vec<u8>) -> Result<Option<Direction>, BadLine> {
+    bytes.clear();
+    let (direction, digits) = match rest.first() {
+        Some(b'>') => (Some(Direction::ToDrive), &rest[1..]),
+        Some(b'<') => (Some(Direction::ToHost), &rest[1..]),
+        _ => (None, rest),
+    };
+    hex_words(digits, bytes)?;
+    if bytes.is_empty() {
+        return Err(BadLine("the line has no bytes"));
+    }
+    Ok(direction)
+}
+
+/// Reads bytes in hexadecimal, apart or together: `01 0A`, `010A`.
+pub(crate) fn hex_words(mut digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), BadLine> {
+    loop {
+        let (pair, rest) = word(digits);
+        if pair.is_empty() {
+            return Ok(());
+        }
+        hex_run(pair, bytes)?;
+        digits = rest;
+    }
+}
+
+/// Reads bytes in hexadecimal without spaces.
+pub(crate) fn hex_run(digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), BadLine> {
+    let pairs = digits.chunks_exact(2);
+    if !pairs.remainder().is_empty() {
+        return Err(BadLine("a byte has only one hexadecimal digit"));
+    }
+    for pair in pairs {
+        let (high, low) = (hex_digit(pair[0])?, hex_digit(pair[1])?);
+        bytes.push(high << 4 | low);
+    }
+    Ok(())
+}
+
+/// Value of one hexadecimal digit.
+pub(crate) const fn hex_digit(digit: u8) -> Result<u8, BadLine> {
+    match digit {
+        b'0'..=b'9' => Ok(digit - b'0'),
+        b'a'..=b'f' => Ok(digit - b'a' + 10),
+        b'A'..=b'F' => Ok(digit - b'A' + 10),
+        _ => Err(BadLine("expected bytes as hexadecimal digits")),
+    }
+}

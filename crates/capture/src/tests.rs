@@ -1,0 +1,153 @@
+//! Readers and writers, with lines as people's tools write them.
+
+use polepair_core::explain::Direction;
+
+use crate::{Data, Decoder, Line, Lines, Rules, Stamp, jsonl, nearest, parse, text};
+
+fn line<'a>(text: &'a str, scratch: &'a mut Vec<u8>) -> Line<'a> {
+    parse(text.as_bytes(), scratch).expect("readable").expect("not empty")
+}
+
+fn reason(text: &str) -> &'static str {
+    parse(text.as_bytes(), &mut Vec::new()).expect_err("damaged").0
+}
+
+fn rendered(capture: &str) -> (String, Vec<String>) {
+    let (mut out, mut decoder) = (Vec::new(), Decoder::new(Rules::default()));
+    decoder.feed(capture.as_bytes(), &mut |event| jsonl::write(event, &mut out));
+    decoder.finish(&mut |event| jsonl::write(event, &mut out));
+    let damaged = decoder.damaged().iter().map(ToString::to_string).collect();
+    (String::from_utf8(out).expect("text"), damaged)
+}
+
+#[test]
+fn serial_line() {
+    let mut scratch = Vec::new();
+    let line = line("(1700000000.000500) ttyUSB0 > 01 01 00 00 00 00 01 5E 61", &mut scratch);
+    assert_eq!(line.time, Some(Stamp(1_700_000_000_000_500_000)));
+    assert_eq!((line.link, line.direction), ("ttyUSB0", Some(Direction::ToDrive)));
+    assert_eq!(line.data, Data::Bytes(&[1, 1, 0, 0, 0, 0, 1, 0x5E, 0x61]));
+}
+
+#[test]
+fn serial_line_without_spaces_or_arrow_spaces() {
+    let mut scratch = Vec::new();
+    let line = line("(1.5) COM3 <02C736", &mut scratch);
+    assert_eq!(
+        (line.direction, line.data),
+        (Some(Direction::ToHost), Data::Bytes(&[2, 0xC7, 0x36]))
+    );
+}
+
+#[test]
+fn candump_lines() {
+    let mut scratch = Vec::new();
+    let Data::Frame(frame) = line("(1.0) can0 30B#5443000000000005", &mut scratch).data else {
+        panic!("a frame")
+    };
+    assert_eq!((frame.id, frame.extended, frame.len), (0x30B, false, 8));
+    assert_eq!(frame.bytes(), [0x54, 0x43, 0, 0, 0, 0, 0, 5]);
+    let Data::Frame(frame) = line("(1.0) can0 0400A05E#3412", &mut scratch).data else {
+        panic!("a frame")
+    };
+    assert_eq!((frame.id, frame.extended, frame.bytes()), (0x0400_A05E, true, &[0x34, 0x12][..]));
+    let Data::Frame(frame) = line("(1.0) can0 123#R4", &mut scratch).data else {
+        panic!("a frame")
+    };
+    assert_eq!((frame.remote, frame.len), (true, 4));
+    assert_eq!(line("(1.0) can0 123#11 T", &mut scratch).direction, Some(Direction::ToDrive));
+}
+
+#[test]
+fn data_alone_is_a_line_too() {
+    let mut scratch = Vec::new();
+    let bare = line("01 01 00 00 00 00 01 5E 61", &mut scratch);
+    assert_eq!((bare.time, bare.link), (None, "-"));
+    assert!(matches!(line("0400A05E#3412", &mut scratch).data, Data::Frame(_)));
+}
+
+#[test]
+fn damage_is_told_in_words() {
+    assert_eq!(reason("(yesterday) can0 123#11"), "the time stamp is not seconds with decimals");
+    assert_eq!(reason("(1.0 can0 123#11"), "the time stamp has no end");
+    assert_eq!(reason("(1.0) ttyUSB0 > 01 0"), "a byte has only one hexadecimal digit");
+    assert_eq!(reason("(1.0) ttyUSB0 >"), "the line has no bytes");
+    assert_eq!(reason("(1.0) can0 800#11"), "a CAN identifier of 3 digits is at most 7FF");
+    assert_eq!(
+        reason("(1.0) can0 12#11"),
+        "a CAN identifier has 3 digits, or 8 when it is extended"
+    );
+    assert_eq!(reason("(1.0) can0 123##111"), "CAN FD frames are not read");
+    assert_eq!(reason("(1.0) can0 123#112233445566778899"), "a CAN frame has at most 8 bytes");
+    assert_eq!(reason("hello"), "a byte has only one hexadecimal digit");
+}
+
+#[test]
+fn damaged_lines_are_named_by_number_and_the_rest_is_read() {
+    let (out, damaged) = rendered("(1.0) can0 123#11\nnonsense\n\n(2.0) can0 124#\n(3.0) can0 12");
+    assert_eq!(damaged, ["line 2: expected bytes as hexadecimal digits"]);
+    assert_eq!(out.lines().count(), 3, "{out}");
+}
+
+#[test]
+fn unknown_frames_are_objects_too() {
+    let (out, _) = rendered("(1700000000.000500) can0 30B#5443000000000005\n(1.0) COM3 < 01 0A\n");
+    let expected = concat!(
+        r#"{"time":1700000000.0005,"link":"can0","direction":null,"protocol":null,"#,
+        r#""bytes":"5443000000000005","id":779,"extended":false,"kind":null,"axis":null,"#,
+        r#""fields":{},"text":"","ok":true,"error":null}"#,
+        "\n",
+        r#"{"time":1.0,"link":"COM3","direction":"rx","protocol":null,"bytes":"010A","id":null,"#,
+        r#""extended":null,"kind":null,"axis":null,"fields":{},"text":"","ok":true,"error":null}"#,
+        "\n",
+    );
+    assert_eq!(out, expected);
+}
+
+#[test]
+fn text_is_aligned_and_plain_unless_coloured() {
+    let mut decoder = Decoder::new(Rules::default());
+    let (mut out, mut writer) = (Vec::new(), text::Text::new(text::Style::default()));
+    decoder.line(b"(10.5) ttyUSB0 > 01 02", &mut |event| writer.write(event, &mut out));
+    decoder.line(b"(10.75) can0 123#R", &mut |event| writer.write(event, &mut out));
+    let expected = "   0.000000  ttyUSB0 > ?  01 02                       \
+                    not a frame of any known protocol\n   \
+                    0.250000  can0      ?  123#R                       remote request\n";
+    assert_eq!(String::from_utf8(out).expect("text"), expected);
+}
+
+#[test]
+fn times_keep_their_digits() {
+    for (text, shown) in
+        [("0.1", "0.1"), ("1700000000.123456789", "1700000000.123456789"), ("7", "7.0")]
+    {
+        assert_eq!(Stamp::parse(text.as_bytes()).expect("a time").to_string(), shown);
+    }
+    assert_eq!(Stamp::parse(b"-1.0"), None);
+    assert_eq!(Stamp::parse(b""), None);
+}
+
+#[test]
+fn lines_are_the_same_however_the_capture_is_cut() {
+    let capture = b"one\n\ntwo\r\nthree";
+    for size in 1..capture.len() {
+        let (mut lines, mut found) = (Lines::default(), Vec::new());
+        let mut each = |number: u64, line: &[u8]| {
+            found.push((number, String::from_utf8_lossy(line.trim_ascii()).into_owned()));
+        };
+        capture.chunks(size).for_each(|piece| lines.feed(piece, &mut each));
+        lines.finish(&mut each);
+        let expected = [(1, "one"), (2, ""), (3, "two"), (4, "three")];
+        assert_eq!(found, expected.map(|(n, text)| (n, text.to_owned())), "pieces of {size}");
+    }
+}
+
+#[test]
+fn the_nearest_word_is_found_or_none() {
+    let words = ["tmcl", "modbus-rtu", "modbus-ascii"];
+    assert_eq!(nearest("tmlc", words), Some("tmcl"));
+    assert_eq!(nearest("modbus", words), Some("modbus-rtu"));
+    assert_eq!(nearest("ethercat", words), None);
+    let error = Rules::parse("no-such-protocol@3").expect_err("unknown");
+    assert_eq!(error.word, "no-such-protocol");
+}
