@@ -229,8 +229,7 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        let mut host = Toy::default();
-        host.registers = [0, 4096, 0, 1, 0, 0];
+        let host = Toy { registers: [0, 4096, 0, 1, 0, 0], ..Toy::default() };
         let driver: BoxedDriver<Ask, i64> = Box::new(ToyDriver);
         let mut lane = Lane::new(host, [driver]);
         lane.arm(AXIS, true);

@@ -1,0 +1,54 @@
+# Everything that a fresh machine needs Rust for and nothing else, but where a target says so.
+CARGO ?= cargo
+VENV := .venv
+PYTHON := $(VENV)/bin/python
+
+.PHONY: demo test check interop swarm soak bench docs clean
+
+## demo: the main job on simulated drives; HEADLESS=1 ends by itself
+demo:
+	$(CARGO) build --release --locked -p polepair-cli
+	target/release/polepair demo $(if $(HEADLESS),--headless)
+
+## test: all tests; installs what the foreign clients need
+test: check
+	$(CARGO) test --workspace --locked --quiet --doc
+	$(CARGO) xtask swarm --seeds 500
+	$(MAKE) --no-print-directory interop
+
+## check: format, lints, generated files, unit tests; under three minutes
+check:
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --workspace --all-targets --locked --quiet -- -D warnings
+	$(CARGO) xtask codegen --check
+	$(CARGO) xtask tidy
+	$(CARGO) test --workspace --locked --quiet --lib --bins --tests --examples
+
+## interop: foreign hosts against our drives, our hosts against foreign drives
+interop: $(VENV)/ready
+	$(CARGO) build --release --locked --quiet -p polepair-cli
+	$(CARGO) build --release --locked --quiet -p polepair --examples
+	$(PYTHON) -m pytest interop
+
+$(VENV)/ready: interop/requirements.txt interop/debian-packages.txt
+	interop/install-debian-packages
+	python3 -m venv $(VENV)
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check -r interop/requirements.txt
+	touch $@
+
+## swarm: seeded worlds of hosts, drives and faults; SEEDS=100000 for more
+swarm:
+	$(CARGO) run --release --quiet --package xtask -- swarm --seeds $(or $(SEEDS),8000)
+
+## soak: the long forms of what `make test` samples
+soak:
+	POLEPAIR_GARBAGE=1000000 $(CARGO) test --release --locked --quiet -p polepair-sim garbage -- --nocapture
+	$(MAKE) --no-print-directory swarm SEEDS=100000
+
+## bench: speed beside the targets
+bench:
+	$(CARGO) bench --locked -p polepair
+
+clean:
+	$(CARGO) clean
+	rm -rf $(VENV) interop/build

@@ -1,0 +1,93 @@
+"""Starts our simulated drives for programs that other people wrote."""
+
+import os
+import select
+import shutil
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+POLEPAIR = ROOT / "target" / "release" / "polepair"
+BUILD = Path(__file__).resolve().parent / "build"
+
+
+def start(*words):
+    """`polepair sim …` and the line it prints when it can be used."""
+    process = subprocess.Popen(
+        [POLEPAIR, "sim", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    ready, _, _ = select.select([process.stdout], [], [], 10)
+    line = process.stdout.readline() if ready else ""
+    if not line.startswith("ready "):
+        process.kill()
+        raise AssertionError(f"no ready line: {line!r} {process.communicate()[1]!r}")
+    return process, line.split()[1]
+
+
+def end(process):
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=5) == 0, process.stderr.read()
+
+
+@pytest.fixture
+def sim(tmp_path):
+    """A function that starts a drive on a pty and gives the path that a client opens."""
+    running = []
+
+    def drive(words):
+        path = tmp_path / f"pty{len(running)}"
+        process, _ = start(words, "--pty", str(path))
+        running.append(process)
+        assert path.is_symlink()
+        return str(path)
+
+    yield drive
+    for process in running:
+        end(process)
+
+
+def polepair(*words, check=True, timeout=30):
+    """One run of the command line: its standard output, split in lines."""
+    done = subprocess.run(
+        [POLEPAIR, *words], capture_output=True, text=True, timeout=timeout, check=False
+    )
+    if check:
+        assert done.returncode == 0, f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"
+    return done
+
+
+def until(condition, seconds=10, every=0.02):
+    """Waits for a condition, and says whether it came true."""
+    end_at = time.monotonic() + seconds
+    while time.monotonic() < end_at:
+        if condition():
+            return True
+        time.sleep(every)
+    return False
+
+
+def need(program):
+    """Skips where a program is not installed, and says so."""
+    if shutil.which(program) is None:
+        pytest.skip(f"{program} is not installed")
+
+
+def compiled(source, *libraries):
+    """A C program of this folder, compiled with pkg-config's flags."""
+    need("gcc")
+    need("pkg-config")
+    if subprocess.run(["pkg-config", "--exists", *libraries], check=False).returncode:
+        pytest.skip(f"{' '.join(libraries)} is not installed")
+    flags = subprocess.run(
+        ["pkg-config", "--cflags", "--libs", *libraries], capture_output=True, text=True, check=True
+    ).stdout.split()
+    BUILD.mkdir(exist_ok=True)
+    program = BUILD / Path(source).stem
+    here = Path(__file__).resolve().parent / source
+    if not program.exists() or os.stat(program).st_mtime < os.stat(here).st_mtime:
+        subprocess.run(["gcc", "-O2", "-Wall", str(here), "-o", str(program), *flags], check=True)
+    return str(program)
