@@ -1,1 +1,18 @@
-//! (being written)
+//! Simulated wires, faults and worlds under a virtual clock.
+//!
+//! A [`World`](world::World) holds [nodes](node::Node), drives and hosts, on
+//! [serial wires](serial_line::Serial) and CAN buses. It reads no clock, sleeps never, runs on one
+//! thread and is deterministic: whatever is random comes from a seed. The stations on its wires are
+//! the same objects that stand at real ones.
+#![forbid(unsafe_code)]
+
+mod can_bus;
+pub mod fault;
+pub mod node;
+mod queue;
+pub mod rack;
+pub mod random;
+pub mod serial_line;
+pub mod sim_link;
+mod uart;
+pub mod world;

@@ -1,0 +1,395 @@
+//! A serial wire: bytes take time, transmissions meet, and who hears what.
+//!
+//! What a station sends at once is a *transmission*. It travels as one chunk, delivered when its
+//! last byte has arrived, or as several where a fault cuts it. Every chunk carries a [`Label`] that
+//! no station sees: which transmission it belongs to, which one it answers, and whether the wire
+//! changed it. Checks compare what hosts believe with the labels.
+
+use polepair_core::medium::SerialLine;
+use polepair_core::time::Instant;
+
+use crate::fault::{Faults, Made};
+use crate::random::{History, Random};
+use crate::uart;
+
+/// How the stations on a serial wire hear each other.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Duplex {
+    /// RS-232, RS-422: one pair of wires for each direction. Drives hear the host only.
+    #[default]
+    Full,
+    /// RS-485: one pair for all. Who talks does not hear the others.
+    Half,
+}
+
+/// How a serial wire is built.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Serial {
+    /// Who hears whom.
+    pub duplex: Duplex,
+    /// Bytes take their time; false for what stands for a pty or TCP.
+    pub timed: bool,
+    /// The host's adapter hears its own bytes (half duplex).
+    pub echo: bool,
+}
+
+impl Serial {
+    /// RS-232 with byte timing.
+    pub const RS232: Self = Self { duplex: Duplex::Full, timed: true, echo: false };
+    /// RS-485 with byte timing, without echo.
+    pub const RS485: Self = Self { duplex: Duplex::Half, timed: true, echo: false };
+    /// A pty or TCP connection: no timing, no baud rate.
+    pub const UNTIMED: Self = Self { duplex: Duplex::Full, timed: false, echo: false };
+}
+
+/// What the world knows of a transmission and no station sees.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Label {
+    /// Number of the transmission; 0 for none.
+    pub tag: u32,
+    /// The transmission that its sender had last heard, 0 for none. For a drive's reply: the
+    /// request that it answers.
+    pub answers: u32,
+    /// Hash of the bytes that the sender meant.
+    pub content: u64,
+    /// Hash of the bytes that the sender of `answers` meant.
+    pub question: u64,
+    /// The wire changed it, or changed what it answers.
+    pub tainted: bool,
+}
+
+/// One end of a serial wire as the world sees it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plug {
+    /// The commanding end: drives answer it, and its adapter may echo.
+    pub(crate) head: bool,
+    /// Its own transmissions queue behind each other.
+    busy_until: Instant,
+    /// When it drove the wire last.
+    drove: (Instant, Instant),
+    /// What it sent last.
+    pub(crate) sent: Label,
+    /// What it heard last; tainted if anything was since it last sent.
+    pub(crate) heard: Label,
+    taint: bool,
+}
+
+/// Bytes under way.
+#[derive(Clone, Debug)]
+pub(crate) struct Chunk {
+    pub(crate) wire: usize,
+    pub(crate) from: usize,
+    start: Instant,
+    character_ns: u64,
+    line: SerialLine,
+    pub(crate) label: Label,
+    pub(crate) bytes: Vec<u8>,
+}
+
+impl Chunk {
+    fn end(&self) -> Instant {
+        self.start.plus_ns(self.bytes.len() as u64 * self.character_ns)
+    }
+
+    /// The bytes that were on the wire at some time within `from..until`.
+    fn during(&self, from: Instant, until: Instant) -> std::ops::Range<usize> {
+        if self.character_ns == 0 || until <= self.start || from >= self.end() {
+            return 0..0;
+        }
+        let first = from.since(self.start).as_nanos() as u64 / self.character_ns;
+        let last = (until.since(self.start).as_nanos() as u64).div_ceil(self.character_ns);
+        (first as usize).min(self.bytes.len())..(last as usize).min(self.bytes.len())
+    }
+}
+
+/// Chunks under way on all wires; the buffers are used again and again.
+#[derive(Debug, Default)]
+pub(crate) struct Air {
+    chunks: Vec<Chunk>,
+    free: Vec<usize>,
+}
+
+impl Air {
+    fn put(&mut self, template: &Chunk, bytes: &[u8]) -> usize {
+        let at = self.free.pop().unwrap_or_else(|| {
+            let bytes = Vec::with_capacity(bytes.len().max(16));
+            self.chunks.push(Chunk { bytes, ..template.clone() });
+            self.chunks.len() - 1
+        });
+        let chunk = &mut self.chunks[at];
+        let mut buffer = std::mem::take(&mut chunk.bytes);
+        buffer.clear();
+        buffer.extend_from_slice(bytes);
+        *chunk = Chunk { bytes: buffer, ..*template };
+        at
+    }
+
+    /// Takes a chunk's bytes out while it is being delivered.
+    pub(crate) fn take(&mut self, at: usize) -> Chunk {
+        let chunk = &mut self.chunks[at];
+        let bytes = std::mem::take(&mut chunk.bytes);
+        Chunk { bytes, ..*chunk }
+    }
+
+    /// Gives the buffer back.
+    pub(crate) fn give_back(&mut self, at: usize, chunk: Chunk) {
+        self.chunks[at].bytes = chunk.bytes;
+        self.free.push(at);
+    }
+}
+
+/// A serial wire.
+#[derive(Debug)]
+pub(crate) struct SerialWire {
+    pub(crate) set: Serial,
+    pub(crate) plugs: Vec<Plug>,
+    pub(crate) faults: Faults,
+    pub(crate) made: Made,
+    pub(crate) down: bool,
+    random: Random,
+    flying: Vec<usize>,
+    scratch: Vec<u8>,
+}
+
+impl SerialWire {
+    pub(crate) fn new(set: Serial, random: Random) -> Self {
+        Self {
+            set,
+            plugs: Vec::new(),
+            faults: Faults::NONE,
+            made: Made::default(),
+            down: false,
+            random,
+            flying: Vec::new(),
+            scratch: Vec::new(),
+        }
+    }
+
+    pub(crate) fn plug(&mut self, head: bool) -> usize {
+        let never = (Instant::ZERO, Instant::ZERO);
+        self.plugs.push(Plug {
+            head,
+            busy_until: Instant::ZERO,
+            drove: never,
+            sent: Label::default(),
+            heard: Label::default(),
+            taint: false,
+        });
+        self.plugs.len() - 1
+    }
+
+    /// Puts a transmission on the wire. `schedule` takes the instant and place of each chunk.
+    #[allow(clippy::too_many_arguments, reason = "the world's parts are lent one by one")]
+    pub(crate) fn transmit(
+        &mut self,
+        air: &mut Air,
+        now: Instant,
+        place: (usize, usize),
+        tag: u32,
+        line: SerialLine,
+        bytes: &[u8],
+        mut schedule: impl FnMut(Instant, usize),
+    ) {
+        let (wire, from) = place;
+        let label = self.label(from, tag, bytes);
+        let character_ns = if self.set.timed { line.characters_ns(1) } else { 0 };
+        let reply = !self.plugs[from].head;
+        let begin = now.max(self.plugs[from].busy_until).plus_ns(self.lateness(reply));
+        let mut chunk =
+            Chunk { wire, from, start: begin, character_ns, line, label, bytes: Vec::new() };
+        let mut meant = std::mem::take(&mut self.scratch);
+        meant.clear();
+        meant.extend_from_slice(bytes);
+        chunk.label.tainted |= self.spoil(&mut meant);
+        let lost = self.is_lost(reply);
+        let until = begin.plus_ns(bytes.len() as u64 * character_ns);
+        self.drive(from, begin, until, line);
+        if !lost {
+            self.cut(air, &mut chunk, &meant, &mut schedule);
+            if reply && self.random.chance(self.faults.duplicate) {
+                self.made.duplicated += 1;
+                chunk.start = chunk.start.plus_ns(self.random.below(3 * character_ns + 1));
+                self.cut(air, &mut chunk, &meant, &mut schedule);
+            }
+            self.plugs[from].busy_until = chunk.start.max(until);
+        }
+        self.scratch = meant;
+    }
+
+    /// Takes a chunk off the wire to deliver it.
+    pub(crate) fn land(&mut self, at: usize) {
+        self.flying.retain(|&flying| flying != at);
+    }
+
+    /// Whether plug `to` hears what plug `from` sends.
+    pub(crate) fn hears(&self, to: usize, from: usize) -> bool {
+        if to == from {
+            return self.set.echo && self.plugs[to].head;
+        }
+        self.set.duplex == Duplex::Half || self.plugs[to].head != self.plugs[from].head
+    }
+
+    /// What of `chunk` the station at plug `to`, set to `line`, hears, into `heard`. Returns
+    /// whether there was a framing error.
+    pub(crate) fn hear(
+        &mut self,
+        to: usize,
+        chunk: &Chunk,
+        line: SerialLine,
+        heard: &mut Vec<u8>,
+    ) -> bool {
+        heard.clear();
+        let plug = &self.plugs[to];
+        let line = match self.faults.host_baud {
+            0 => line,
+            baud if plug.head => SerialLine { baud, ..line },
+            _ => line,
+        };
+        let deaf = if self.set.duplex == Duplex::Half && to != chunk.from && !self.set.echo {
+            chunk.during(plug.drove.0, plug.drove.1)
+        } else {
+            0..0
+        };
+        let broken = if !self.set.timed || uart::compatible(chunk.line, line) {
+            heard.extend_from_slice(&chunk.bytes[..deaf.start]);
+            heard.extend_from_slice(&chunk.bytes[deaf.end..]);
+            !deaf.is_empty()
+        } else {
+            uart::resample(&chunk.bytes, chunk.line, line, heard)
+        };
+        let changed = *heard != chunk.bytes;
+        let plug = &mut self.plugs[to];
+        plug.taint |= changed || chunk.label.tainted;
+        plug.heard = Label { tainted: plug.taint, ..chunk.label };
+        broken
+    }
+
+    fn label(&mut self, from: usize, tag: u32, bytes: &[u8]) -> Label {
+        let mut content = History::default();
+        content.note_bytes(bytes);
+        let plug = &mut self.plugs[from];
+        let label = Label {
+            tag,
+            answers: plug.heard.tag,
+            content: content.value(),
+            question: plug.heard.content,
+            tainted: !plug.head && plug.taint,
+        };
+        plug.taint = false;
+        plug.sent = label;
+        label
+    }
+
+    fn lateness(&mut self, reply: bool) -> u64 {
+        if !reply || !self.random.chance(self.faults.late) {
+            return 0;
+        }
+        self.made.late += 1;
+        self.faults.lateness_ns(&mut self.random)
+    }
+
+    fn is_lost(&mut self, reply: bool) -> bool {
+        let chance = if reply { self.faults.lose_reply } else { self.faults.lose_request };
+        let lost = self.random.chance(chance);
+        let count = if reply { &mut self.made.replies_lost } else { &mut self.made.requests_lost };
+        *count += u64::from(lost);
+        lost || self.down
+    }
+
+    /// Changes, truncates or overlays the bytes as the faults will. Returns whether it did.
+    fn spoil(&mut self, bytes: &mut Vec<u8>) -> bool {
+        let made = self.faults.spoil(&mut self.random, bytes);
+        self.made.bytes += made;
+        let mut changed = made > 0;
+        if self.random.chance(self.faults.truncate) {
+            bytes.truncate(self.random.below(bytes.len() as u64) as usize);
+            self.made.truncated += 1;
+            changed = true;
+        }
+        if self.random.chance(self.faults.collide) {
+            let first = self.random.below(bytes.len() as u64) as usize;
+            bytes[first..].iter_mut().for_each(|byte| *byte &= self.random.byte());
+            self.made.collided += 1;
+            changed = true;
+        }
+        changed
+    }
+
+    fn drive(&mut self, from: usize, begin: Instant, until: Instant, line: SerialLine) {
+        let bit_ns = line.characters_ns(1) / u64::from(line.bits_per_character());
+        let plug = &mut self.plugs[from];
+        let late = if plug.head { u64::from(self.faults.release_late_bits) * bit_ns } else { 0 };
+        plug.drove = (begin, until.plus_ns(late));
+        plug.busy_until = until;
+    }
+
+    /// Sends `bytes` as chunks from `chunk.start` on, and leaves there when the last one ends.
+    fn cut(
+        &mut self,
+        air: &mut Air,
+        chunk: &mut Chunk,
+        bytes: &[u8],
+        schedule: &mut impl FnMut(Instant, usize),
+    ) {
+        let cutting = self.random.chance(self.faults.chunk);
+        self.made.chunked += u64::from(cutting);
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let len = if cutting {
+                1 + self.random.below(rest.len() as u64) as usize
+            } else {
+                rest.len()
+            };
+            let (piece, after) = rest.split_at(len);
+            self.fly(air, chunk, piece, schedule);
+            rest = after;
+            chunk.start = chunk.start.plus_ns(len as u64 * chunk.character_ns);
+            if cutting && !rest.is_empty() {
+                let gap = u64::from(self.faults.chunk_gap_us) * 1_000;
+                chunk.start = chunk.start.plus_ns(self.random.below(gap + 1));
+            }
+        }
+    }
+
+    fn fly(
+        &mut self,
+        air: &mut Air,
+        template: &Chunk,
+        bytes: &[u8],
+        schedule: &mut impl FnMut(Instant, usize),
+    ) {
+        let at = air.put(template, bytes);
+        for other in 0..self.flying.len() {
+            self.meet(air, at, self.flying[other]);
+        }
+        self.flying.push(at);
+        schedule(self.arrival(air.chunks[at].end(), template.from), at);
+    }
+
+    /// When a chunk that ends at `end` is handed over: at once, or when the adapter next looks.
+    fn arrival(&self, end: Instant, from: usize) -> Instant {
+        let period = u64::from(self.faults.latency_ms) * 1_000_000;
+        if period == 0 || self.plugs[from].head {
+            return end;
+        }
+        Instant(end.0.div_ceil(period) * period)
+    }
+
+    /// Garbles what two chunks have in common, if they share a pair of wires at the same time.
+    fn meet(&mut self, air: &mut Air, a: usize, b: usize) {
+        let (one, two) = (&air.chunks[a], &air.chunks[b]);
+        let same_pair = self.set.duplex == Duplex::Half
+            || self.plugs[one.from].head == self.plugs[two.from].head;
+        let overlap = (one.start.max(two.start), one.end().min(two.end()));
+        if one.from == two.from || !same_pair || overlap.0 >= overlap.1 {
+            return;
+        }
+        self.made.collided += 1;
+        for at in [a, b] {
+            let chunk = &mut air.chunks[at];
+            let range = chunk.during(overlap.0, overlap.1);
+            chunk.bytes[range].iter_mut().for_each(|byte| *byte &= self.random.byte());
+            chunk.label.tainted = true;
+        }
+    }
+}

@@ -1,0 +1,545 @@
+//! Drives, hosts and wires under one virtual clock.
+//!
+//! A world advances from event to event: bytes arrive, a station's time has come. It never waits
+//! and never asks for the time, so that it goes as fast as the processor does, or, with a caller
+//! who sleeps until [`World::next_event`], as fast as real motors. Equal seeds give equal histories,
+//! which [`World::history`] proves.
+//!
+//! ```
+//! use polepair_core::time::Instant;
+//! use polepair_sim::{serial_line::Serial, world::World};
+//! let mut world = World::new(1);
+//! let wire = world.serial(Serial::RS485);
+//! let end = world.open(wire);
+//! world.send(end, Instant::ZERO, &[1, 2, 3]);
+//! world.run_until(Instant::ZERO.plus_ms(10));
+//! assert_eq!(world.now(), Instant::ZERO.plus_ms(10));
+//! ```
+
+use std::collections::VecDeque;
+
+use polepair_core::medium::{CanLine, Frame, STREAM_UNIT_MAX, SerialLine};
+use polepair_core::station::LineEvent;
+use polepair_core::time::Instant;
+
+use crate::can_bus::CanBus;
+use crate::fault::{Faults, Made};
+use crate::node::Node;
+use crate::queue::Queue;
+use crate::random::{History, Random};
+use crate::serial_line::{Air, Label, Serial, SerialWire};
+
+/// Transmissions that one station may make in answer to one event.
+const TRANSMISSIONS_MAX: usize = 64;
+/// Events that may happen at one instant before the clock is pushed on by a microsecond.
+const SAME_INSTANT_MAX: u32 = 10_000;
+/// Bytes that wait at an outside end; what comes beyond is dropped and counted.
+const INBOX_MAX: usize = 1 << 20;
+
+/// A node of a world.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct NodeId(usize);
+
+/// A wire of a world.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct WireId(usize);
+
+/// An end of a wire that is held outside of the world: by a link, a pty, a test.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct EndId(usize);
+
+/// What the last step did.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Happening {
+    /// A node's time came.
+    Time(NodeId),
+    /// Something arrived at the other ends of a wire.
+    Arrival(WireId),
+    /// Nothing: an appointment that was moved meanwhile.
+    Nothing,
+}
+
+/// What the world knows about one end of a serial wire and its station does not: see [`Label`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Knowledge {
+    /// What it sent last.
+    pub sent: Label,
+    /// What it heard last.
+    pub heard: Label,
+}
+
+/// Drives, hosts and wires under one virtual clock.
+pub struct World {
+    now: Instant,
+    queue: Queue<Due>,
+    nodes: Vec<Slot>,
+    wires: Vec<Wire>,
+    ends: Vec<Outside>,
+    air: Air,
+    random: Random,
+    history: History,
+    events: u64,
+    same_instant: u32,
+    tags: u32,
+    buffer: Vec<u8>,
+    heard: Vec<u8>,
+}
+
+impl std::fmt::Debug for World {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (nodes, wires) = (self.nodes.len(), self.wires.len());
+        write!(f, "World {{ now: {:?}, nodes: {nodes}, wires: {wires} }}", self.now)
+    }
+}
+
+impl World {
+    /// An empty world. Whatever is random in it comes from `seed`.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self {
+            now: Instant::ZERO,
+            queue: Queue::new(),
+            nodes: Vec::new(),
+            wires: Vec::new(),
+            ends: Vec::new(),
+            air: Air::default(),
+            random: Random::new(seed),
+            history: History::default(),
+            events: 0,
+            same_instant: 0,
+            tags: 0,
+            buffer: vec![0; STREAM_UNIT_MAX],
+            heard: Vec::with_capacity(STREAM_UNIT_MAX),
+        }
+    }
+
+    /// The world's time.
+    #[must_use]
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Events so far.
+    #[must_use]
+    pub const fn events(&self) -> u64 {
+        self.events
+    }
+
+    /// A hash over everything that happened: equal for equal seeds, on every platform.
+    #[must_use]
+    pub const fn history(&self) -> u64 {
+        self.history.value()
+    }
+
+    /// Adds a serial wire.
+    pub fn serial(&mut self, set: Serial) -> WireId {
+        let random = self.random.fork();
+        self.wires
+            .push(Wire { plugs: Vec::new(), kind: Kind::Serial(SerialWire::new(set, random)) });
+        WireId(self.wires.len() - 1)
+    }
+
+    /// Adds a CAN bus.
+    pub fn can(&mut self, line: CanLine) -> WireId {
+        self.wires.push(Wire { plugs: Vec::new(), kind: Kind::Can(CanBus::new(line)) });
+        WireId(self.wires.len() - 1)
+    }
+
+    /// Adds a node, on no wire yet.
+    pub fn add(&mut self, node: Box<dyn Node>) -> NodeId {
+        self.nodes.push(Slot { node, plugs: Vec::new(), armed: Instant::FAR });
+        let id = NodeId(self.nodes.len() - 1);
+        self.arm(id.0);
+        id
+    }
+
+    /// Plugs the host's end of `wire` into a node's port. On RS-232 everybody else hears the host
+    /// only; an echoing adapter is the host's.
+    pub fn plug_host(&mut self, wire: WireId, node: NodeId, port: u8) {
+        self.plug(wire, Party::Node(node.0, port), true);
+    }
+
+    /// Plugs a drive's port into `wire`.
+    pub fn plug_drive(&mut self, wire: WireId, node: NodeId, port: u8) {
+        self.plug(wire, Party::Node(node.0, port), false);
+    }
+
+    /// Takes the host's end of `wire` out of the world.
+    pub fn open(&mut self, wire: WireId) -> EndId {
+        self.ends.push(Outside::default());
+        let end = self.ends.len() - 1;
+        let plug = self.plug(wire, Party::Outside(end), true);
+        self.ends[end].place = (wire.0, plug);
+        EndId(end)
+    }
+
+    /// The faults of a serial wire, to be changed at any time. `None` for a CAN bus.
+    pub fn faults(&mut self, wire: WireId) -> Option<&mut Faults> {
+        self.serial_wire(wire).map(|serial| &mut serial.faults)
+    }
+
+    /// The faults made so far on a serial wire.
+    #[must_use]
+    pub fn made(&self, wire: WireId) -> Made {
+        match &self.wires[wire.0].kind {
+            Kind::Serial(serial) => serial.made,
+            Kind::Can(_) => Made::default(),
+        }
+    }
+
+    /// What the world knows about a node's place on a serial wire.
+    #[must_use]
+    pub fn knowledge(&self, wire: WireId, node: NodeId) -> Knowledge {
+        let wire = &self.wires[wire.0];
+        let at = wire.plugs.iter().position(|p| matches!(p, Party::Node(n, _) if *n == node.0));
+        match (&wire.kind, at) {
+            (Kind::Serial(serial), Some(at)) => {
+                Knowledge { sent: serial.plugs[at].sent, heard: serial.plugs[at].heard }
+            }
+            _ => Knowledge::default(),
+        }
+    }
+
+    /// Cuts a wire or joins it again, and tells every station on it.
+    pub fn cut(&mut self, wire: WireId, down: bool) {
+        match &mut self.wires[wire.0].kind {
+            Kind::Serial(serial) => serial.down = down,
+            Kind::Can(bus) => bus.down = down,
+        }
+        self.tell(wire.0, if down { LineEvent::Down } else { LineEvent::Up });
+    }
+
+    /// Lends a node to `f`, for commands, acts and looks, and then lets the node speak.
+    pub fn with<R>(&mut self, node: NodeId, f: impl FnOnce(&mut dyn Node, Instant) -> R) -> R {
+        let result = f(&mut *self.nodes[node.0].node, self.now);
+        self.drain(node.0);
+        result
+    }
+
+    /// When something happens next.
+    #[must_use]
+    pub fn next_event(&self) -> Option<Instant> {
+        self.queue.next_at()
+    }
+
+    /// Goes on to the next event. `None` when nothing will ever happen again.
+    pub fn step(&mut self) -> Option<Happening> {
+        let (at, due) = self.queue.pop()?;
+        self.pass(at);
+        Some(self.happen(due))
+    }
+
+    /// Goes on to `until`, through every event up to and including that instant.
+    pub fn run_until(&mut self, until: Instant) {
+        while self.next_event().is_some_and(|at| at <= until) {
+            self.step();
+        }
+        self.now = self.now.max(until);
+    }
+
+    /// How the holder of an outside end drives the wire.
+    pub fn set_line(&mut self, end: EndId, line: SerialLine) {
+        self.ends[end.0].line = line;
+    }
+
+    /// Sends from an outside end at `now`, or at the world's time if that is later.
+    pub fn send(&mut self, end: EndId, now: Instant, bytes: &[u8]) {
+        self.run_until(now);
+        let (place, line) = (self.ends[end.0].place, self.ends[end.0].line);
+        for unit in bytes.chunks(STREAM_UNIT_MAX) {
+            self.transmit(place, line, unit);
+        }
+    }
+
+    /// Takes what arrived at an outside end into `buffer`: the number of bytes and when the last of
+    /// them arrived. What one call returns arrived at one instant; `None` when nothing waits.
+    pub fn receive(&mut self, end: EndId, buffer: &mut [u8]) -> Option<(Instant, usize)> {
+        self.ends[end.0].take(buffer)
+    }
+
+    /// Whether something waits at an outside end.
+    #[must_use]
+    pub fn has_mail(&self, end: EndId) -> bool {
+        !self.ends[end.0].arrivals.is_empty()
+    }
+
+    /// Bytes that were dropped because nobody took them from an outside end.
+    #[must_use]
+    pub fn dropped(&self, end: EndId) -> u64 {
+        self.ends[end.0].dropped
+    }
+}
+
+/// What is scheduled.
+#[derive(Clone, Copy, Debug)]
+enum Due {
+    Time(usize),
+    Chunk(usize),
+    Frame(usize),
+}
+
+struct Slot {
+    node: Box<dyn Node>,
+    plugs: Vec<(usize, usize, u8)>,
+    /// The earliest appointment in the queue; those that it overtook are void.
+    armed: Instant,
+}
+
+struct Wire {
+    plugs: Vec<Party>,
+    kind: Kind,
+}
+
+enum Kind {
+    Serial(SerialWire),
+    Can(CanBus),
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Party {
+    Node(usize, u8),
+    Outside(usize),
+}
+
+struct Outside {
+    place: (usize, usize),
+    line: SerialLine,
+    arrivals: VecDeque<(Instant, usize)>,
+    bytes: VecDeque<u8>,
+    dropped: u64,
+}
+
+impl Default for Outside {
+    fn default() -> Self {
+        Self {
+            place: (0, 0),
+            line: SerialLine::n81(0),
+            arrivals: VecDeque::new(),
+            bytes: VecDeque::new(),
+            dropped: 0,
+        }
+    }
+}
+
+impl Outside {
+    fn put(&mut self, now: Instant, bytes: &[u8]) {
+        if bytes.is_empty() || self.bytes.len() + bytes.len() > INBOX_MAX {
+            self.dropped += bytes.len() as u64;
+            return;
+        }
+        self.bytes.extend(bytes);
+        match self.arrivals.back_mut() {
+            Some((at, len)) if *at == now => *len += bytes.len(),
+            _ => self.arrivals.push_back((now, bytes.len())),
+        }
+    }
+
+    fn take(&mut self, buffer: &mut [u8]) -> Option<(Instant, usize)> {
+        let (at, waiting) = self.arrivals.front_mut()?;
+        let (at, count) = (*at, buffer.len().min(*waiting));
+        *waiting -= count;
+        if *waiting == 0 {
+            self.arrivals.pop_front();
+        }
+        buffer.iter_mut().zip(self.bytes.drain(..count)).for_each(|(to, byte)| *to = byte);
+        Some((at, count))
+    }
+}
+
+impl World {
+    fn serial_wire(&mut self, wire: WireId) -> Option<&mut SerialWire> {
+        match &mut self.wires[wire.0].kind {
+            Kind::Serial(serial) => Some(serial),
+            Kind::Can(_) => None,
+        }
+    }
+
+    fn plug(&mut self, wire: WireId, party: Party, head: bool) -> usize {
+        let at = match &mut self.wires[wire.0].kind {
+            Kind::Serial(serial) => serial.plug(head),
+            Kind::Can(bus) => bus.plug(),
+        };
+        self.wires[wire.0].plugs.push(party);
+        if let Party::Node(node, port) = party {
+            self.nodes[node].plugs.push((wire.0, at, port));
+            self.drain(node);
+        }
+        at
+    }
+
+    fn pass(&mut self, at: Instant) {
+        self.same_instant = if at > self.now { 0 } else { self.same_instant + 1 };
+        self.now = self.now.max(at);
+        self.events += 1;
+        self.history.note(self.now.0);
+    }
+
+    fn happen(&mut self, due: Due) -> Happening {
+        match due {
+            Due::Time(node) => self.time_came(node),
+            Due::Chunk(at) => self.chunk_arrives(at),
+            Due::Frame(wire) => self.frame_arrives(wire),
+        }
+    }
+
+    fn time_came(&mut self, node: usize) -> Happening {
+        let slot = &mut self.nodes[node];
+        if slot.armed != self.now {
+            return Happening::Nothing;
+        }
+        slot.armed = Instant::FAR;
+        if slot.node.poll_timeout().is_some_and(|at| at <= self.now) {
+            slot.node.handle_timeout(self.now);
+            self.drain(node);
+        } else {
+            self.arm(node);
+        }
+        Happening::Time(NodeId(node))
+    }
+
+    fn chunk_arrives(&mut self, at: usize) -> Happening {
+        let chunk = self.air.take(at);
+        self.history.note_bytes(&chunk.bytes);
+        for to in 0..self.wires[chunk.wire].plugs.len() {
+            let party = self.wires[chunk.wire].plugs[to];
+            let Kind::Serial(serial) = &mut self.wires[chunk.wire].kind else { continue };
+            serial.land(at);
+            if serial.down || !serial.hears(to, chunk.from) {
+                continue;
+            }
+            let line = match party {
+                Party::Outside(end) => self.ends[end].line,
+                Party::Node(node, port) => match self.nodes[node].node.stream(port) {
+                    Some(station) => station.line(),
+                    None => continue,
+                },
+            };
+            let broken = serial.hear(to, &chunk, line, &mut self.heard);
+            self.hand_over(party, broken);
+        }
+        let wire = chunk.wire;
+        self.air.give_back(at, chunk);
+        Happening::Arrival(WireId(wire))
+    }
+
+    /// Gives what was heard to whom it concerns.
+    fn hand_over(&mut self, party: Party, broken: bool) {
+        let (node, port) = match party {
+            Party::Outside(end) => return self.ends[end].put(self.now, &self.heard),
+            Party::Node(node, port) => (node, port),
+        };
+        if let Some(station) = self.nodes[node].node.stream(port) {
+            if broken {
+                station.handle_line(self.now, LineEvent::Break);
+            }
+            if !self.heard.is_empty() {
+                station.handle_input(self.now, &self.heard);
+            }
+        }
+        self.drain(node);
+    }
+
+    fn frame_arrives(&mut self, wire: usize) -> Happening {
+        let Kind::Can(bus) = &mut self.wires[wire].kind else { return Happening::Nothing };
+        let (ended, down) = (bus.finish(), bus.down);
+        if let Some((from, frame)) = ended {
+            self.history.note(u64::from(frame.id));
+            self.history.note_bytes(frame.bytes());
+            for to in 0..self.wires[wire].plugs.len() {
+                if let Party::Node(node, port) = self.wires[wire].plugs[to] {
+                    if to != from && !down {
+                        self.hand_frame(node, port, &frame);
+                    }
+                    self.drain(node);
+                }
+            }
+        }
+        self.start_frame(wire);
+        Happening::Arrival(WireId(wire))
+    }
+
+    fn hand_frame(&mut self, node: usize, port: u8, frame: &Frame) {
+        if let Some(station) = self.nodes[node].node.can(port) {
+            station.handle_input(self.now, frame);
+        }
+    }
+
+    fn start_frame(&mut self, wire: usize) {
+        let Kind::Can(bus) = &mut self.wires[wire].kind else { return };
+        if let Some(end) = bus.start(self.now) {
+            self.queue.push(end, Due::Frame(wire));
+        }
+    }
+
+    fn tell(&mut self, wire: usize, event: LineEvent) {
+        for at in 0..self.wires[wire].plugs.len() {
+            let Party::Node(node, port) = self.wires[wire].plugs[at] else { continue };
+            let slot = &mut self.nodes[node].node;
+            match (&self.wires[wire].kind, self.now) {
+                (Kind::Serial(_), now) => {
+                    slot.stream(port).into_iter().for_each(|s| s.handle_line(now, event));
+                }
+                (Kind::Can(_), now) => {
+                    slot.can(port).into_iter().for_each(|s| s.handle_line(now, event));
+                }
+            }
+            self.drain(node);
+        }
+    }
+
+    /// Lets a node speak on all its wires, then notes when it next wants time.
+    fn drain(&mut self, node: usize) {
+        for at in 0..self.nodes[node].plugs.len() {
+            let (wire, plug, port) = self.nodes[node].plugs[at];
+            match self.wires[wire].kind {
+                Kind::Serial(_) => self.drain_serial(node, port, (wire, plug)),
+                Kind::Can(_) => self.drain_can(node, port, (wire, plug)),
+            }
+        }
+        self.arm(node);
+    }
+
+    fn drain_serial(&mut self, node: usize, port: u8, place: (usize, usize)) {
+        let mut buffer = std::mem::take(&mut self.buffer);
+        for _ in 0..TRANSMISSIONS_MAX {
+            let Some(station) = self.nodes[node].node.stream(port) else { break };
+            let Some(len) = station.poll_transmit(self.now, &mut buffer) else { break };
+            let line = station.line();
+            self.transmit(place, line, &buffer[..len]);
+        }
+        self.buffer = buffer;
+    }
+
+    fn drain_can(&mut self, node: usize, port: u8, (wire, plug): (usize, usize)) {
+        let Kind::Can(bus) = &mut self.wires[wire].kind else { return };
+        let mut frame = Frame::default();
+        if !bus.has_room(plug) {
+            return;
+        }
+        let Some(station) = self.nodes[node].node.can(port) else { return };
+        if station.poll_transmit(self.now, &mut frame).is_some() {
+            bus.offer(plug, frame);
+            self.start_frame(wire);
+        }
+    }
+
+    fn transmit(&mut self, place: (usize, usize), line: SerialLine, bytes: &[u8]) {
+        let Kind::Serial(serial) = &mut self.wires[place.0].kind else { return };
+        self.tags = self.tags.wrapping_add(1);
+        let (tag, queue) = (self.tags, &mut self.queue);
+        let schedule = |at, chunk| queue.push(at, Due::Chunk(chunk));
+        serial.transmit(&mut self.air, self.now, place, tag, line, bytes, schedule);
+    }
+
+    fn arm(&mut self, node: usize) {
+        let slot = &mut self.nodes[node];
+        let Some(wanted) = slot.node.poll_timeout() else { return };
+        let soonest =
+            if self.same_instant < SAME_INSTANT_MAX { self.now } else { self.now.plus_ns(1_000) };
+        let at = wanted.max(soonest);
+        if at < slot.armed {
+            slot.armed = at;
+            self.queue.push(at, Due::Time(node));
+        }
+    }
+}
