@@ -14,5 +14,7 @@ pub mod rack;
 pub mod random;
 pub mod serial_line;
 pub mod sim_link;
+#[cfg(test)]
+mod tests;
 mod uart;
 pub mod world;

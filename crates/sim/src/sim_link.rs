@@ -13,6 +13,7 @@ use crate::world::{EndId, WireId, World};
 #[derive(Debug)]
 pub struct SimLink {
     world: World,
+    wire: WireId,
     end: EndId,
 }
 
@@ -21,7 +22,13 @@ impl SimLink {
     #[must_use]
     pub fn new(mut world: World, wire: WireId) -> Self {
         let end = world.open(wire);
-        Self { world, end }
+        Self { world, wire, end }
+    }
+
+    /// The wire that this is an end of.
+    #[must_use]
+    pub const fn wire(&self) -> WireId {
+        self.wire
     }
 
     /// The world's time.
