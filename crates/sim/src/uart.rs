@@ -54,7 +54,7 @@ fn received(character: u32, line: SerialLine) -> Option<u8> {
     let after = character >> (1 + line.data_bits);
     let (parity_right, stop) = match line.parity {
         Parity::None => (true, after & 1),
-        Parity::Even => ((data.count_ones() + (after & 1)) % 2 == 0, (after >> 1) & 1),
+        Parity::Even => ((data.count_ones() + (after & 1)).is_multiple_of(2), (after >> 1) & 1),
         Parity::Odd => ((data.count_ones() + (after & 1)) % 2 == 1, (after >> 1) & 1),
     };
     (character & 1 == 0 && stop == 1 && parity_right).then_some(data as u8)
@@ -96,7 +96,7 @@ impl Wave<'_> {
     fn falling_edge(&self, from: u64, end: u64) -> Option<u64> {
         let bit = self.bit_ns();
         let mut before = from == 0 || self.level(from);
-        let mut at = if from % bit == 0 { from } else { from - from % bit + bit };
+        let mut at = if from.is_multiple_of(bit) { from } else { from - from % bit + bit };
         while at < end {
             let level = self.level(at + bit / 2);
             if before && !level {
