@@ -27,6 +27,7 @@ mod candump;
 mod conversation;
 mod decoder;
 mod explained;
+mod follow;
 pub mod jsonl;
 mod judge;
 mod line;
@@ -38,6 +39,7 @@ pub mod text;
 
 pub use decoder::{Damage, Decoder, Event, Wrong};
 pub use explained::{Explained, Item, ItemValue};
+pub use follow::{Follow, Next};
 pub use judge::{Judge, Verdict};
 pub use line::{BadLine, Data, Line, Lines, parse};
 pub use rules::{Rule, RuleError, Rules, Scope, nearest};

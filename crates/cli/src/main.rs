@@ -1,2 +1,33 @@
-//! The polepair command line.
-fn main() {}
+//! The polepair command line. No protocol is named here: what a drive speaks is known by the library.
+#![forbid(unsafe_code)]
+
+mod cmd;
+mod problem;
+mod terminal;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+
+fn main() -> ExitCode {
+    let arguments = match cmd::Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return usage(&error),
+    };
+    match cmd::run(arguments.verb) {
+        Ok(exit) => ExitCode::from(exit as u8),
+        Err(problem) => {
+            if !problem.what.is_empty() {
+                eprint!("{}", problem.render(terminal::colour_err()));
+            }
+            ExitCode::from(problem.exit as u8)
+        }
+    }
+}
+
+/// Help and version go to stdout and are no error; everything else is.
+fn usage(error: &clap::Error) -> ExitCode {
+    // A reader that went away is nothing to report.
+    let _ = error.print();
+    ExitCode::from(if error.use_stderr() { problem::Exit::Usage } else { problem::Exit::Ok } as u8)
+}

@@ -1,0 +1,215 @@
+//! `polepair decode FILE|- [--as PROTO[@ID],…] [--format text|jsonl] [-o OUT]`
+
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use polepair_capture::{Decoder, Event, Follow, Judge, Next, Rules, Verdict, jsonl, text};
+
+use crate::problem::{self, Exit, Problem, Result};
+use crate::terminal::{self, Output, say};
+
+/// A capture on stdin that pauses so long is judged by what came so far, and followed from there.
+const PAUSE: Duration = Duration::from_millis(700);
+/// Bytes of a capture on stdin that are gathered for the judgement.
+const GATHER_MAX: usize = 1 << 28;
+const PIECE: usize = 1 << 18;
+
+/// Explains every frame of a capture.
+///
+/// Reads candump logs and serial logs, from a file or from stdin. Without --as the whole capture is
+/// weighed against every protocol, and the verdict goes to stderr.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+A capture has one line for each CAN frame, or for each run of serial bytes:
+  (1700000000.000500) can0 30B#5443000000000005
+  (1700000000.000500) ttyUSB0 > 01 01 00 00 00 00 01 5E 61     > host to drive, < drive to host
+
+Examples:
+  polepair decode capture.log
+  polepair decode capture.log --as tmcl --format jsonl -o frames.jsonl
+  tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
+pub struct Decode {
+    /// The capture; - for stdin
+    #[arg(value_name = "FILE|-")]
+    source: PathBuf,
+    /// Protocol, of everything, or @ an axis number or a link; several with commas
+    #[arg(long = "as", value_name = "PROTO[@ID],…")]
+    rules: Option<String>,
+    /// How frames are written [default: text, or jsonl if OUT ends so]
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// Write to a file instead of stdout
+    #[arg(short, long = "out", value_name = "OUT")]
+    out: Option<PathBuf>,
+}
+
+/// How frames are written.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum Format {
+    /// One aligned line a frame
+    Text,
+    /// One JSON object a frame
+    Jsonl,
+}
+
+impl Decode {
+    pub fn run(self) -> Result {
+        let rules = self.rules.as_deref().map(rules).transpose()?;
+        let mut writer = Writer::new(self.format(), self.out.as_deref())?;
+        let decoder = if self.source.as_os_str() == "-" {
+            follow(rules, &mut writer)?
+        } else {
+            file(&self.source, rules, &mut writer)?
+        };
+        report(&decoder)
+    }
+
+    fn format(&self) -> Format {
+        let jsonl = |out: &PathBuf| out.extension().is_some_and(|end| end == "jsonl");
+        let by_name = self.out.as_ref().filter(|out| jsonl(out)).map(|_| Format::Jsonl);
+        self.format.or(by_name).unwrap_or(Format::Text)
+    }
+}
+
+fn rules(text: &str) -> Result<Rules> {
+    Rules::parse(text).map_err(|error| problem::no_such_protocol(&error.word))
+}
+
+/// Decodes a file: once through to judge it, once to explain it.
+fn file(path: &Path, rules: Option<Rules>, writer: &mut Writer) -> Result<Decoder> {
+    let mut decoder = match rules {
+        Some(rules) => Decoder::new(rules),
+        None => {
+            let mut judge = Judge::new();
+            pieces(path, &mut |piece| {
+                judge.feed(piece);
+                Ok(())
+            })?;
+            judged(judge)
+        }
+    };
+    pieces(path, &mut |piece| {
+        decoder.feed(piece, &mut |event| writer.write(event));
+        writer.out.spill()
+    })?;
+    decoder.finish(&mut |event| writer.write(event));
+    writer.out.flush()?;
+    Ok(decoder)
+}
+
+fn pieces(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    let failed = |error| problem::file(path, "read", &error);
+    let mut file = std::fs::File::open(path).map_err(failed)?;
+    let mut buffer = vec![0; PIECE];
+    loop {
+        match file.read(&mut buffer).map_err(failed)? {
+            0 => return Ok(()),
+            count => each(&buffer[..count])?,
+        }
+    }
+}
+
+/// Decodes stdin, line by line as it comes.
+fn follow(rules: Option<Rules>, writer: &mut Writer) -> Result<Decoder> {
+    let source = Follow::new(std::io::stdin());
+    let (mut decoder, mut ended) = match rules {
+        Some(rules) => (Decoder::new(rules), false),
+        None => gather(&source, writer)?,
+    };
+    writer.out.flush()?;
+    while !ended {
+        ended = match source.next(None) {
+            Next::Piece(piece) => {
+                decoder.feed(&piece, &mut |event| writer.write(event));
+                writer.out.flush()?;
+                false
+            }
+            Next::Pause => false,
+            Next::End(error) => end(error)?,
+        };
+    }
+    decoder.finish(&mut |event| writer.write(event));
+    writer.out.flush()?;
+    Ok(decoder)
+}
+
+/// Gathers stdin until it ends or pauses, judges it, and explains what was gathered.
+fn gather(source: &Follow, writer: &mut Writer) -> Result<(Decoder, bool)> {
+    let mut gathered = Vec::new();
+    let ended = loop {
+        match source.next(Some(PAUSE)) {
+            Next::Piece(piece) => gathered.extend_from_slice(&piece),
+            Next::Pause if gathered.is_empty() => {}
+            Next::Pause => break false,
+            Next::End(error) => break end(error)?,
+        }
+        if gathered.len() > GATHER_MAX {
+            break false;
+        }
+    };
+    let mut judge = Judge::new();
+    judge.feed(&gathered);
+    let mut decoder = judged(judge);
+    if !ended {
+        say("judged by what came so far; --as PROTO states the protocol");
+    }
+    decoder.feed(&gathered, &mut |event| writer.write(event));
+    Ok((decoder, ended))
+}
+
+fn end(error: Option<std::io::Error>) -> Result<bool> {
+    error.map_or(Ok(true), |error| Err(problem::file(Path::new("stdin"), "read", &error)))
+}
+
+fn judged(judge: Judge) -> Decoder {
+    let (verdicts, decoder) = judge.decide();
+    verdicts.iter().for_each(tell);
+    decoder
+}
+
+fn tell(verdict: &Verdict) {
+    let doubt = verdict.protocol.is_some() && verdict.sure < 0.5;
+    let advice = if doubt { " - a guess; --as PROTO states the protocol" } else { "" };
+    say(&format!("{verdict}{advice}"));
+}
+
+/// Names damaged lines. A file without a single readable line is no capture.
+fn report(decoder: &Decoder) -> Result {
+    const SHOWN: usize = 5;
+    let (damaged, lines) = decoder.damaged_of();
+    for damage in decoder.damaged().iter().take(SHOWN) {
+        say(&format!("{damage}; the line is left out"));
+    }
+    if damaged > SHOWN as u64 {
+        say(&format!("{damaged} of {lines} lines could not be read"));
+    }
+    if damaged > 0 && damaged == lines {
+        return Err(Problem::new(Exit::Corrupt, "E501", "this is not a capture.")
+            .why("None of its lines could be read.")
+            .hint("polepair decode --help shows what lines look like"));
+    }
+    Ok(Exit::Ok)
+}
+
+/// Writes frames in the format asked for.
+struct Writer {
+    out: Output,
+    text: Option<text::Text>,
+}
+
+impl Writer {
+    fn new(format: Format, path: Option<&Path>) -> Result<Self> {
+        let style = text::Style { colour: path.is_none() && terminal::colour_out() };
+        let text = (format == Format::Text).then(|| text::Text::new(style));
+        Ok(Self { out: Output::to(path)?, text })
+    }
+
+    fn write(&mut self, event: &Event<'_>) {
+        match &mut self.text {
+            Some(text) => text.write(event, self.out.buffer()),
+            None => jsonl::write(event, self.out.buffer()),
+        }
+    }
+}

@@ -1,0 +1,238 @@
+//! `polepair explain PROTO CODE|BYTES`
+
+use clap::{Args, ValueEnum};
+use polepair_capture::{Explained, Item, ItemValue, parse};
+use polepair_core::explain::{Context, Direction, Dissector};
+use polepair_core::profile::{Fault, Profile, Severity};
+use polepair_core::{drives, proto};
+
+use crate::problem::{self, Exit, Problem, Result};
+use crate::terminal::{Output, Table, colour_out};
+
+/// Says what a code means, or what every byte of a frame means.
+///
+/// One number is a code: a status, an exception, a fault or fault bits. Several bytes are a frame.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair explain tmcl 3                             a status code
+  polepair explain tmcm-171 0x101                     fault bits of a drive: cause and remedy
+  polepair explain modbus-rtu 2                       an exception
+  polepair explain tmcl 01 01 00 00 00 00 01 5E 61    a frame, byte by byte
+  polepair explain tmcl 001#0100000000015E            a CAN frame")]
+pub struct Explain {
+    /// The protocol, or a drive: tmcl, modbus-rtu, tmcm-171, …
+    #[arg(value_name = "PROTO")]
+    subject: String,
+    /// A number, the name of a fault, or the bytes of a frame in hexadecimal
+    #[arg(value_name = "CODE|BYTES", required = true)]
+    words: Vec<String>,
+    /// Who sent the frame, where the bytes alone do not tell
+    #[arg(long, value_enum)]
+    from: Option<From>,
+}
+
+/// Who sent a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum From {
+    Host,
+    Drive,
+}
+
+/// What is asked about.
+enum Subject {
+    Protocol(&'static dyn Dissector),
+    Drive(&'static Profile),
+}
+
+impl Explain {
+    pub fn run(self) -> Result {
+        let subject = Subject::find(&self.subject)?;
+        let text = self.words.join(" ");
+        let mut out = Output::stdout();
+        let found = match number(&text) {
+            Some(code) => subject.code(code),
+            None => match subject.fault_named(&text) {
+                Some(fault) => fault,
+                None => self.frame(&subject, &text)?,
+            },
+        };
+        out.buffer().extend_from_slice(found.as_bytes());
+        out.flush()?;
+        if found.is_empty() { Err(self.unknown(&text)) } else { Ok(Exit::Ok) }
+    }
+
+    fn frame(&self, subject: &Subject, text: &str) -> Result<String> {
+        let mut bytes = Vec::new();
+        let line = parse(text.as_bytes(), &mut bytes).ok().flatten();
+        let line = line.ok_or_else(|| self.unknown(text))?;
+        let (id, bytes) = match line.data {
+            polepair_capture::Data::Bytes(bytes) => (None, bytes.to_vec()),
+            polepair_capture::Data::Frame(frame) => (Some(frame.id), frame.bytes().to_vec()),
+        };
+        let direction = self.from.map(|from| match from {
+            From::Host => Direction::ToDrive,
+            From::Drive => Direction::ToHost,
+        });
+        let context = Context { direction, request: None, profile: subject.profile(), id };
+        let mut explained = Explained::default();
+        subject.dissector()?.explain(&bytes, &context, &mut explained);
+        Ok(show(&bytes, &explained))
+    }
+
+    fn unknown(&self, text: &str) -> Problem {
+        let name = &self.subject;
+        Problem::new(Exit::Negative, "E101", format!("nothing is known of {text:?} in {name}."))
+            .why("It is neither a code, nor a fault's name, nor bytes in hexadecimal.")
+            .hint(format!("polepair params {name} for what a drive has"))
+    }
+}
+
+impl Subject {
+    fn find(name: &str) -> Result<Self> {
+        if let Some(dissector) = proto::dissector(name) {
+            return Ok(Self::Protocol(dissector));
+        }
+        let known = |profile: &&&Profile| profile.name == name || profile.family == name;
+        let profile = drives::profiles().iter().find(known);
+        profile.map(|profile| Self::Drive(profile)).ok_or_else(|| problem::no_such_protocol(name))
+    }
+
+    fn profile(&self) -> Option<&'static Profile> {
+        match self {
+            Self::Protocol(_) => None,
+            Self::Drive(profile) => Some(profile),
+        }
+    }
+
+    /// The protocol, or the first wire of the drive's protocol.
+    fn dissector(&self) -> Result<&'static dyn Dissector> {
+        match self {
+            Self::Protocol(dissector) => Ok(*dissector),
+            Self::Drive(profile) => proto::dissectors()
+                .iter()
+                .copied()
+                .find(|dissector| dissector.name().starts_with(profile.protocol))
+                .ok_or_else(|| problem::no_such_protocol(profile.protocol)),
+        }
+    }
+
+    fn profiles(&self) -> Vec<&'static Profile> {
+        match self {
+            Self::Drive(profile) => vec![profile],
+            Self::Protocol(dissector) => {
+                let speaks = |p: &&&Profile| dissector.name().starts_with(p.protocol);
+                let mut profiles: Vec<_> = drives::profiles().iter().filter(speaks).collect();
+                profiles.dedup_by_key(|profile| profile.family);
+                profiles.into_iter().copied().collect()
+            }
+        }
+    }
+
+    /// Everything that the number may mean.
+    fn code(&self, code: u32) -> String {
+        let mut text = String::new();
+        if let Ok(dissector) = self.dissector()
+            && let Some(meaning) = dissector.code(code)
+        {
+            text.push_str(&format!("{} {code} (0x{code:02X}): {meaning}\n", dissector.name()));
+        }
+        for profile in self.profiles() {
+            for fault in faults(profile, code) {
+                text.push_str(&show_fault(profile, fault));
+            }
+        }
+        text
+    }
+
+    fn fault_named(&self, name: &str) -> Option<String> {
+        let same = |fault: &&Fault| fault.name.eq_ignore_ascii_case(name);
+        self.profiles().into_iter().find_map(|profile| {
+            profile.faults.iter().find(same).map(|fault| show_fault(profile, fault))
+        })
+    }
+}
+
+/// The fault of that code; where a drive tells faults as bits, every bit that is set.
+pub fn faults(profile: &'static Profile, code: u32) -> Vec<&'static Fault> {
+    if let Some(fault) = profile.faults.iter().find(|fault| fault.code == code) {
+        return vec![fault];
+    }
+    let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
+    let set = |fault: &&Fault| bits && fault.code & code != 0;
+    profile.faults.iter().filter(set).collect()
+}
+
+fn show_fault(profile: &Profile, fault: &Fault) -> String {
+    let severity = match fault.severity {
+        Severity::Note => "note",
+        Severity::Warning => "warning",
+        Severity::Fault => "fault",
+    };
+    let Fault { code, name, text, cause, remedy, .. } = *fault;
+    let mut shown = format!("{} {severity} {code} (0x{code:02X}) {name}: {text}\n", profile.name);
+    for (word, sentence) in [("cause", cause), ("remedy", remedy)] {
+        if !sentence.is_empty() {
+            shown.push_str(&format!("  {word:<7} {sentence}\n"));
+        }
+    }
+    shown
+}
+
+/// A frame, byte by byte.
+pub fn show(bytes: &[u8], explained: &Explained) -> String {
+    let mut hex = Vec::new();
+    polepair_capture::text::spaced_hex(&mut hex, bytes);
+    let axis = explained.axis.map_or(String::new(), |axis| format!(", axis {axis}"));
+    let mut text = format!("{}\n", String::from_utf8_lossy(&hex));
+    text.push_str(&format!("{}{axis}: {}\n", explained.kind, explained.text));
+    if let Some(error) = explained.error {
+        text.push_str(&format!("! {error}\n"));
+    }
+    let mut table = Table::with_heads(&["bytes", "hex", "field", "value", "meaning"]);
+    for item in explained.items() {
+        let part = bytes.get(usize::from(item.start)..usize::from(item.end)).unwrap_or_default();
+        let mut hex = Vec::new();
+        polepair_capture::text::spaced_hex(&mut hex, part);
+        table.row([
+            range(item.start, item.end),
+            String::from_utf8_lossy(&hex).into_owned(),
+            item.name.replace('_', " "),
+            value(&item),
+            item.meaning.to_owned(),
+        ]);
+    }
+    if !table.is_empty() {
+        text.push('\n');
+        text.push_str(&table.render(colour_out()));
+    }
+    text
+}
+
+fn range(start: u16, end: u16) -> String {
+    if end == start + 1 { start.to_string() } else { format!("{start}-{}", end.saturating_sub(1)) }
+}
+
+fn value(item: &Item<'_>) -> String {
+    match item.value {
+        ItemValue::Int(value) => value.to_string(),
+        ItemValue::Hex(value, digits) => format!("0x{value:0digits$X}", digits = digits.into()),
+        ItemValue::Real(value) => value.to_string(),
+        ItemValue::Text(text) => text.to_owned(),
+        ItemValue::Words(words) => {
+            let word = |pair: &[u8]| {
+                format!("0x{:04X}", pair.iter().fold(0, |w, b| w << 8 | u32::from(*b)))
+            };
+            words.chunks(2).map(word).collect::<Vec<_>>().join(" ")
+        }
+    }
+}
+
+/// A code: decimal, or hexadecimal with 0x.
+fn number(text: &str) -> Option<u32> {
+    match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
+        Some(digits) => u32::from_str_radix(digits, 16).ok(),
+        None if text.len() <= 5 => text.parse().ok(),
+        None => None,
+    }
+}

@@ -1,0 +1,129 @@
+//! What went wrong, for people and for scripts: one sentence of what, one of why, what to try, a
+//! stable code whose first digit is the exit code.
+
+use std::fmt::Write as _;
+
+/// Exit codes, fixed: scripts rely on them.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(u8)]
+#[allow(dead_code, reason = "verbs that talk to drives use the rest")]
+pub enum Exit {
+    /// All done.
+    Ok = 0,
+    /// A negative result: a difference, a move that was not reached.
+    Negative = 1,
+    /// The command line cannot be carried out.
+    Usage = 2,
+    /// No adapter, no permission, no file.
+    Adapter = 3,
+    /// Nobody answered.
+    NoReply = 4,
+    /// An answer that is corrupt or to another question.
+    Corrupt = 5,
+    /// The drive said no.
+    Refused = 6,
+    /// Done in part.
+    Partial = 7,
+    /// The drive reports a fault.
+    DriveFault = 8,
+    /// Ctrl-C.
+    Interrupted = 130,
+}
+
+/// An error as the user sees it.
+#[derive(Debug)]
+pub struct Problem {
+    /// What a script branches on.
+    pub exit: Exit,
+    /// Stable: `E401`.
+    pub code: &'static str,
+    /// One sentence.
+    pub what: String,
+    /// One sentence; empty if there is nothing to add.
+    pub why: String,
+    /// Things to try.
+    pub hints: Vec<String>,
+}
+
+/// What every verb returns.
+pub type Result<T = Exit> = std::result::Result<T, Problem>;
+
+impl Problem {
+    /// A problem without reason and advice yet.
+    pub fn new(exit: Exit, code: &'static str, what: impl Into<String>) -> Self {
+        Self { exit, code, what: what.into(), why: String::new(), hints: Vec::new() }
+    }
+
+    /// Something about the command line.
+    pub fn usage(code: &'static str, what: impl Into<String>) -> Self {
+        Self::new(Exit::Usage, code, what)
+    }
+
+    /// Adds the reason.
+    #[must_use]
+    pub fn why(mut self, why: impl Into<String>) -> Self {
+        self.why = why.into();
+        self
+    }
+
+    /// Adds something to try.
+    #[must_use]
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        self.hints.push(hint.into());
+        self
+    }
+
+    /// Adds something to try, if there is something.
+    #[must_use]
+    pub fn hint_if(self, hint: Option<impl Into<String>>) -> Self {
+        match hint {
+            Some(hint) => self.hint(hint),
+            None => self,
+        }
+    }
+
+    /// As it is shown.
+    pub fn render(&self, colour: bool) -> String {
+        let (red, blue, off) =
+            if colour { ("\x1b[1;31m", "\x1b[34m", "\x1b[0m") } else { ("", "", "") };
+        let mut text = format!("{red}error[{}]{off}: {}\n", self.code, self.what);
+        // Writing into a String cannot fail.
+        if !self.why.is_empty() {
+            let _ = writeln!(text, "  {}", self.why.replace('\n', "\n  "));
+        }
+        for hint in &self.hints {
+            let _ = writeln!(text, "  {blue}try:{off} {hint}");
+        }
+        text
+    }
+}
+
+/// A file that cannot be read or written.
+pub fn file(path: &std::path::Path, verb: &str, error: &std::io::Error) -> Problem {
+    use std::io::ErrorKind as Kind;
+    let what = format!("cannot {verb} {}.", path.display());
+    let (code, why) = match error.kind() {
+        Kind::NotFound => ("E301", "There is no such file.".to_owned()),
+        Kind::PermissionDenied => ("E302", "This account may not do that.".to_owned()),
+        _ => ("E303", format!("The system says: {error}.")),
+    };
+    Problem::new(Exit::Adapter, code, what).why(why)
+}
+
+/// A word that names no protocol.
+pub fn no_such_protocol(word: &str) -> Problem {
+    let known: Vec<&str> = polepair_core::proto::dissectors().iter().map(|d| d.name()).collect();
+    let nearest = polepair_capture::nearest(word, known.iter().copied());
+    Problem::usage("E203", format!("{word:?} is not a protocol that polepair knows."))
+        .why(format!("It knows {}.", list(&known)))
+        .hint_if(nearest.map(|name| format!("{name} (the nearest)")))
+}
+
+/// `a, b and c`.
+pub fn list(words: &[&str]) -> String {
+    match words {
+        [] => "none".to_owned(),
+        [only] => (*only).to_owned(),
+        [most @ .., last] => format!("{} and {last}", most.join(", ")),
+    }
+}

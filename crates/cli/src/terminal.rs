@@ -1,0 +1,131 @@
+//! stdout is data, stderr is prose; colours only where a person looks, and not under `NO_COLOR`.
+
+use std::io::{self, IsTerminal as _, Write as _};
+use std::path::Path;
+
+use crate::problem::{self, Exit, Problem, Result};
+
+/// Bytes that are gathered before they are written.
+const GATHER: usize = 1 << 16;
+
+/// Whether stdout takes colours.
+pub fn colour_out() -> bool {
+    io::stdout().is_terminal() && wanted()
+}
+
+/// Whether stderr takes colours.
+pub fn colour_err() -> bool {
+    io::stderr().is_terminal() && wanted()
+}
+
+fn wanted() -> bool {
+    let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
+}
+
+/// Where data goes: stdout or a file.
+pub struct Output {
+    sink: Box<dyn io::Write>,
+    name: String,
+    gathered: Vec<u8>,
+}
+
+impl Output {
+    /// stdout.
+    pub fn stdout() -> Self {
+        Self { sink: Box::new(io::stdout()), name: "stdout".to_owned(), gathered: Vec::new() }
+    }
+
+    /// A new file.
+    pub fn file(path: &Path) -> Result<Self> {
+        let file =
+            std::fs::File::create(path).map_err(|error| problem::file(path, "write", &error))?;
+        let name = path.display().to_string();
+        Ok(Self { sink: Box::new(file), name, gathered: Vec::new() })
+    }
+
+    /// stdout, or the file if there is one.
+    pub fn to(path: Option<&Path>) -> Result<Self> {
+        path.map_or_else(|| Ok(Self::stdout()), Self::file)
+    }
+
+    /// What is to be written next.
+    pub fn buffer(&mut self) -> &mut Vec<u8> {
+        &mut self.gathered
+    }
+
+    /// Writes if enough was gathered.
+    pub fn spill(&mut self) -> Result<()> {
+        if self.gathered.len() < GATHER { Ok(()) } else { self.flush() }
+    }
+
+    /// Writes everything now.
+    pub fn flush(&mut self) -> Result<()> {
+        let written = self.sink.write_all(&self.gathered).and_then(|()| self.sink.flush());
+        self.gathered.clear();
+        written.map_err(|error| self.refused(&error))
+    }
+
+    /// A reader that went away (`| head`) wants no message.
+    fn refused(&self, error: &io::Error) -> Problem {
+        if error.kind() == io::ErrorKind::BrokenPipe {
+            return Problem::new(Exit::Ok, "", "");
+        }
+        Problem::new(Exit::Adapter, "E304", format!("cannot write to {}.", self.name))
+            .why(format!("The system says: {error}."))
+    }
+}
+
+/// A line of prose, on stderr.
+pub fn say(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// A table with aligned columns; the last one may be as wide as it likes.
+#[derive(Default)]
+pub struct Table {
+    rows: Vec<Vec<String>>,
+    heads: usize,
+}
+
+impl Table {
+    /// A table with column heads.
+    pub fn with_heads(heads: &[&str]) -> Self {
+        Self { rows: vec![heads.iter().map(|head| (*head).to_owned()).collect()], heads: 1 }
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
+        self.rows.push(cells.into_iter().collect());
+    }
+
+    /// True without rows below the heads.
+    pub fn is_empty(&self) -> bool {
+        self.rows.len() <= self.heads
+    }
+
+    /// The lines.
+    pub fn render(&self, colour: bool) -> String {
+        let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
+        let width = |at: usize| {
+            self.rows.iter().filter_map(|row| row.get(at)).map(|cell| cell.chars().count()).max()
+        };
+        let widths: Vec<usize> = (0..columns).map(|at| width(at).unwrap_or(0)).collect();
+        let mut text = String::new();
+        for (at, row) in self.rows.iter().enumerate() {
+            let mut line = String::new();
+            for (cell, width) in row.iter().zip(&widths) {
+                line.push_str(cell);
+                line.extend(std::iter::repeat_n(' ', width - cell.chars().count() + 2));
+            }
+            let line = line.trim_end();
+            if colour && at < self.heads {
+                text.push_str(&format!("\x1b[2m{line}\x1b[0m\n"));
+            } else {
+                text.push_str(line);
+                text.push('\n');
+            }
+        }
+        text
+    }
+}
