@@ -76,7 +76,7 @@ pub enum Class {
 }
 
 /// A protocol's request, as a small value.
-pub trait Request: Copy + 'static {
+pub trait Request: Copy + Send + 'static {
     /// Whether it may be resent. A driver gives a write the class that the lane names; other
     /// requests know theirs.
     fn class(&self) -> Class;
