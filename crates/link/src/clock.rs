@@ -1,0 +1,46 @@
+//! The only place that reads the clock.
+
+use std::sync::OnceLock;
+use std::time::{Duration, SystemTime};
+
+use polepair_core::time::Instant;
+
+/// Nanoseconds of the monotonic clock since this process first asked. A stepped wall clock does
+/// not move it.
+#[must_use]
+pub fn now() -> Instant {
+    nanoseconds(origin().monotonic.elapsed())
+}
+
+/// Wall time of `at` as nanoseconds since 1970, by the offset taken once when the process first
+/// asked: traces stay in order though somebody sets the clock meanwhile.
+#[must_use]
+pub fn wall_ns(at: Instant) -> u64 {
+    origin().wall_ns.saturating_add(at.0)
+}
+
+/// Sleeps until `at`; returns at once when it has passed.
+pub fn sleep_until(at: Instant) {
+    std::thread::sleep(at.since(now()));
+}
+
+/// Where the monotonic and the wall clock stood together.
+struct Origin {
+    monotonic: std::time::Instant,
+    wall_ns: u64,
+}
+
+fn origin() -> &'static Origin {
+    static ORIGIN: OnceLock<Origin> = OnceLock::new();
+    ORIGIN.get_or_init(|| {
+        let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        Origin {
+            monotonic: std::time::Instant::now(),
+            wall_ns: nanoseconds(wall.unwrap_or_default()).0,
+        }
+    })
+}
+
+fn nanoseconds(span: Duration) -> Instant {
+    Instant::ZERO + span
+}

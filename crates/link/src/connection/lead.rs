@@ -1,0 +1,219 @@
+//! Waiting, by leading or by following.
+
+use std::sync::{Arc, MutexGuard};
+use std::task;
+use std::time::Duration;
+
+use polepair_core::axis::Axes;
+use polepair_core::error::{Outcome, Unsupported};
+use polepair_core::station::Ticket;
+use polepair_core::time::Instant;
+
+use super::keeper;
+use super::state::{Leader, State};
+use super::{NOT_SENT, Shared, Waited};
+use crate::link::Received;
+
+/// Bytes read at once.
+pub(super) const READ_MAX: usize = 1024;
+/// Reads before a submission that throw out what came while nobody read.
+const STALE_READS_MAX: usize = 64;
+/// A follower looks again after this long, whatever happens to its leader.
+const PARK_MAX: Duration = Duration::from_millis(200);
+/// Pause between two attempts to open a lost link.
+pub(super) const REOPEN_EVERY_NS: u64 = 250_000_000;
+
+pub(super) type Guard<'a> = MutexGuard<'a, State>;
+
+pub(super) fn submit(
+    shared: &Arc<Shared>,
+    request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+) -> Result<(Ticket, u64), Unsupported> {
+    let mut state = shared.lock();
+    if state.trouble.is_some() {
+        state = reopen(shared, state);
+    }
+    let ticket = state.slots.open().ok_or(Unsupported::Busy)?;
+    let interrupts = state.interrupts;
+    if state.leader == Leader::Nobody && state.trouble.is_none() {
+        read_stale(&mut state);
+    }
+    if state.trouble.is_some() {
+        state.end(ticket, NOT_SENT);
+        release(shared, state);
+        return Ok((ticket, interrupts));
+    }
+    let now = state.link.now();
+    if let Err(unsupported) = request(&mut *state.lane, now, ticket) {
+        state.slots.close(ticket);
+        release(shared, state);
+        return Err(unsupported);
+    }
+    state.pump(now);
+    release(shared, state);
+    Ok((ticket, interrupts))
+}
+
+pub(super) fn wait(
+    shared: &Arc<Shared>,
+    ticket: Ticket,
+    deadline: Instant,
+    interrupts: &mut u64,
+) -> Waited {
+    let mut buffer = [0_u8; READ_MAX];
+    let mut state = shared.lock();
+    let mut last_look = false;
+    loop {
+        let waited = if let Some(outcome) = state.slots.take(ticket) {
+            Some(Waited::Ended(outcome))
+        } else if state.interrupts != *interrupts {
+            *interrupts = state.interrupts;
+            Some(Waited::Interrupted)
+        } else {
+            last_look.then_some(Waited::TimedOut)
+        };
+        if let Some(waited) = waited {
+            state.slots.attend(ticket, None);
+            hand_over(&state);
+            release(shared, state);
+            return waited;
+        }
+        last_look = deadline == Instant::ZERO || state.link.now() >= deadline;
+        state = match state.leader {
+            Leader::Nobody => round(shared, state, Leader::Caller, deadline, &mut buffer),
+            _ if last_look => state,
+            _ => follow(shared, state, ticket, deadline),
+        };
+    }
+}
+
+pub(super) fn poll_or_wake(
+    shared: &Arc<Shared>,
+    ticket: Ticket,
+    waker: &task::Waker,
+) -> Option<Outcome> {
+    let mut state = shared.lock();
+    let outcome = state.slots.take(ticket);
+    if outcome.is_none() {
+        state.slots.attend_with(ticket, waker);
+        keeper::call(shared, &mut state);
+    }
+    release(shared, state);
+    outcome
+}
+
+pub(super) fn abandon(shared: &Arc<Shared>, ticket: Ticket) {
+    // Called while unwinding, too.
+    let Ok(mut state) = shared.state.lock() else { return };
+    state.slots.abandon(ticket);
+    release(shared, state);
+}
+
+/// Reads once as `leader`, without the lock while waiting, and pumps.
+pub(super) fn round<'a>(
+    shared: &'a Shared,
+    mut state: Guard<'a>,
+    leader: Leader,
+    until: Instant,
+    buffer: &mut [u8; READ_MAX],
+) -> Guard<'a> {
+    let until = until.min(state.sleep_until(state.link.now()));
+    (state.leader, state.sleeps_until) = (leader, until);
+    let link = Arc::clone(&state.link);
+    let wakers = std::mem::take(&mut state.to_wake);
+    drop(state);
+    wakers.into_iter().for_each(task::Waker::wake);
+    let received = link.receive(buffer, until);
+    let mut state = shared.lock();
+    state.leader = Leader::Nobody;
+    state.rounds = state.rounds.wrapping_add(1);
+    // Otherwise a sender has found the link lost meanwhile; what this one says is of the past.
+    if state.trouble.is_none() && Arc::ptr_eq(&link, &state.link) {
+        state.digest(received, buffer);
+    }
+    state
+}
+
+/// Sleeps until the leader has something for this ticket, or leaves.
+fn follow<'a>(
+    shared: &'a Shared,
+    mut state: Guard<'a>,
+    ticket: Ticket,
+    deadline: Instant,
+) -> Guard<'a> {
+    if state.leader == Leader::Keeper && !state.wanted {
+        state.wanted = true;
+        state.link.waker().wake();
+    }
+    let left = deadline.since(state.link.now()).min(PARK_MAX);
+    state.slots.attend(ticket, Some(std::thread::current()));
+    drop(state);
+    std::thread::park_timeout(left);
+    let mut state = shared.lock();
+    state.slots.attend(ticket, None);
+    state
+}
+
+/// Lets the next one lead.
+pub(super) fn hand_over(state: &State) {
+    if state.leader == Leader::Nobody {
+        state.slots.unpark_one();
+    }
+}
+
+/// Releases the lock as everybody must who has changed something: the leader's sleep is cut short
+/// if the lane now wants time earlier, the keeper is nudged if nobody else sees to the lane, and
+/// wakers are woken.
+pub(super) fn release(shared: &Arc<Shared>, mut state: Guard<'_>) {
+    if state.leader == Leader::Nobody {
+        if keeper::needed(&state) {
+            keeper::nudge(shared, &mut state);
+        }
+    } else if state.due().is_some_and(|due| due < state.sleeps_until) {
+        state.sleeps_until = Instant::ZERO;
+        state.link.waker().wake();
+    }
+    let wakers = std::mem::take(&mut state.to_wake);
+    drop(state);
+    wakers.into_iter().for_each(task::Waker::wake);
+}
+
+/// Tries to open a lost link again, if it is time to. The lock is released meanwhile.
+pub(super) fn reopen<'a>(shared: &'a Shared, mut state: Guard<'a>) -> Guard<'a> {
+    if state.retry.under_way || state.link.now() < state.retry.next {
+        return state;
+    }
+    state.retry.under_way = true;
+    let lost = Arc::clone(&state.link);
+    drop(state);
+    let link = lost.reopen();
+    let mut state = shared.lock();
+    state.retry.under_way = false;
+    state.retry.tried += 1;
+    state.retry.next = state.link.now().plus_ns(REOPEN_EVERY_NS);
+    match link {
+        Ok(link) => state.regain(link),
+        Err(error) => state.trouble = Some(error),
+    }
+    state
+}
+
+/// Takes what came while nobody read, before the next request goes out: a late answer must not
+/// pass for an answer to that.
+fn read_stale(state: &mut State) {
+    let mut buffer = [0_u8; READ_MAX];
+    for _ in 0..STALE_READS_MAX {
+        match state.link.receive(&mut buffer, Instant::ZERO) {
+            Ok(Received::TimedOut | Received::Woken) => break,
+            received => state.digest(received, &buffer),
+        }
+        if state.trouble.is_some() {
+            return;
+        }
+    }
+    let now = state.link.now();
+    if state.due().is_some_and(|due| due <= now) {
+        state.lane.handle_timeout(now);
+        state.pump(now);
+    }
+}

@@ -1,0 +1,193 @@
+//! What the lock guards, and the pump.
+
+use std::sync::Arc;
+use std::task;
+
+use polepair_core::error::Outcome;
+use polepair_core::medium::{STREAM_UNIT_MAX, SerialLine, Stream};
+use polepair_core::station::{LineEvent, Ticket};
+use polepair_core::time::Instant;
+
+use super::lead::REOPEN_EVERY_NS;
+use super::{AnyLane, LOST, Slots};
+use crate::error::{Cause, LinkError};
+use crate::link::{Link, Received};
+
+/// Units sent and outcomes told in one pump; what is left waits for the next.
+const PUMP_MAX: usize = 4096;
+/// Pause after an expiry that left the lane wanting time at once, lest it eats a core.
+const TICK_MIN_NS: u64 = 20_000;
+
+pub(super) struct State {
+    pub(super) link: Arc<dyn Link<Stream>>,
+    pub(super) lane: Box<dyn AnyLane>,
+    pub(super) slots: Slots,
+    pub(super) leader: Leader,
+    /// Until when the leader sleeps.
+    pub(super) sleeps_until: Instant,
+    /// A caller wants to lead; the keeper leaves.
+    pub(super) wanted: bool,
+    pub(super) interrupts: u64,
+    /// Counts reads, so that the keeper sees whether callers lead.
+    pub(super) rounds: u64,
+    /// Why the link is down.
+    pub(super) trouble: Option<LinkError>,
+    pub(super) retry: Retry,
+    pub(super) keeper: Watch,
+    /// Woken by the thread that releases the lock.
+    pub(super) to_wake: Vec<task::Waker>,
+    line: SerialLine,
+    out: [u8; STREAM_UNIT_MAX],
+}
+
+/// Who reads.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Leader {
+    Nobody,
+    Caller,
+    Keeper,
+}
+
+/// What the keeper does.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Watch {
+    NotStarted,
+    /// Until somebody nudges it.
+    Asleep,
+    /// Looks every few milliseconds whether it is needed.
+    Watching,
+    Dismissed,
+}
+
+/// Opening again.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(super) struct Retry {
+    pub(super) tried: u32,
+    pub(super) next: Instant,
+    pub(super) under_way: bool,
+}
+
+impl State {
+    pub(super) fn new(link: Arc<dyn Link<Stream>>, lane: Box<dyn AnyLane>) -> Self {
+        Self {
+            line: lane.line(),
+            link,
+            lane,
+            slots: Slots::default(),
+            leader: Leader::Nobody,
+            sleeps_until: Instant::ZERO,
+            wanted: false,
+            interrupts: 0,
+            rounds: 0,
+            trouble: None,
+            retry: Retry::default(),
+            keeper: Watch::NotStarted,
+            to_wake: Vec::new(),
+            out: [0; STREAM_UNIT_MAX],
+        }
+    }
+
+    /// When the lane next wants time.
+    pub(super) fn due(&self) -> Option<Instant> {
+        self.lane.poll_timeout()
+    }
+
+    /// Takes what a read brought, lets time pass, and pumps.
+    pub(super) fn digest(&mut self, received: Result<Received, LinkError>, buffer: &[u8]) {
+        let now = match received {
+            Ok(Received::Bytes { len, at }) => {
+                self.lane.handle_input(at, &buffer[..len]);
+                at
+            }
+            Ok(Received::TimedOut | Received::Woken) => self.link.now(),
+            Err(error) => return self.lose(error),
+        };
+        // After the input: what came in time counts as in time however late it is read. And also
+        // after bytes, lest a babbling line stops the clock.
+        if self.due().is_some_and(|due| due <= now) {
+            self.lane.handle_timeout(now);
+        }
+        self.pump(now);
+    }
+
+    /// Until when to sleep at most, for the lane's sake.
+    pub(super) fn sleep_until(&self, now: Instant) -> Instant {
+        self.due().map_or(Instant::FAR, |due| due.max(now.plus_ns(TICK_MIN_NS)))
+    }
+
+    /// Sends what the lane has to say and tells what it has found out.
+    pub(super) fn pump(&mut self, now: Instant) {
+        for _ in 0..PUMP_MAX {
+            let told = self.tell();
+            if !self.transmit(now) && !told {
+                break;
+            }
+        }
+        let line = self.lane.line();
+        if line != self.line {
+            self.line = line;
+            if let Err(error) = self.link.set_line(line) {
+                self.lose(error);
+            }
+        }
+    }
+
+    /// Everything that hangs on the link ends. The lane disarms its axes.
+    pub(super) fn lose(&mut self, error: LinkError) {
+        let now = self.link.now();
+        if self.trouble.is_none() {
+            self.trouble = Some(error);
+            self.retry = Retry { next: now.plus_ns(REOPEN_EVERY_NS), ..self.retry };
+            self.retry.tried = 0;
+            // A leader may still be listening to the dead link.
+            self.link.waker().wake();
+            self.lane.handle_line(now, LineEvent::Down);
+        }
+        while self.lane.poll_transmit(now, &mut self.out).is_some() {}
+        while self.tell() {}
+        let left: Vec<Ticket> = self.slots.pending().collect();
+        for ticket in left {
+            self.end(ticket, LOST);
+        }
+    }
+
+    /// Goes on with a link opened again.
+    pub(super) fn regain(&mut self, link: Box<dyn Link<Stream>>) {
+        self.link = Arc::from(link);
+        self.trouble = None;
+        self.line = self.lane.line();
+        let now = self.link.now();
+        if let Err(error) = self.link.set_line(self.line) {
+            return self.lose(error);
+        }
+        self.lane.handle_line(now, LineEvent::Up);
+        self.pump(now);
+    }
+
+    pub(super) fn end(&mut self, ticket: Ticket, outcome: Outcome) {
+        let waker = self.slots.end(ticket, outcome);
+        self.to_wake.extend(waker);
+    }
+
+    fn tell(&mut self) -> bool {
+        let Some((ticket, outcome)) = self.lane.poll_outcome() else { return false };
+        self.end(ticket, outcome);
+        true
+    }
+
+    fn transmit(&mut self, now: Instant) -> bool {
+        if self.trouble.is_some() {
+            return false;
+        }
+        let Some(len) = self.lane.poll_transmit(now, &mut self.out) else { return false };
+        match self.link.send(&self.out[..len]) {
+            Ok(()) => true,
+            // The unit is lost as on a broken wire; the lane notices the silence.
+            Err(error) if error.cause() == Cause::Stalled => false,
+            Err(error) => {
+                self.lose(error);
+                false
+            }
+        }
+    }
+}

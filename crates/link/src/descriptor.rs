@@ -1,0 +1,120 @@
+//! A file descriptor that is waited for together with a waker. Serial ports, ptys and sockets are
+//! this, with different ways of opening.
+
+use std::os::fd::{AsFd, OwnedFd};
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
+use crate::clock;
+use crate::error::{Cause, LinkError};
+use crate::link::Received;
+use crate::wake::Waker;
+
+/// How long a send waits for a far end that takes no bytes before it gives the unit up. The lock
+/// of a connection is held meanwhile, so it is short.
+const SEND_STALL_MAX: Duration = Duration::from_millis(20);
+
+#[derive(Debug)]
+pub(crate) struct Descriptor {
+    pub(crate) fd: OwnedFd,
+    pub(crate) wake: Waker,
+    pub(crate) name: String,
+}
+
+impl Descriptor {
+    /// Takes a descriptor that is already non-blocking.
+    pub(crate) fn new(fd: OwnedFd, name: &str) -> Result<Self, LinkError> {
+        let wake = Waker::new().map_err(|error| LinkError::from_io(name, &error))?;
+        Ok(Self { fd, wake, name: name.to_owned() })
+    }
+
+    pub(crate) fn send(&self, mut bytes: &[u8]) -> Result<(), LinkError> {
+        while !bytes.is_empty() {
+            match rustix::io::write(&self.fd, bytes) {
+                Ok(sent) => bytes = &bytes[sent..],
+                Err(Errno::INTR) => {}
+                Err(Errno::AGAIN) => self.await_room()?,
+                Err(errno) => return Err(self.error(errno)),
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        let mut left = until.since(clock::now());
+        if left.is_zero() {
+            return Ok(self.read(buffer)?.unwrap_or(Received::TimedOut));
+        }
+        loop {
+            let (ready, woken) = match self.wait(until, left) {
+                Ok(ready) => ready,
+                Err(Errno::INTR) => (PollFlags::empty(), false),
+                Err(errno) => return Err(self.error(errno)),
+            };
+            if !ready.is_empty() {
+                if let Some(received) = self.read(buffer)? {
+                    return Ok(received);
+                }
+                // Hung up, and nothing to read: without this the loop would spin.
+                if ready.intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) {
+                    return Err(LinkError::gone(&self.name));
+                }
+            }
+            if woken && self.wake.taken() {
+                return Ok(Received::Woken);
+            }
+            left = until.since(clock::now());
+            if left.is_zero() {
+                return Ok(Received::TimedOut);
+            }
+        }
+    }
+
+    /// What is ready on the descriptor, and whether the waker is.
+    fn wait(&self, until: Instant, left: Duration) -> Result<(PollFlags, bool), Errno> {
+        let timeout = (until != Instant::FAR).then(|| timespec(left));
+        let mut fds = [
+            PollFd::new(&self.fd, PollFlags::IN),
+            PollFd::from_borrowed_fd(self.wake.as_fd(), PollFlags::IN),
+        ];
+        poll(&mut fds, timeout.as_ref())?;
+        Ok((fds[0].revents(), !fds[1].revents().is_empty()))
+    }
+
+    /// `None` when there is nothing now.
+    fn read(&self, buffer: &mut [u8]) -> Result<Option<Received>, LinkError> {
+        loop {
+            return match rustix::io::read(&self.fd, &mut *buffer) {
+                // A port unplugged and a socket closed both read as an end, for ever.
+                Ok(0) => Err(LinkError::gone(&self.name)),
+                Ok(len) => Ok(Some(Received::Bytes { len, at: clock::now() })),
+                Err(Errno::INTR) => continue,
+                Err(Errno::AGAIN) => Ok(None),
+                Err(errno) => Err(self.error(errno)),
+            };
+        }
+    }
+
+    fn await_room(&self) -> Result<(), LinkError> {
+        let mut fds = [PollFd::from_borrowed_fd(self.fd.as_fd(), PollFlags::OUT)];
+        match poll(&mut fds, Some(&timespec(SEND_STALL_MAX))) {
+            Ok(0) => Err(LinkError::new(&self.name, Cause::Stalled)),
+            Ok(_) | Err(Errno::INTR) => Ok(()),
+            Err(errno) => Err(self.error(errno)),
+        }
+    }
+
+    pub(crate) fn error(&self, errno: Errno) -> LinkError {
+        LinkError::from_io(&self.name, &errno.into())
+    }
+}
+
+pub(crate) fn timespec(span: Duration) -> Timespec {
+    Timespec {
+        tv_sec: i64::try_from(span.as_secs()).unwrap_or(i64::MAX),
+        tv_nsec: span.subsec_nanos().into(),
+    }
+}

@@ -1,0 +1,169 @@
+//! What the operating system refuses, by cause, with what to try.
+
+use std::fmt;
+
+/// A link that could not be opened, set or used.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct LinkError {
+    cause: Cause,
+    name: String,
+    os: Option<i32>,
+    hint: String,
+}
+
+/// Why, in terms that tell what to do.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum Cause {
+    /// This user may not open it.
+    Permission,
+    /// There is no such port, file or host.
+    NotFound,
+    /// Another program has it.
+    Busy,
+    /// It was there and is no longer: unplugged, or the far end closed.
+    Gone,
+    /// Nobody listens at that address.
+    Refused,
+    /// No way to that address, or no answer from it.
+    Unreachable,
+    /// The adapter cannot do what was asked, or it is no serial port.
+    Unsuitable,
+    /// The far end takes no bytes.
+    Stalled,
+    /// Something else; the system's error number tells.
+    System,
+}
+
+impl LinkError {
+    /// An error about the link `name`, judged by what the system said.
+    #[must_use]
+    pub fn from_io(name: &str, error: &std::io::Error) -> Self {
+        let cause = judge(error);
+        Self { os: error.raw_os_error(), ..Self::new(name, cause) }
+    }
+
+    /// An error that no system call reported.
+    #[must_use]
+    pub fn new(name: &str, cause: Cause) -> Self {
+        Self { cause, name: name.to_owned(), os: None, hint: hint(cause).to_owned() }
+    }
+
+    /// The link `name` went away.
+    #[must_use]
+    pub fn gone(name: &str) -> Self {
+        Self::new(name, Cause::Gone)
+    }
+
+    /// The same error with more to try, said first.
+    #[must_use]
+    pub fn hinting(mut self, first: &str) -> Self {
+        self.hint = if first.is_empty() { self.hint } else { format!("{first} {}", self.hint) };
+        self
+    }
+
+    /// Why.
+    #[must_use]
+    pub const fn cause(&self) -> Cause {
+        self.cause
+    }
+
+    /// What it was about.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What a technician should try, in full sentences.
+    #[must_use]
+    pub fn hint(&self) -> &str {
+        &self.hint
+    }
+
+    /// True when the link is lost: only opening it again can help.
+    #[must_use]
+    pub const fn is_gone(&self) -> bool {
+        !matches!(self.cause, Cause::Stalled | Cause::Unsuitable)
+    }
+}
+
+impl fmt::Display for LinkError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.name, sentence(self.cause))?;
+        match self.os {
+            Some(os) => write!(f, " ({})", std::io::Error::from_raw_os_error(os)),
+            None => Ok(()),
+        }
+    }
+}
+
+impl std::error::Error for LinkError {}
+
+fn judge(error: &std::io::Error) -> Cause {
+    use std::io::ErrorKind as Kind;
+    #[cfg(unix)]
+    if let Some(cause) = rustix::io::Errno::from_io_error(error).and_then(judge_errno) {
+        return cause;
+    }
+    match error.kind() {
+        Kind::PermissionDenied => Cause::Permission,
+        Kind::NotFound => Cause::NotFound,
+        Kind::ConnectionRefused => Cause::Refused,
+        Kind::BrokenPipe
+        | Kind::ConnectionReset
+        | Kind::ConnectionAborted
+        | Kind::NotConnected
+        | Kind::UnexpectedEof => Cause::Gone,
+        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => Cause::Unreachable,
+        Kind::ResourceBusy | Kind::AddrInUse => Cause::Busy,
+        Kind::Unsupported | Kind::InvalidInput => Cause::Unsuitable,
+        _ => Cause::System,
+    }
+}
+
+/// What the kinds of the standard library do not tell apart.
+#[cfg(unix)]
+fn judge_errno(errno: rustix::io::Errno) -> Option<Cause> {
+    use rustix::io::Errno;
+    match errno {
+        Errno::IO | Errno::NXIO | Errno::NODEV => Some(Cause::Gone),
+        Errno::BUSY | Errno::WOULDBLOCK => Some(Cause::Busy),
+        Errno::NOTTY | Errno::INVAL => Some(Cause::Unsuitable),
+        _ => None,
+    }
+}
+
+const fn sentence(cause: Cause) -> &'static str {
+    match cause {
+        Cause::Permission => "this user may not open it",
+        Cause::NotFound => "there is no such port",
+        Cause::Busy => "another program is using it",
+        Cause::Gone => "it is gone: unplugged, or closed at the far end",
+        Cause::Refused => "nobody listens there",
+        Cause::Unreachable => "no answer from that address",
+        Cause::Unsuitable => "it is no serial port, or cannot do this speed or format",
+        Cause::Stalled => "the far end takes no bytes",
+        Cause::System => "the operating system reports an error",
+    }
+}
+
+const fn hint(cause: Cause) -> &'static str {
+    match cause {
+        Cause::Permission => {
+            "Join the port's group and log in again: `sudo usermod -aG dialout $USER` (on Arch \
+             `uucp`)."
+        }
+        Cause::NotFound => "`polepair ports` lists what is there; check plug and cable.",
+        Cause::Busy => {
+            "Close the other program (a terminal, a vendor's tool, ModemManager), then try again."
+        }
+        Cause::Gone => "Plug it in again, or check power and network at the far end.",
+        Cause::Refused => {
+            "Check the port number, and that the serial server is in TCP server mode."
+        }
+        Cause::Unreachable => "Check address, cable, power and firewall; try `ping`.",
+        Cause::Unsuitable => "Choose a baud rate and parity that the adapter can do.",
+        Cause::Stalled => "Check that flow control is off and that something reads at the far end.",
+        Cause::System => "The number in brackets is the system's own.",
+    }
+}

@@ -1,0 +1,65 @@
+//! What a wire looks like to those who pump it.
+
+use polepair_core::medium::Medium;
+use polepair_core::time::Instant;
+
+use crate::error::LinkError;
+use crate::wake::Waker;
+
+/// An opened resource of the operating system, or its simulated twin.
+///
+/// Every method takes `&self`: one thread waits in [`receive`](Self::receive) while others
+/// [`send`](Self::send). Senders take turns by their own lock, and only one thread receives.
+pub trait Link<M: Medium>: Send + Sync {
+    /// The present time of this link.
+    fn now(&self) -> Instant;
+
+    /// Puts one unit on the wire, all of it.
+    ///
+    /// # Errors
+    /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
+    fn send(&self, unit: &M::Unit) -> Result<(), LinkError>;
+
+    /// Waits until something arrives, `until` has come, or somebody wakes it. With an `until` that
+    /// has passed it takes what is already there and does not wait.
+    ///
+    /// # Errors
+    /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
+    fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError>;
+
+    /// Sets baud and parity, or bit rate, at once. Does nothing on a wire without timing.
+    ///
+    /// # Errors
+    /// [`LinkError`] when the adapter cannot.
+    fn set_line(&self, line: M::Line) -> Result<(), LinkError>;
+
+    /// What makes a blocked [`receive`](Self::receive) return.
+    fn waker(&self) -> Waker;
+
+    /// For people: `/dev/ttyUSB0`, `10.0.0.5:4001`.
+    fn describe(&self) -> String;
+
+    /// Opens the same thing again, by its stable name, after it was lost.
+    ///
+    /// # Errors
+    /// [`LinkError`] while it is not there, or always when it cannot come back.
+    fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
+        Err(LinkError::gone(&self.describe()))
+    }
+}
+
+/// What ended a wait.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Received {
+    /// So many bytes (or one frame) are in the buffer.
+    Bytes {
+        /// How many; 1 for a frame.
+        len: usize,
+        /// When the last of them arrived.
+        at: Instant,
+    },
+    /// The instant came and nothing else did.
+    TimedOut,
+    /// A [`Waker`] was used.
+    Woken,
+}

@@ -1,0 +1,97 @@
+//! The serial adapters of this machine, and why one cannot be used.
+
+use crate::error::LinkError;
+
+#[cfg(target_os = "linux")]
+#[path = "ports/linux.rs"]
+mod system;
+#[cfg(all(unix, not(target_os = "linux")))]
+#[path = "ports/bsd.rs"]
+mod system;
+#[cfg(windows)]
+#[path = "ports/windows.rs"]
+mod system;
+
+/// Ports that are listed at most.
+pub const PORTS_MAX: usize = 256;
+
+/// A serial adapter.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Port {
+    /// What to open: `/dev/ttyUSB0`, `COM3`.
+    pub path: String,
+    /// The name that survives replugging, where the system has one.
+    pub stable: Option<String>,
+    /// What the adapter says it is.
+    pub usb: Option<Usb>,
+    /// Why it cannot be used now; nothing was opened to find out.
+    pub trouble: Option<LinkError>,
+}
+
+/// What a USB adapter tells of itself.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Usb {
+    /// Vendor id.
+    pub vendor_id: u16,
+    /// Product id.
+    pub product_id: u16,
+    /// Vendor's name, empty when it tells none.
+    pub vendor: String,
+    /// Product's name, empty when it tells none.
+    pub product: String,
+    /// Serial number, empty when it tells none.
+    pub serial: String,
+}
+
+/// Lists the adapters, by name.
+#[must_use]
+pub fn ports() -> Vec<Port> {
+    let mut found = system::ports();
+    found.truncate(PORTS_MAX);
+    found.sort_by(|a, b| natural(&a.path).cmp(&natural(&b.path)));
+    found
+}
+
+/// Their paths alone.
+pub(crate) fn names() -> Vec<String> {
+    ports().into_iter().map(|port| port.path).collect()
+}
+
+/// The name of `path` that survives replugging.
+pub(crate) fn stable_name(path: &str) -> Option<String> {
+    system::stable_name(path)
+}
+
+/// `In use by minicom (process 4711).`, or nothing when this user may not see who.
+#[cfg(unix)]
+pub(crate) fn holder_sentence(path: &str) -> String {
+    match system::holder(path) {
+        Some((name, pid)) => format!("In use by {name} (process {pid})."),
+        None => String::new(),
+    }
+}
+
+/// `ttyUSB10` after `ttyUSB9`.
+fn natural(path: &str) -> (&str, u32) {
+    let stem = path.trim_end_matches(|c: char| c.is_ascii_digit());
+    (stem, path[stem.len()..].parse().unwrap_or(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ten_comes_after_nine() {
+        let mut names = ["/dev/ttyUSB10", "/dev/ttyACM1", "/dev/ttyUSB9", "/dev/rfcomm"];
+        names.sort_by_key(|name| natural(name));
+        assert_eq!(names, ["/dev/rfcomm", "/dev/ttyACM1", "/dev/ttyUSB9", "/dev/ttyUSB10"]);
+    }
+
+    #[test]
+    fn listing_never_fails() {
+        for port in ports() {
+            assert!(!port.path.is_empty());
+        }
+    }
+}

@@ -1,0 +1,30 @@
+use super::Port;
+use crate::error::LinkError;
+
+/// Call-out devices: they open without waiting for a carrier.
+const PREFIXES: [&str; 2] = ["cu.", "cuaU"];
+
+pub(super) fn ports() -> Vec<Port> {
+    let entries = std::fs::read_dir("/dev").into_iter().flatten().flatten();
+    entries
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .filter(|name| PREFIXES.iter().any(|prefix| name.starts_with(prefix)))
+        .map(|name| port(format!("/dev/{name}")))
+        .collect()
+}
+
+pub(super) fn stable_name(_path: &str) -> Option<String> {
+    None
+}
+
+pub(super) fn holder(_path: &str) -> Option<(String, u32)> {
+    None
+}
+
+fn port(path: String) -> Port {
+    use rustix::fs::{Access, access};
+    let trouble = access(&*path, Access::READ_OK | Access::WRITE_OK)
+        .err()
+        .map(|errno| LinkError::from_io(&path, &errno.into()));
+    Port { path, stable: None, usb: None, trouble }
+}

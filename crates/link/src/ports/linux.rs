@@ -1,0 +1,75 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::{Port, Usb};
+use crate::error::{Cause, LinkError};
+
+/// How far up its device tree a port's USB device is looked for.
+const PARENTS_MAX: usize = 8;
+/// Processes and their open files that are looked through for who holds a port.
+const PROCESSES_MAX: usize = 65_536;
+const FILES_MAX: usize = 1_024;
+
+pub(super) fn ports() -> Vec<Port> {
+    entries("/sys/class/tty").filter_map(|class| port(&class)).collect()
+}
+
+pub(super) fn stable_name(path: &str) -> Option<String> {
+    let real = fs::canonicalize(path).ok()?;
+    entries("/dev/serial/by-id")
+        .find(|link| fs::canonicalize(link).is_ok_and(|to| to == real))
+        .map(|link| link.to_string_lossy().into_owned())
+}
+
+/// Name and number of a process that has `path` open, as far as this user may see.
+pub(super) fn holder(path: &str) -> Option<(String, u32)> {
+    let real = fs::canonicalize(path).ok()?;
+    let ours = std::process::id();
+    entries("/proc").take(PROCESSES_MAX).find_map(|process| {
+        let pid: u32 = process.file_name()?.to_str()?.parse().ok()?;
+        let holds = |fd: PathBuf| fs::read_link(fd).is_ok_and(|to| to == real);
+        let held = entries(process.join("fd")).take(FILES_MAX).any(holds);
+        (held && (pid != ours)).then(|| (text(&process, "comm"), pid))
+    })
+}
+
+fn port(class: &Path) -> Option<Port> {
+    // Without a device behind it, it is a console or a virtual terminal.
+    let device = fs::canonicalize(class.join("device")).ok()?;
+    // 0: the motherboard's driver reserves names for ports that are not there.
+    if text(class, "type") == "0" {
+        return None;
+    }
+    let path = format!("/dev/{}", class.file_name()?.to_str()?);
+    Some(Port { stable: stable_name(&path), usb: usb(&device), trouble: trouble(&path), path })
+}
+
+fn usb(device: &Path) -> Option<Usb> {
+    let parent = device.ancestors().take(PARENTS_MAX).find(|p| p.join("idVendor").exists())?;
+    let id = |name| u16::from_str_radix(&text(parent, name), 16).unwrap_or(0);
+    Some(Usb {
+        vendor_id: id("idVendor"),
+        product_id: id("idProduct"),
+        vendor: text(parent, "manufacturer"),
+        product: text(parent, "product"),
+        serial: text(parent, "serial"),
+    })
+}
+
+/// Looks without opening: opening raises DTR, which resets some boards.
+fn trouble(path: &str) -> Option<LinkError> {
+    use rustix::fs::{Access, access};
+    if let Err(errno) = access(path, Access::READ_OK | Access::WRITE_OK) {
+        return Some(LinkError::from_io(path, &errno.into()));
+    }
+    holder(path)?;
+    Some(LinkError::new(path, Cause::Busy).hinting(&super::holder_sentence(path)))
+}
+
+fn entries(folder: impl AsRef<Path>) -> impl Iterator<Item = PathBuf> {
+    fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
+}
+
+fn text(folder: &Path, name: &str) -> String {
+    fs::read_to_string(folder.join(name)).unwrap_or_default().trim().to_owned()
+}

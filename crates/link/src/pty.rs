@@ -1,0 +1,113 @@
+//! A pseudo-terminal on which a simulated drive can be reached like on a serial port.
+
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::time::Instant;
+use rustix::fs::OFlags;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+use crate::clock;
+use crate::descriptor::Descriptor;
+use crate::error::{Cause, LinkError};
+use crate::link::{Link, Received};
+use crate::wake::Waker;
+
+/// The far end of a pseudo-terminal. Others open [`path`](Self::path).
+#[derive(Debug)]
+pub struct Pty {
+    descriptor: Descriptor,
+    /// Kept open: without any near end the far end reads errors while no client is there.
+    _near: OwnedFd,
+    name: String,
+    alias: Option<PathBuf>,
+}
+
+impl Pty {
+    /// Makes a pair in raw mode. With `alias`, a symbolic link of that name points to the near
+    /// end until this object is dropped; one left behind by a killed process is replaced.
+    ///
+    /// # Errors
+    /// [`LinkError`]; [`Cause::Busy`] when `alias` exists and is no symbolic link.
+    pub fn open(alias: Option<&Path>) -> Result<Self, LinkError> {
+        let (far, near, name) = pair().map_err(|errno| LinkError::from_io("pty", &errno.into()))?;
+        let descriptor = Descriptor::new(far, &name)?;
+        let alias = alias.map(|alias| link_to(&name, alias)).transpose()?;
+        Ok(Self { descriptor, _near: near, name, alias })
+    }
+
+    /// What a client opens: the alias if there is one.
+    #[must_use]
+    pub fn path(&self) -> &str {
+        self.alias.as_deref().and_then(Path::to_str).unwrap_or(&self.name)
+    }
+}
+
+impl Drop for Pty {
+    fn drop(&mut self) {
+        if let Some(alias) = &self.alias {
+            let ours = std::fs::read_link(alias).is_ok_and(|to| to == Path::new(&self.name));
+            if ours {
+                let _ = std::fs::remove_file(alias);
+            }
+        }
+    }
+}
+
+impl Link<Stream> for Pty {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        self.descriptor.send(unit)
+    }
+
+    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        self.descriptor.receive(buffer, until)
+    }
+
+    fn set_line(&self, _line: SerialLine) -> Result<(), LinkError> {
+        Ok(())
+    }
+
+    fn waker(&self) -> Waker {
+        self.descriptor.wake.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.path().to_owned()
+    }
+}
+
+fn pair() -> Result<(OwnedFd, OwnedFd, String), rustix::io::Errno> {
+    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+    rustix::io::fcntl_setfd(&far, rustix::io::FdFlags::CLOEXEC)?;
+    grantpt(&far)?;
+    unlockpt(&far)?;
+    let name = ptsname(&far, Vec::new())?;
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+    let near = rustix::fs::open(&name, flags, rustix::fs::Mode::empty())?;
+    let mut termios = tcgetattr(&near)?;
+    termios.make_raw();
+    tcsetattr(&near, OptionalActions::Now, &termios)?;
+    rustix::io::ioctl_fionbio(&far, true)?;
+    Ok((far, near, name.to_string_lossy().into_owned()))
+}
+
+fn link_to(name: &str, alias: &Path) -> Result<PathBuf, LinkError> {
+    let shown = alias.to_string_lossy();
+    let fail = |error: &std::io::Error| LinkError::from_io(&shown, error);
+    match std::fs::symlink_metadata(alias) {
+        Ok(found) if found.is_symlink() => std::fs::remove_file(alias).map_err(|e| fail(&e))?,
+        Ok(_) => {
+            let hint = "A file of this name exists; choose another path.";
+            return Err(LinkError::new(&shown, Cause::Busy).hinting(hint));
+        }
+        Err(_) => {}
+    }
+    std::os::unix::fs::symlink(name, alias).map_err(|e| fail(&e))?;
+    Ok(alias.to_owned())
+}

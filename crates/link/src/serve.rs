@@ -1,0 +1,120 @@
+//! A simulated drive on a real wire, in real time.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use polepair_core::medium::{STREAM_UNIT_MAX, Stream};
+use polepair_core::station::{LineEvent, Station};
+use polepair_core::time::Instant;
+
+use crate::error::{Cause, LinkError};
+use crate::link::{Link, Received};
+use crate::wake::Waker;
+
+/// Bytes taken from the wire at once.
+const READ_MAX: usize = 1024;
+/// Units sent for one thing that arrived; a station that has more goes on after the next read.
+const BURST_MAX: usize = 256;
+/// Least pause between two expiries, lest a station that always wants time eats a core.
+const TICK_MIN_NS: u64 = 20_000;
+
+/// Lends the station that sits on the wire. Whoever shares it (a dashboard, the front panel of a
+/// drive) locks in `lend`.
+pub trait Wire: Send {
+    /// Calls `visit` with the station, once.
+    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<Stream>));
+}
+
+/// A station of one's own.
+impl<S: Station<Stream> + Send> Wire for Box<S> {
+    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<Stream>)) {
+        visit(&mut **self);
+    }
+}
+
+/// A station shared with others.
+impl<S: Station<Stream> + Send> Wire for Arc<Mutex<S>> {
+    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<Stream>)) {
+        visit(&mut *self.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+}
+
+/// Ends [`serve`] from elsewhere.
+#[derive(Clone, Debug)]
+pub struct Stop {
+    stopped: Arc<AtomicBool>,
+    waker: Waker,
+}
+
+impl Stop {
+    /// For a server of this link.
+    #[must_use]
+    pub fn of(link: &dyn Link<Stream>) -> Self {
+        Self { stopped: Arc::default(), waker: link.waker() }
+    }
+
+    /// Makes [`serve`] return.
+    pub fn stop(&self) {
+        self.stopped.store(true, Ordering::Release);
+        self.waker.wake();
+    }
+
+    /// Makes [`serve`] look at its station again: somebody else changed it.
+    pub fn look(&self) {
+        self.waker.wake();
+    }
+
+    fn is_set(&self) -> bool {
+        self.stopped.load(Ordering::Acquire)
+    }
+}
+
+/// Pumps a drive until it is stopped or the link is lost: bytes in, bytes out, time when it is due.
+///
+/// # Errors
+/// [`LinkError`] that ended it; a far end that takes no bytes does not.
+pub fn serve(link: &dyn Link<Stream>, wire: &mut dyn Wire, stop: &Stop) -> Result<(), LinkError> {
+    let mut buffer = [0_u8; READ_MAX];
+    wire.lend(&mut |station| station.handle_line(link.now(), LineEvent::Up));
+    while !stop.is_set() {
+        let until = flush(link, wire)?;
+        let received = link.receive(&mut buffer, until)?;
+        wire.lend(&mut |station| match received {
+            Received::Bytes { len, at } => station.handle_input(at, &buffer[..len]),
+            Received::TimedOut | Received::Woken => {}
+        });
+    }
+    Ok(())
+}
+
+/// Lets time pass, sends what the station has to say, and tells when it next wants time.
+fn flush(link: &dyn Link<Stream>, wire: &mut dyn Wire) -> Result<Instant, LinkError> {
+    let mut until = Instant::FAR;
+    let mut result = Ok(());
+    wire.lend(&mut |station| {
+        let now = link.now();
+        if station.poll_timeout().is_some_and(|due| due <= now) {
+            station.handle_timeout(now);
+        }
+        result = transmit(link, station, now);
+        until = station.poll_timeout().unwrap_or(Instant::FAR).max(now.plus_ns(TICK_MIN_NS));
+    });
+    result.map(|()| until)
+}
+
+fn transmit(
+    link: &dyn Link<Stream>,
+    station: &mut dyn Station<Stream>,
+    now: Instant,
+) -> Result<(), LinkError> {
+    let mut out = [0_u8; STREAM_UNIT_MAX];
+    for _ in 0..BURST_MAX {
+        let Some(len) = station.poll_transmit(now, &mut out) else { break };
+        match link.send(&out[..len]) {
+            // Nobody reads: on a real line these bytes would be lost as well.
+            Err(error) if error.cause() == Cause::Stalled => break,
+            sent => sent?,
+        }
+    }
+    Ok(())
+}

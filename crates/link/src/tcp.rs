@@ -1,0 +1,184 @@
+//! TCP: a client for serial servers, and a listener behind which a simulated drive waits.
+
+use std::io::ErrorKind;
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::time::Instant;
+
+use crate::clock;
+use crate::error::{Cause, LinkError};
+use crate::link::{Link, Received};
+use crate::wake::Waker;
+
+#[cfg(unix)]
+mod listener;
+#[cfg(unix)]
+pub use listener::TcpServer;
+
+/// How long connecting to one address may take.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+/// Addresses of one host name that are tried.
+const ADDRESSES_MAX: usize = 4;
+
+/// A connection to a serial server, or to a drive with Ethernet.
+#[derive(Debug)]
+pub struct TcpLink {
+    socket: socket::Socket,
+    address: String,
+}
+
+impl TcpLink {
+    /// Connects to `address` (`10.0.0.5:4001`, `server.local:4001`). What is sent goes out at
+    /// once (no Nagle), and a far end that vanished without a word is noticed within about ten
+    /// seconds (keep-alive).
+    ///
+    /// # Errors
+    /// [`LinkError`] of the last address tried.
+    pub fn connect(address: &str) -> Result<Self, LinkError> {
+        let stream = connect(address)?;
+        let _ = stream.set_nodelay(true);
+        Ok(Self { socket: socket::Socket::new(stream, address)?, address: address.to_owned() })
+    }
+}
+
+impl Link<Stream> for TcpLink {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        self.socket.send(unit)
+    }
+
+    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        self.socket.receive(buffer, until)
+    }
+
+    fn set_line(&self, _line: SerialLine) -> Result<(), LinkError> {
+        Ok(())
+    }
+
+    fn waker(&self) -> Waker {
+        self.socket.waker()
+    }
+
+    fn describe(&self) -> String {
+        self.address.clone()
+    }
+
+    fn reopen(&self) -> Result<Box<dyn Link<Stream>>, LinkError> {
+        Ok(Box::new(Self::connect(&self.address)?))
+    }
+}
+
+fn connect(address: &str) -> Result<TcpStream, LinkError> {
+    let mut last = LinkError::new(address, Cause::NotFound)
+        .hinting("The host name or port number is not understood.");
+    for address_of_host in resolve(address)? {
+        match TcpStream::connect_timeout(&address_of_host, CONNECT_TIMEOUT) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = LinkError::from_io(address, &error),
+        }
+    }
+    Err(last)
+}
+
+fn resolve(address: &str) -> Result<Vec<SocketAddr>, LinkError> {
+    let found = address.to_socket_addrs().map_err(|error| match error.kind() {
+        ErrorKind::InvalidInput => LinkError::new(address, Cause::NotFound)
+            .hinting("An address is HOST:PORT, for example 10.0.0.5:4001."),
+        _ => LinkError::new(address, Cause::NotFound).hinting("No such host."),
+    })?;
+    Ok(found.take(ADDRESSES_MAX).collect())
+}
+
+#[cfg(unix)]
+mod socket {
+    use super::{Duration, LinkError, TcpStream};
+    use crate::descriptor::Descriptor;
+    use crate::link::Received;
+    use crate::wake::Waker;
+    use polepair_core::time::Instant;
+    use rustix::net::sockopt;
+
+    #[derive(Debug)]
+    pub(super) struct Socket(Descriptor);
+
+    impl Socket {
+        pub(super) fn new(stream: TcpStream, name: &str) -> Result<Self, LinkError> {
+            stream.set_nonblocking(true).map_err(|error| LinkError::from_io(name, &error))?;
+            keep_alive(&stream);
+            Ok(Self(Descriptor::new(stream.into(), name)?))
+        }
+
+        pub(super) fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
+            self.0.send(bytes)
+        }
+
+        pub(super) fn receive(
+            &self,
+            buffer: &mut [u8],
+            until: Instant,
+        ) -> Result<Received, LinkError> {
+            self.0.receive(buffer, until)
+        }
+
+        pub(super) fn waker(&self) -> Waker {
+            self.0.wake.clone()
+        }
+    }
+
+    /// A far end that lost power never says so: ask it, and give up on bytes never acknowledged.
+    fn keep_alive(stream: &TcpStream) {
+        let _ = sockopt::set_socket_keepalive(stream, true);
+        let _ = sockopt::set_tcp_keepidle(stream, Duration::from_secs(5));
+        let _ = sockopt::set_tcp_keepintvl(stream, Duration::from_secs(1));
+        let _ = sockopt::set_tcp_keepcnt(stream, 5);
+        #[cfg(target_os = "linux")]
+        let _ = sockopt::set_tcp_user_timeout(stream, 10_000);
+    }
+}
+
+#[cfg(windows)]
+mod socket {
+    use super::{LinkError, TcpStream};
+    use crate::link::Received;
+    use crate::wake::{Sliced, Waker};
+    use polepair_core::time::Instant;
+    use std::io::{Read, Write};
+
+    #[derive(Debug)]
+    pub(super) struct Socket {
+        stream: TcpStream,
+        wake: Waker,
+        name: String,
+    }
+
+    impl Socket {
+        pub(super) fn new(stream: TcpStream, name: &str) -> Result<Self, LinkError> {
+            let wake = Waker::new().map_err(|error| LinkError::from_io(name, &error))?;
+            Ok(Self { stream, wake, name: name.to_owned() })
+        }
+
+        pub(super) fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
+            (&self.stream).write_all(bytes).map_err(|e| LinkError::from_io(&self.name, &e))
+        }
+
+        pub(super) fn receive(
+            &self,
+            buffer: &mut [u8],
+            until: Instant,
+        ) -> Result<Received, LinkError> {
+            Sliced { wake: &self.wake, name: &self.name }.receive(until, |slice| {
+                self.stream.set_read_timeout(Some(slice))?;
+                (&self.stream).read(buffer)
+            })
+        }
+
+        pub(super) fn waker(&self) -> Waker {
+            self.wake.clone()
+        }
+    }
+}

@@ -1,0 +1,129 @@
+use std::net::{SocketAddr, TcpListener};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::time::Instant;
+
+use crate::clock;
+use crate::descriptor::Descriptor;
+use crate::error::LinkError;
+use crate::link::{Link, Received};
+use crate::wake::Waker;
+use rustix::event::{PollFd, PollFlags, poll};
+
+/// The drive's end of a TCP connection: takes one client after another, without end. What is sent
+/// while nobody is connected is lost, as on a wire without a listener.
+#[derive(Debug)]
+pub struct TcpServer {
+    listener: TcpListener,
+    address: SocketAddr,
+    wake: Waker,
+    client: Mutex<Option<Arc<Descriptor>>>,
+}
+
+impl TcpServer {
+    /// Listens at `address`; port 0 takes a free one. An address without a host
+    /// (`:0`, `4001`) means this machine only.
+    ///
+    /// # Errors
+    /// [`LinkError`], mostly that the port is taken.
+    pub fn bind(address: &str) -> Result<Self, LinkError> {
+        let fail = |error: std::io::Error| LinkError::from_io(address, &error);
+        let listener = TcpListener::bind(with_host(address)).map_err(fail)?;
+        listener.set_nonblocking(true).map_err(fail)?;
+        let at = listener.local_addr().map_err(fail)?;
+        Ok(Self { listener, address: at, wake: Waker::new().map_err(fail)?, client: None.into() })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    fn client(&self) -> Option<Arc<Descriptor>> {
+        self.client.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set_client(&self, client: Option<Arc<Descriptor>>) {
+        *self.client.lock().unwrap_or_else(PoisonError::into_inner) = client;
+    }
+
+    /// Waits for a client; `None` when one came.
+    fn accept(&self, until: Instant) -> Result<Option<Received>, LinkError> {
+        let name = self.address.to_string();
+        loop {
+            if let Ok((stream, _)) = self.listener.accept() {
+                let _ = stream.set_nodelay(true);
+                let fail = |error: std::io::Error| LinkError::from_io(&name, &error);
+                stream.set_nonblocking(true).map_err(fail)?;
+                let mut client = Descriptor::new(stream.into(), &name)?;
+                client.wake = self.wake.clone();
+                self.set_client(Some(Arc::new(client)));
+                return Ok(None);
+            }
+            let left = until.since(clock::now());
+            if left.is_zero() {
+                return Ok(Some(Received::TimedOut));
+            }
+            let mut fds = [
+                PollFd::new(&self.listener, PollFlags::IN),
+                PollFd::from_borrowed_fd(self.wake.as_fd(), PollFlags::IN),
+            ];
+            let timeout = (until != Instant::FAR).then(|| crate::descriptor::timespec(left));
+            let _ = poll(&mut fds, timeout.as_ref());
+            if !fds[1].revents().is_empty() && self.wake.taken() {
+                return Ok(Some(Received::Woken));
+            }
+        }
+    }
+}
+
+impl Link<Stream> for TcpServer {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        // A client that left or reads nothing is found out by `receive`.
+        match self.client() {
+            Some(client) => client.send(unit).or(Ok(())),
+            None => Ok(()),
+        }
+    }
+
+    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        loop {
+            if let Some(client) = self.client() {
+                match client.receive(buffer, until) {
+                    Err(error) if error.is_gone() => self.set_client(None),
+                    received => return received,
+                }
+            }
+            if let Some(other) = self.accept(until)? {
+                return Ok(other);
+            }
+        }
+    }
+
+    fn set_line(&self, _line: SerialLine) -> Result<(), LinkError> {
+        Ok(())
+    }
+
+    fn waker(&self) -> Waker {
+        self.wake.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.address.to_string()
+    }
+}
+
+/// Motors are reached from this machine only unless somebody asks for more.
+fn with_host(address: &str) -> String {
+    match address.rsplit_once(':') {
+        Some(("", port)) => format!("127.0.0.1:{port}"),
+        Some(_) => address.to_owned(),
+        None => format!("127.0.0.1:{address}"),
+    }
+}

@@ -1,0 +1,146 @@
+//! What makes a blocked wait return.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+#[cfg(unix)]
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+/// Makes one wait return: the one under way, or else the next. Cheap to clone and to use twice.
+#[derive(Clone, Debug)]
+pub struct Waker(Arc<Bell>);
+
+impl Waker {
+    /// A waker of its own.
+    ///
+    /// # Errors
+    /// What the operating system says when it has no descriptors left.
+    pub fn new() -> std::io::Result<Self> {
+        Ok(Self(Arc::new(Bell::new()?)))
+    }
+
+    /// Wakes. Calls before the sleeper has noticed count as one.
+    pub fn wake(&self) {
+        if !self.0.rung.swap(true, Ordering::AcqRel) {
+            self.0.ring();
+        }
+    }
+
+    /// Takes the wake-up, if there was one.
+    #[must_use]
+    pub fn taken(&self) -> bool {
+        // Both, always: a ring may come a moment after its flag was taken, and would keep the
+        // descriptor readable for ever.
+        let heard = self.0.hush();
+        self.0.rung.swap(false, Ordering::AcqRel) || heard
+    }
+
+    /// Readable while somebody has woken.
+    #[cfg(unix)]
+    #[must_use]
+    pub fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.hear.as_fd()
+    }
+}
+
+#[derive(Debug)]
+struct Bell {
+    rung: AtomicBool,
+    #[cfg(unix)]
+    hear: OwnedFd,
+    /// The writing end where the system has pipes only.
+    #[cfg(all(unix, not(target_os = "linux")))]
+    pull: OwnedFd,
+}
+
+#[cfg(target_os = "linux")]
+impl Bell {
+    fn new() -> std::io::Result<Self> {
+        use rustix::event::{EventfdFlags, eventfd};
+        let hear = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
+        Ok(Self { rung: AtomicBool::new(false), hear })
+    }
+
+    fn ring(&self) {
+        let _ = rustix::io::write(&self.hear, &1_u64.to_ne_bytes());
+    }
+
+    fn hush(&self) -> bool {
+        rustix::io::read(&self.hear, &mut [0_u8; 8]).is_ok()
+    }
+}
+
+#[cfg(all(unix, not(target_os = "linux")))]
+impl Bell {
+    fn new() -> std::io::Result<Self> {
+        let (hear, pull) = rustix::pipe::pipe()?;
+        for end in [&hear, &pull] {
+            rustix::io::fcntl_setfd(end, rustix::io::FdFlags::CLOEXEC)?;
+            rustix::io::ioctl_fionbio(end, true)?;
+        }
+        Ok(Self { rung: AtomicBool::new(false), hear, pull })
+    }
+
+    fn ring(&self) {
+        let _ = rustix::io::write(&self.pull, &[1]);
+    }
+
+    fn hush(&self) -> bool {
+        rustix::io::read(&self.hear, &mut [0_u8; 16]).is_ok()
+    }
+}
+
+#[cfg(not(unix))]
+impl Bell {
+    #[allow(clippy::unnecessary_wraps, reason = "the other systems can fail here")]
+    fn new() -> std::io::Result<Self> {
+        Ok(Self { rung: AtomicBool::new(false) })
+    }
+
+    fn ring(&self) {}
+
+    fn hush(&self) -> bool {
+        false
+    }
+}
+
+/// Waiting in slices, where the system offers nothing that a waker could end.
+#[cfg(windows)]
+pub(crate) struct Sliced<'a> {
+    pub(crate) wake: &'a Waker,
+    pub(crate) name: &'a str,
+}
+
+#[cfg(windows)]
+impl Sliced<'_> {
+    /// Reads with `read(timeout)` until something comes, `until` has come or somebody wakes.
+    pub(crate) fn receive(
+        &self,
+        until: polepair_core::time::Instant,
+        mut read: impl FnMut(std::time::Duration) -> std::io::Result<usize>,
+    ) -> Result<crate::link::Received, crate::error::LinkError> {
+        use crate::clock;
+        use crate::error::LinkError;
+        use crate::link::Received;
+        use std::io::ErrorKind;
+        use std::time::Duration;
+        const SLICE_MAX: Duration = Duration::from_millis(10);
+        loop {
+            let left = until.since(clock::now());
+            match read(left.clamp(Duration::from_millis(1), SLICE_MAX)) {
+                Ok(0) => return Err(LinkError::gone(self.name)),
+                Ok(len) => return Ok(Received::Bytes { len, at: clock::now() }),
+                Err(error) => match error.kind() {
+                    ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted => {}
+                    _ => return Err(LinkError::from_io(self.name, &error)),
+                },
+            }
+            if self.wake.taken() {
+                return Ok(Received::Woken);
+            }
+            if left.is_zero() {
+                return Ok(Received::TimedOut);
+            }
+        }
+    }
+}
