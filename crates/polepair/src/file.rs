@@ -1,0 +1,325 @@
+//! Reading TOML files so that every complaint names file, line, column and reason.
+
+use crate::words;
+use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::Arc;
+use toml::Spanned;
+use toml::de::{DeArray, DeTable, DeValue};
+
+/// What a file gets wrong, and where.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct FileError {
+    /// The file, as it was named.
+    pub file: String,
+    /// Line, counted from 1; 0 when the file as a whole is meant.
+    pub line: u32,
+    /// Column in characters, counted from 1; 0 when the file as a whole is meant.
+    pub column: u32,
+    /// What is wrong, and the nearest known word where there is one.
+    pub reason: String,
+}
+
+impl FileError {
+    /// A complaint about a file as a whole.
+    pub(crate) fn whole(file: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self { file: file.into(), line: 0, column: 0, reason: reason.into() }
+    }
+}
+
+impl std::fmt::Display for FileError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { file, line, column, reason } = self;
+        match line {
+            0 => write!(f, "{file}: {reason}"),
+            _ => write!(f, "{file}:{line}:{column}: {reason}"),
+        }
+    }
+}
+
+impl std::error::Error for FileError {}
+
+/// A place in a file.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Place {
+    file: Arc<str>,
+    line: u32,
+    column: u32,
+}
+
+impl Place {
+    /// The place of what no file says: a drive that is compiled in.
+    pub(crate) fn built_in(name: &str) -> Self {
+        Self { file: name.into(), line: 0, column: 0 }
+    }
+
+    /// So many characters further on the line.
+    pub(crate) fn shifted(&self, characters: usize) -> Self {
+        let more = u32::try_from(characters).unwrap_or(0);
+        Self { column: self.column + more, ..self.clone() }
+    }
+
+    /// A complaint about this place.
+    pub(crate) fn error(&self, reason: impl Into<String>) -> FileError {
+        FileError {
+            file: self.file.to_string(),
+            line: self.line,
+            column: self.column,
+            reason: reason.into(),
+        }
+    }
+}
+
+/// A file's text, for turning byte offsets into places.
+#[derive(Clone, Debug)]
+pub(crate) struct Text<'a> {
+    file: Arc<str>,
+    text: &'a str,
+}
+
+impl<'a> Text<'a> {
+    pub(crate) fn new(file: &str, text: &'a str) -> Self {
+        Self { file: file.into(), text }
+    }
+
+    /// Parses the text as TOML and gives its outermost table to `read`.
+    pub(crate) fn read<T>(
+        &self,
+        known: &[&str],
+        read: impl FnOnce(Node<'_, 'a>) -> Result<T, FileError>,
+    ) -> Result<T, FileError> {
+        let parsed = DeTable::parse(self.text).map_err(|error| {
+            let place = self.place(error.span().map_or(0, |span| span.start));
+            place.error(error.message().lines().collect::<Vec<_>>().join("; "))
+        })?;
+        read(Node::new(self, parsed.get_ref(), 0, known)?)
+    }
+
+    fn place(&self, offset: usize) -> Place {
+        let before = self.text.get(..offset).unwrap_or(self.text);
+        let start = before.rfind('\n').map_or(0, |at| at + 1);
+        let line = before.bytes().filter(|&c| c == b'\n').count() + 1;
+        let column = before[start..].chars().count() + 1;
+        let small = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        Place { file: Arc::clone(&self.file), line: small(line), column: small(column) }
+    }
+}
+
+/// A value and where it stands.
+#[derive(Clone, Debug)]
+pub(crate) struct Found<T> {
+    pub(crate) value: T,
+    pub(crate) place: Place,
+}
+
+impl<T> Found<T> {
+    /// Refuses the value with a reason, or goes on with what became of it.
+    pub(crate) fn check<U>(
+        self,
+        make: impl FnOnce(T) -> Result<U, String>,
+    ) -> Result<U, FileError> {
+        let place = self.place;
+        make(self.value).map_err(|reason| place.error(reason))
+    }
+}
+
+/// A table of a file whose keys are known words.
+#[derive(Clone, Debug)]
+pub(crate) struct Node<'t, 'a> {
+    text: &'t Text<'a>,
+    table: &'t DeTable<'a>,
+    start: usize,
+}
+
+type Entry<'t, 'a> = (&'t str, Range<usize>, &'t Spanned<DeValue<'a>>);
+
+impl<'t, 'a> Node<'t, 'a> {
+    fn new(
+        text: &'t Text<'a>,
+        table: &'t DeTable<'a>,
+        start: usize,
+        known: &[&str],
+    ) -> Result<Self, FileError> {
+        let node = Self { text, table, start };
+        for (key, span, _) in node.entries() {
+            if !known.is_empty() && !known.contains(&key) {
+                let hint = words::hint(key, known.iter().copied());
+                return Err(text.place(span.start).error(format!("unknown key `{key}`{hint}")));
+            }
+        }
+        Ok(node)
+    }
+
+    /// Where the table begins.
+    pub(crate) fn place(&self) -> Place {
+        self.text.place(self.start)
+    }
+
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.table.contains_key(key)
+    }
+
+    fn entries(&self) -> impl Iterator<Item = Entry<'t, 'a>> + use<'t, 'a> {
+        let table = self.table;
+        table.iter().map(|(key, value)| {
+            let name: &'t Cow<'a, str> = key.get_ref();
+            (name.as_ref(), key.span(), value)
+        })
+    }
+
+    /// Every key of the table, with its place.
+    pub(crate) fn keys(&self) -> Vec<Found<&'t str>> {
+        let place = |start| self.text.place(start);
+        self.entries().map(|(value, at, _)| Found { value, place: place(at.start) }).collect()
+    }
+
+    fn value(&self, key: &str) -> Option<&'t Spanned<DeValue<'a>>> {
+        self.table.get(key)
+    }
+
+    fn wrong(&self, key: &str, value: &Spanned<DeValue<'a>>, wanted: &str) -> FileError {
+        let found = value.get_ref().type_str();
+        let article = if found.starts_with(['a', 'i']) { "an" } else { "a" };
+        self.text
+            .place(value.span().start)
+            .error(format!("`{key}` is {article} {found}; it must be {wanted}"))
+    }
+
+    pub(crate) fn text(&self, key: &str) -> Result<Option<Found<String>>, FileError> {
+        let Some(value) = self.value(key) else { return Ok(None) };
+        let text = value.get_ref().as_str().ok_or_else(|| self.wrong(key, value, "a text"))?;
+        Ok(Some(self.found(text.to_owned(), value)))
+    }
+
+    pub(crate) fn needed_text(&self, key: &str) -> Result<Found<String>, FileError> {
+        self.text(key)?.ok_or_else(|| self.place().error(format!("`{key}` is missing")))
+    }
+
+    pub(crate) fn integer(&self, key: &str) -> Result<Option<Found<i64>>, FileError> {
+        let Some(value) = self.value(key) else { return Ok(None) };
+        let number = integer(value.get_ref())
+            .ok_or_else(|| self.wrong(key, value, "a whole number of 64 bits"))?;
+        Ok(Some(self.found(number, value)))
+    }
+
+    pub(crate) fn needed_integer(&self, key: &str) -> Result<Found<i64>, FileError> {
+        self.integer(key)?.ok_or_else(|| self.place().error(format!("`{key}` is missing")))
+    }
+
+    /// A number between `least` and `most`.
+    pub(crate) fn between(
+        &self,
+        key: &str,
+        least: i64,
+        most: i64,
+    ) -> Result<Option<i64>, FileError> {
+        let Some(found) = self.integer(key)? else { return Ok(None) };
+        if !(least..=most).contains(&found.value) {
+            let reason = format!("`{key}` is {}; it must be {least} to {most}", found.value);
+            return Err(found.place.error(reason));
+        }
+        Ok(Some(found.value))
+    }
+
+    pub(crate) fn real(&self, key: &str) -> Result<Option<Found<f64>>, FileError> {
+        let Some(value) = self.value(key) else { return Ok(None) };
+        let number = match value.get_ref() {
+            DeValue::Float(float) => float.as_str().replace('_', "").parse::<f64>().ok(),
+            #[allow(clippy::cast_precision_loss, reason = "a scale or a probability")]
+            other => integer(other).map(|n| n as f64),
+        };
+        let number = number.filter(|n| n.is_finite());
+        let number = number.ok_or_else(|| self.wrong(key, value, "a finite number"))?;
+        Ok(Some(self.found(number, value)))
+    }
+
+    pub(crate) fn flag(&self, key: &str) -> Result<bool, FileError> {
+        let Some(value) = self.value(key) else { return Ok(false) };
+        value.get_ref().as_bool().ok_or_else(|| self.wrong(key, value, "true or false"))
+    }
+
+    pub(crate) fn texts(&self, key: &str) -> Result<Vec<Found<String>>, FileError> {
+        let Some((value, array)) = self.array(key)? else { return Ok(Vec::new()) };
+        let text = |item: &Spanned<DeValue<'a>>| match item.get_ref().as_str() {
+            Some(text) => Ok(self.found(text.to_owned(), item)),
+            None => Err(self.wrong(key, value, "a list of texts")),
+        };
+        array.iter().map(text).collect()
+    }
+
+    fn array(
+        &self,
+        key: &str,
+    ) -> Result<Option<(&'t Spanned<DeValue<'a>>, &'t DeArray<'a>)>, FileError> {
+        let Some(value) = self.value(key) else { return Ok(None) };
+        match value.get_ref().as_array() {
+            Some(array) => Ok(Some((value, array))),
+            None => Err(self.wrong(key, value, "a list")),
+        }
+    }
+
+    /// A table whose keys are `known`; any keys when `known` is empty.
+    pub(crate) fn table(
+        &self,
+        key: &str,
+        known: &[&str],
+    ) -> Result<Option<Node<'t, 'a>>, FileError> {
+        let Some(value) = self.value(key) else { return Ok(None) };
+        let table = value.get_ref().as_table().ok_or_else(|| self.wrong(key, value, "a table"))?;
+        Node::new(self.text, table, value.span().start, known).map(Some)
+    }
+
+    /// The tables of `[[key]]`.
+    pub(crate) fn tables(&self, key: &str, known: &[&str]) -> Result<Vec<Node<'t, 'a>>, FileError> {
+        let Some((value, array)) = self.array(key)? else { return Ok(Vec::new()) };
+        let node = |item: &'t Spanned<DeValue<'a>>| match item.get_ref().as_table() {
+            Some(table) => Node::new(self.text, table, item.span().start, known),
+            None => Err(self.wrong(key, value, "a list of tables")),
+        };
+        array.iter().map(node).collect()
+    }
+
+    /// True when `key` holds a table rather than a plain value.
+    pub(crate) fn is_table(&self, key: &str) -> bool {
+        self.value(key).is_some_and(|value| value.get_ref().is_table())
+    }
+
+    #[expect(dead_code, reason = "rack files are next")]
+    /// A scalar as text, whatever its type.
+    pub(crate) fn plain(&self, key: &str) -> Result<Option<Found<String>>, FileError> {
+        let Some(value) = self.value(key) else { return Ok(None) };
+        let text = match value.get_ref() {
+            DeValue::String(text) => text.to_string(),
+            DeValue::Float(float) => float.as_str().to_owned(),
+            DeValue::Boolean(flag) => flag.to_string(),
+            other => match integer(other) {
+                Some(number) => number.to_string(),
+                None => return Err(self.wrong(key, value, "a text, a number or true or false")),
+            },
+        };
+        Ok(Some(self.found(text, value)))
+    }
+
+    fn found<T>(&self, value: T, at: &Spanned<DeValue<'a>>) -> Found<T> {
+        Found { value, place: self.text.place(at.span().start) }
+    }
+}
+
+fn integer(value: &DeValue<'_>) -> Option<i64> {
+    let number = value.as_integer()?;
+    i64::from_str_radix(number.as_str(), number.radix()).ok()
+}
+
+/// A number as people write it in files and commands: decimal or 0x, signed.
+pub(crate) fn number(text: &str) -> Option<i64> {
+    let (sign, digits) = match text.strip_prefix('-') {
+        Some(digits) => (-1, digits),
+        None => (1, text),
+    };
+    let magnitude = match digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X")) {
+        Some(hex) => u64::from_str_radix(hex, 16).ok()?,
+        None if digits.starts_with('+') => return None,
+        None => digits.parse::<u64>().ok()?,
+    };
+    i64::try_from(i128::from(magnitude) * sign).ok()
+}

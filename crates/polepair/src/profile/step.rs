@@ -1,0 +1,206 @@
+//! The step language of profiles: one text a step.
+//!
+//! ```text
+//! write NAME = VALUE            ensure NAME = 1              read NAME        copy NAME -> NAME
+//! require NAME & 0x10 == 0 else HINT      (also == != and `within N` for magnitudes)
+//! no-fault NAME                 no-fault NAME & 0x1F
+//! until NAME & 0x80 == 0x80 within 60 s   until NAME within-magnitude 5 within 5 s
+//! send FUNCTION INDEX VALUE [like NAME]   keep NAME        wait 50 ms
+//! ```
+//!
+//! VALUE is a number, `{target}`, `{velocity}`, `{acceleration}`, `{torque}`, or with a question
+//! mark, `{velocity?}`, where the step is left out when the caller gives none.
+
+use super::draft::{DraftStep, Named};
+use crate::file::{FileError, Found, Place, number};
+use crate::words;
+use polepair_core::plan::{Argument, Compare, Operand, Test};
+
+/// The longest wait or limit that a step may have: a day, ms.
+pub(crate) const WAIT_MS_MAX: u32 = 86_400_000;
+
+const VERBS: [&str; 10] =
+    ["write", "ensure", "read", "copy", "require", "no-fault", "until", "send", "keep", "wait"];
+
+const ARGUMENTS: [(&str, Argument); 4] = [
+    ("target", Argument::Target),
+    ("velocity", Argument::Velocity),
+    ("acceleration", Argument::Acceleration),
+    ("torque", Argument::Torque),
+];
+
+/// Reads one step.
+pub(crate) fn parse(step: &Found<String>) -> Result<DraftStep, FileError> {
+    // One further than the opening quote: steps hardly ever hold escapes, which would shift this.
+    let whole = Piece { text: &step.value, place: step.place.shifted(1) }.trimmed();
+    let (verb, rest) = whole.cut_at(" ").unwrap_or((whole.clone(), whole.end()));
+    match verb.text {
+        "write" => assignment(&rest).and_then(|(name, value)| {
+            Ok(DraftStep::Write(name, value.operand()?, value.place.clone()))
+        }),
+        "ensure" => assignment(&rest)
+            .and_then(|(name, value)| Ok(DraftStep::Ensure(name, value.number()?, value.place))),
+        "read" => Ok(DraftStep::Read(rest.named()?)),
+        "copy" => {
+            let (from, to) = rest.needed_cut(" -> ", "`copy NAME -> NAME`")?;
+            Ok(DraftStep::Copy { from: from.named()?, to: to.named()? })
+        }
+        "require" => {
+            let (test, hint) = rest.needed_cut(" else ", "`require TEST else HINT`")?;
+            let (read, test) = condition(&test)?;
+            Ok(DraftStep::Require { read, test, hint: hint.text.to_owned() })
+        }
+        "no-fault" => masked(&rest).map(|(read, mask)| DraftStep::NoFault { read, mask }),
+        "until" => {
+            let form = "`until TEST within TIME`, such as `within 5 s`";
+            let (test, time) = rest.needed_last_cut(" within ", form)?;
+            let (read, test) = condition(&test)?;
+            Ok(DraftStep::Until { read, test, within_ms: time.milliseconds()? })
+        }
+        "send" => send(&rest),
+        "keep" => Ok(DraftStep::Keep(rest.named()?)),
+        "wait" => Ok(DraftStep::Wait { ms: rest.milliseconds()? }),
+        other => {
+            let hint = words::hint(other, VERBS);
+            Err(verb.error(format!("a step cannot begin with `{other}`{hint}")))
+        }
+    }
+}
+
+/// A part of a step and where it stands.
+#[derive(Clone, Debug)]
+struct Piece<'a> {
+    text: &'a str,
+    place: Place,
+}
+
+impl<'a> Piece<'a> {
+    fn error(&self, reason: impl Into<String>) -> FileError {
+        self.place.error(reason)
+    }
+
+    fn from(&self, at: usize, to: usize) -> Self {
+        let place = self.place.shifted(self.text[..at].chars().count());
+        Self { text: &self.text[at..to], place }
+    }
+
+    fn trimmed(&self) -> Self {
+        let start = self.text.len() - self.text.trim_start().len();
+        self.from(start, start + self.text.trim().len())
+    }
+
+    fn end(&self) -> Self {
+        self.from(self.text.len(), self.text.len())
+    }
+
+    fn split(&self, at: usize, len: usize) -> (Self, Self) {
+        let after = self.from(at + len, self.text.len());
+        (self.from(0, at).trimmed(), after.trimmed())
+    }
+
+    fn cut_at(&self, mark: &str) -> Option<(Self, Self)> {
+        self.text.find(mark).map(|at| self.split(at, mark.len()))
+    }
+
+    fn needed_cut(&self, mark: &str, form: &str) -> Result<(Self, Self), FileError> {
+        self.cut_at(mark).ok_or_else(|| self.error(format!("expected {form}")))
+    }
+
+    fn needed_last_cut(&self, mark: &str, form: &str) -> Result<(Self, Self), FileError> {
+        let at = self.text.rfind(mark).ok_or_else(|| self.error(format!("expected {form}")))?;
+        Ok(self.split(at, mark.len()))
+    }
+
+    fn named(&self) -> Result<Named, FileError> {
+        if self.text.is_empty() {
+            return Err(self.error("a parameter's name is missing"));
+        }
+        Ok(Found { value: self.text.to_owned(), place: self.place.clone() })
+    }
+
+    fn number(&self) -> Result<i64, FileError> {
+        let found = self.text;
+        number(found).ok_or_else(|| {
+            self.error(format!("expected a whole number, decimal or 0x, found `{found}`"))
+        })
+    }
+
+    fn fitting<T: TryFrom<i64>>(&self, what: &str) -> Result<T, FileError> {
+        let number = self.number()?;
+        T::try_from(number).map_err(|_| self.error(format!("{number} does not fit {what}")))
+    }
+
+    fn operand(&self) -> Result<Operand, FileError> {
+        let Some(inner) = self.text.strip_prefix('{').and_then(|t| t.strip_suffix('}')) else {
+            return self.number().map(Operand::Is);
+        };
+        let (word, make): (&str, fn(Argument) -> Operand) = match inner.strip_suffix('?') {
+            Some(word) => (word, Operand::Given),
+            None => (inner, Operand::Argument),
+        };
+        let known = ARGUMENTS.iter().find(|(name, _)| *name == word);
+        known.map(|(_, argument)| make(*argument)).ok_or_else(|| {
+            let hint = words::hint(word, ARGUMENTS.map(|(name, _)| name));
+            self.error(format!("no command carries `{word}`{hint}"))
+        })
+    }
+
+    fn milliseconds(&self) -> Result<u32, FileError> {
+        let wrong =
+            || self.error(format!("expected a time such as `50 ms`, found `{}`", self.text));
+        let (digits, factor) = match self.text.strip_suffix("ms") {
+            Some(digits) => (digits, 1.0),
+            None => (self.text.strip_suffix('s').ok_or_else(wrong)?, 1000.0),
+        };
+        let ms = digits.trim().parse::<f64>().map_err(|_| wrong())? * factor;
+        if !(0.0..=f64::from(WAIT_MS_MAX)).contains(&ms) {
+            return Err(self.error(format!("a step waits 0 to {WAIT_MS_MAX} ms")));
+        }
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked")]
+        Ok(ms.round() as u32)
+    }
+}
+
+fn assignment<'a>(rest: &Piece<'a>) -> Result<(Named, Piece<'a>), FileError> {
+    let (name, value) = rest.needed_cut(" = ", "`NAME = VALUE`")?;
+    Ok((name.named()?, value))
+}
+
+/// `NAME` or `NAME & MASK`.
+fn masked(piece: &Piece<'_>) -> Result<(Named, i64), FileError> {
+    match piece.cut_at(" & ") {
+        Some((name, mask)) => Ok((name.named()?, mask.number()?)),
+        None => Ok((piece.trimmed().named()?, -1)),
+    }
+}
+
+/// `NAME [& MASK] == N`, `!= N`, `within N` or `within-magnitude N`.
+fn condition(piece: &Piece<'_>) -> Result<(Named, Test), FileError> {
+    let forms = [
+        (" == ", Compare::Equal),
+        (" != ", Compare::NotEqual),
+        (" within-magnitude ", Compare::Within),
+        (" within ", Compare::Within),
+    ];
+    for (mark, compare) in forms {
+        if let Some((left, value)) = piece.cut_at(mark) {
+            let (name, mask) = masked(&left)?;
+            let value = value.number()?;
+            return Ok((name, Test { mask, compare, value }));
+        }
+    }
+    Err(piece.error("expected `NAME == N`, `NAME & MASK != N` or `NAME within-magnitude N`"))
+}
+
+fn send(rest: &Piece<'_>) -> Result<DraftStep, FileError> {
+    let (numbers, like) = match rest.cut_at(" like ") {
+        Some((numbers, like)) => (numbers, Some(like.named()?)),
+        None => (rest.clone(), None),
+    };
+    let form = "`send FUNCTION INDEX VALUE`";
+    let (function, rest) = numbers.needed_cut(" ", form)?;
+    let (index, value) = rest.needed_cut(" ", form)?;
+    let operand = value.operand()?;
+    let (function, index) = (function.fitting("8 bits")?, index.fitting("16 bits")?);
+    Ok(DraftStep::Send { function, index, operand, like })
+}

@@ -1,0 +1,259 @@
+//! What a bad profile is told, and what a good one becomes.
+
+use super::{load, parse};
+use polepair_core::axis::Verb;
+use polepair_core::plan::{Argument, Compare, Operand, Step, Test};
+use polepair_core::profile::{
+    Access, AxisKind, Certainty, Encoding, ParameterId, Persistence, Profile, Scale, Signal,
+    Watchdog,
+};
+use polepair_core::units::Unit;
+
+const GOOD: &str = r#"
+name = "pump-9"
+protocol = "modbus"
+title = "Pump 9"
+axis = "ratio"
+watchdog = { kind = "fixed", after_ms = 250 }
+ram = { parameter = "write to", ram = 1, flash = 0 }
+
+[[parameter]]
+name = "speed"
+symbol = "R 10"
+index = 0x10
+encoding = "i16"
+unit = "rpm"
+scale = { factor = 0.5, times = "gear" }
+min = -100
+max = 100
+moves = true
+
+[[parameter]]
+name = "gear"
+index = 0x11
+default = 2
+persistence = "unless-ram"
+certainty = "inferred"
+values = { 0x1 = "low", 2 = "high" }
+
+[[parameter]]
+name = "write to"
+index = 0x12
+max = 1
+
+[[parameter]]
+name = "status"
+space = "input"
+index = 0x10
+access = "r"
+
+[[parameter]]
+name = "path {n} position"
+symbol = "Fn_{index}"
+index = 0x208
+repeat = { count = 3, stride = 8 }
+
+[[fault]]
+code = 4
+name = "DRY"
+text = "The pump runs dry"
+
+[signals]
+velocity = "speed"
+target-velocity = "speed"
+moving = { parameter = "status", mask = 0x6, equals = 0x2 }
+
+[plans.velocity]
+source = "§4"
+steps = [
+    "require status & 0x1 == 0 else Close the lid",
+    "write Speed = {velocity}",
+    "write path 2 position = {target?}",
+    "until status within-magnitude 3 within 1.5 s",
+]
+undo = ["write speed = 0"]
+"#;
+
+fn good() -> &'static Profile {
+    parse("good.toml", GOOD).unwrap()
+}
+
+fn refused(from: &str, to: &str) -> String {
+    assert!(GOOD.contains(from), "{from}");
+    parse("bad.toml", &GOOD.replacen(from, to, 1)).unwrap_err().to_string()
+}
+
+#[test]
+fn a_parameter_is_read_whole() {
+    let profile = good();
+    assert_eq!((profile.name, profile.family, profile.axis), ("pump-9", "modbus", AxisKind::Ratio));
+    assert_eq!(profile.watchdog, Watchdog::Fixed { after_ms: 250 });
+    assert_eq!(profile.ram.unwrap().parameter, ParameterId(2));
+    let speed = &profile.parameters[0];
+    assert_eq!((speed.space, speed.index, speed.encoding), (0, 0x10, Encoding::I16));
+    assert_eq!((speed.unit, speed.min, speed.max, speed.moves), (Unit::Rpm, -100, 100, true));
+    assert_eq!(speed.scale, Scale { factor: 0.5, times: Some(ParameterId(1)), over: None });
+    let gear = &profile.parameters[1];
+    assert_eq!((gear.min, gear.max, gear.default), (0, 65535, Some(2)));
+    assert_eq!((gear.persistence, gear.certainty), (Persistence::UnlessRam, Certainty::Inferred));
+    assert_eq!(gear.values, [(1, "low"), (2, "high")]);
+    assert_eq!((profile.parameters[3].space, profile.parameters[3].access), (3, Access::Read));
+}
+
+#[test]
+fn a_repeated_parameter_counts_from_one_and_shows_its_index() {
+    let third = &good().parameters[6];
+    assert_eq!((third.name, third.symbol, third.index), ("path 3 position", "Fn_218", 0x218));
+}
+
+#[test]
+fn plans_and_signals_point_at_parameters() {
+    let profile = good();
+    let plan = profile.plan(Verb::Velocity).unwrap();
+    let lid = Test { mask: 1, compare: Compare::Equal, value: 0 };
+    assert_eq!(
+        plan.steps,
+        [
+            Step::Require { read: ParameterId(3), test: lid, hint: "Close the lid" },
+            Step::Write(ParameterId(0), Operand::Argument(Argument::Velocity)),
+            Step::Write(ParameterId(5), Operand::Given(Argument::Target)),
+            Step::Until {
+                read: ParameterId(3),
+                test: Test { mask: -1, compare: Compare::Within, value: 3 },
+                within_ms: 1500
+            },
+        ]
+    );
+    assert_eq!(plan.undo, [Step::Write(ParameterId(0), Operand::Is(0))]);
+    let moving = profile.signal(Signal::Moving).unwrap();
+    assert_eq!((moving.parameter, moving.mask, moving.equals), (ParameterId(3), 6, Some(2)));
+    assert!(profile.signal(Signal::TargetVelocity).is_some());
+}
+
+#[test]
+fn the_same_text_is_kept_once() {
+    assert!(std::ptr::eq(good(), good()));
+}
+
+#[test]
+fn mistakes_name_file_line_column_and_the_nearest_word() {
+    for (from, to, said) in [
+        ("title", "tilte", "bad.toml:4:1: unknown key `tilte`; did you mean `title`?"),
+        (
+            "\"modbus\"",
+            "\"modbsu\"",
+            "bad.toml:3:12: no profile protocol `modbsu`: tmcl or modbus; \
+          did you mean `modbus`?",
+        ),
+        ("\"rpm\"", "\"rmp\"", "bad.toml:14:8: `rmp` is none of"),
+        (
+            "times = \"gear\"",
+            "times = \"gaer\"",
+            "bad.toml:15:33: no parameter is called `gaer`; \
+          did you mean `gear`?",
+        ),
+        ("max = 100", "max = 40000", "`max` is 40000; it must be -32768 to 32767"),
+        ("min = -100", "min = 101", "`speed`: min 101 is greater than max 100"),
+        ("max = 1\n", "max = 1\ndefault = 7\n", "`write to`: default 7 is not within 0 to 1"),
+        ("index = 0x12", "index = 0x11", "`write to` has the space and index of `gear`"),
+        ("\"gear\"\nindex", "\"SPEED\"\nindex", "is called as `speed` is"),
+        ("\"R 10\"", "\"gear\"", "is called as `speed` is"),
+        ("moving = ", "movign = ", "unknown key `movign`; did you mean `moving`?"),
+        ("equals = 0x2", "equals = 0x8", "`equals` has bits that `mask` takes away"),
+        ("ram = 1", "ram = 2", "2 is not within 0 to 1 of `write to`"),
+        ("[plans.velocity]", "[plans.spin]", "unknown key `spin`"),
+        ("count = 3", "count = 9999", "`count` is 9999; it must be 1 to 4096"),
+        ("stride = 8", "stride = 65000", "repetition 3 is beyond index 65535"),
+        ("name = \"DRY\"", "nam = \"DRY\"", "unknown key `nam`; did you mean `name`?"),
+        ("axis = \"ratio\"", "axis = 3", "`axis` is an integer; it must be a text"),
+        ("name = \"pump-9\"", "", "`name` is missing"),
+        ("title = \"Pump 9\"", "title = ", "bad.toml:4:"),
+    ] {
+        let error = refused(from, to);
+        assert!(error.contains(said) || error.ends_with(said), "{from} -> {to}: {error}");
+        assert!(error.starts_with("bad.toml:"), "{error}");
+    }
+}
+
+#[test]
+fn mistakes_in_steps_point_into_the_text() {
+    for (from, to, said) in [
+        (
+            "write Speed",
+            "wriet Speed",
+            "bad.toml:59:6: a step cannot begin with `wriet`; \
+          did you mean `write`?",
+        ),
+        (
+            "write Speed",
+            "write Sped",
+            "bad.toml:59:12: no parameter is called `Sped`; \
+          did you mean `speed`?",
+        ),
+        ("{velocity}", "{speed}", "bad.toml:59:20: no command carries `speed`"),
+        ("speed = 0\"", "speed = 101\"", "101 is not within -100 to 100 of `speed`"),
+        ("write Speed = {velocity}", "write status = 1", "`status` can only be read"),
+        ("0x1 == 0 else", "0x1 == 2 else", "nothing that is masked so can be 0x2"),
+        ("within 1.5 s", "within 1.5", "expected a time such as `50 ms`, found `1.5`"),
+        ("within 1.5 s", "within 2e9 s", "a step waits 0 to 86400000 ms"),
+        (" else Close the lid", "", "expected `require TEST else HINT`"),
+        ("write Speed = {velocity}", "send 256 1 2", "256 does not fit 8 bits"),
+        ("write Speed = {velocity}", "write Speed", "expected `NAME = VALUE`"),
+    ] {
+        let error = refused(from, to);
+        assert!(error.contains(said), "{from} -> {to}: {error}");
+    }
+    let many = "\"read status\", ".repeat(64);
+    let error = refused("\"write Speed = {velocity}\",", &many);
+    assert!(error.contains("`velocity` has more than 64 steps"), "{error}");
+}
+
+#[test]
+fn a_file_extends_another_file_of_its_folder() {
+    let folder = std::env::temp_dir().join(format!("polepair-extends-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let write = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    write("pump-9.toml", GOOD);
+    let path = write(
+        "pump-10.toml",
+        "name = \"pump-10\"\nextends = \"pump-9\"\nremove = [\"path 3 position\"]\n\
+         [[parameter]]\nname = \"gear\"\nindex = 0x11\nmax = 9\n\
+         [[parameter]]\nname = \"lamp\"\nspace = \"coil\"\nencoding = \"bit\"\nindex = 0\n",
+    );
+    let profile = load(&path).unwrap();
+    assert_eq!((profile.name, profile.title), ("pump-10", "Pump 9"));
+    assert_eq!(profile.parameters[1].max, 9);
+    assert!(profile.find("lamp").is_some() && profile.find("path 3 position").is_none());
+    assert_eq!(profile.parameters[0].scale.times, Some(ParameterId(1)));
+    assert!(profile.plan(Verb::Velocity).is_some());
+
+    let path = write("pump-11.toml", "name = \"pump-11\"\nextends = \"pump-8\"\n");
+    let error = load(&path).unwrap_err();
+    assert_eq!((error.line, error.column), (2, 11));
+    assert!(error.reason.starts_with("no profile `pump-8` to extend"), "{error}");
+
+    let path = write("ouroboros.toml", "name = \"ouroboros\"\nextends = \"ouroboros\"\n");
+    assert!(load(&path).unwrap_err().reason.contains("extend one another"));
+    let error = load(&folder.join("absent.toml")).unwrap_err();
+    assert_eq!(error.line, 0);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_shipped_profile_can_be_extended() {
+    for profile in polepair_core::drives::profiles() {
+        let text = format!("name = \"mine\"\nextends = \"{}\"\n", profile.name);
+        let mine = parse("mine.toml", &text).unwrap();
+        assert_eq!(mine.parameters.len(), profile.parameters.len());
+        for (ours, theirs) in mine.plans.iter().zip(profile.plans) {
+            assert_eq!(
+                (ours.verb, ours.steps, ours.undo),
+                (theirs.verb, theirs.steps, theirs.undo)
+            );
+        }
+    }
+}
