@@ -1,0 +1,411 @@
+//! Profiles as Rust constants: `profiles/*.toml` → `crates/core/src/drives/<family>/profile.rs`.
+//!
+//! A profile whose family is its protocol's own word is the generic one and lands beside the
+//! protocol instead. Generated files are committed and never edited.
+
+use polepair_core::plan::{Operand, Plan, Step, Test};
+use polepair_core::profile::{Fault, Parameter, ParameterId, Profile, SignalSource, Watchdog};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Everything that generation may do wrong, as text for people.
+pub type Result<T> = std::result::Result<T, String>;
+
+/// Writes the generated files; with `check` only tells which are stale.
+pub fn run(root: &Path, check: bool) -> Result<()> {
+    let mut stale = Vec::new();
+    for (path, text) in generated(root)? {
+        if std::fs::read_to_string(&path).is_ok_and(|old| old == text) {
+            continue;
+        }
+        let shown = path.strip_prefix(root).unwrap_or(&path).display().to_string();
+        if check {
+            stale.push(shown);
+            continue;
+        }
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+        }
+        std::fs::write(&path, text).map_err(|e| format!("{shown}: {e}"))?;
+        println!("wrote {shown}");
+    }
+    if stale.is_empty() {
+        return Ok(());
+    }
+    Err(format!("stale, run `cargo xtask codegen`: {}", stale.join(", ")))
+}
+
+/// Every generated file with the text it should have.
+fn generated(root: &Path) -> Result<BTreeMap<PathBuf, String>> {
+    let mut families: BTreeMap<PathBuf, Vec<&'static Profile>> = BTreeMap::new();
+    for file in profile_files(&root.join("profiles"))? {
+        let profile = polepair::profile::load(&file).map_err(|e| e.to_string())?;
+        families.entry(destination(root, profile)).or_default().push(profile);
+    }
+    let mut files = BTreeMap::new();
+    for (path, mut profiles) in families {
+        profiles.sort_by_key(|profile| profile.name);
+        if let Some(two) = profiles.windows(2).find(|two| two[0].name == two[1].name) {
+            return Err(format!("two profiles are called `{}`", two[0].name));
+        }
+        files.insert(path, formatted(&rust(&profiles))?);
+    }
+    Ok(files)
+}
+
+fn profile_files(folder: &Path) -> Result<Vec<PathBuf>> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(Vec::new()) };
+    let paths = entries.map(|entry| entry.map(|e| e.path()).map_err(|e| e.to_string()));
+    let mut paths = paths.collect::<Result<Vec<_>>>()?;
+    paths.retain(|path| path.extension().is_some_and(|e| e == "toml"));
+    paths.sort();
+    Ok(paths)
+}
+
+fn destination(root: &Path, profile: &Profile) -> PathBuf {
+    let kind = if profile.family == profile.protocol { "proto" } else { "drives" };
+    let folder = profile.family.replace(['-', '.'], "_");
+    root.join("crates/core/src").join(kind).join(folder).join("profile.rs")
+}
+
+/// What `rustfmt` makes of the text, with the workspace's settings.
+fn formatted(text: &str) -> Result<String> {
+    let failed = |e: std::io::Error| format!("rustfmt: {e}");
+    let mut child = Command::new("rustfmt")
+        .args(["--edition", "2024", "--config-path"])
+        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(failed)?;
+    let mut input = child.stdin.take().ok_or("rustfmt takes no input")?;
+    let text = text.to_owned();
+    let writer = std::thread::spawn(move || input.write_all(text.as_bytes()));
+    let output = child.wait_with_output().map_err(failed)?;
+    writer.join().map_err(|_| "rustfmt: its input broke".to_owned())?.map_err(failed)?;
+    if !output.status.success() {
+        return Err("rustfmt did not take the generated text".into());
+    }
+    String::from_utf8(output.stdout).map_err(|e| e.to_string())
+}
+
+/// The profiles of one family as one Rust file.
+fn rust(profiles: &[&'static Profile]) -> String {
+    let mut file = Emitter { text: HEAD.to_owned(), tables: BTreeMap::new() };
+    let mut names = Vec::new();
+    for profile in profiles {
+        let constant = constant(profile.name);
+        file.profile(&constant, profile);
+        names.push(format!("&{constant}"));
+    }
+    let (count, list) = (names.len(), names.join(", "));
+    let _ = write!(
+        file.text,
+        "/// Every profile of this file, by name.\n\
+         pub static PROFILES: [&Profile; {count}] = [{list}];\n"
+    );
+    let body = file.text.split_once("\n\n").map_or("", |(_, body)| body);
+    let imports = imports(body);
+    file.text.replacen("IMPORTS", &imports, 1)
+}
+
+const HEAD: &str = "\
+//! Generated from `profiles/*.toml` by `cargo xtask codegen`. Do not edit.
+#![allow(clippy::approx_constant, clippy::excessive_precision, reason = \"the manuals' numbers\")]
+
+IMPORTS
+
+const P: Parameter = Parameter {
+    name: \"\", symbol: \"\", about: \"\", space: 0, index: 0, encoding: Encoding::I32,
+    unit: Unit::None, scale: Scale::ONE, min: 0, max: 0, default: None,
+    access: Access::ReadWrite, persistence: Persistence::Volatile,
+    certainty: Certainty::Documented, moves: false, section: \"\", values: &[],
+};
+
+";
+
+/// Only what the text uses: an unused import would be a warning.
+fn imports(body: &str) -> String {
+    let modules: [(&str, &[&str]); 4] = [
+        ("axis", &["Verb"]),
+        ("plan", &["Argument", "Compare", "Operand", "Plan", "Step", "Test"]),
+        (
+            "profile",
+            &[
+                "Access",
+                "AxisKind",
+                "Certainty",
+                "Encoding",
+                "Fault",
+                "Parameter",
+                "ParameterId",
+                "Persistence",
+                "Profile",
+                "RamMode",
+                "Scale",
+                "Severity",
+                "Signal",
+                "SignalSource",
+                "Watchdog",
+            ],
+        ),
+        ("units", &["Unit"]),
+    ];
+    let mut lines = String::new();
+    for (module, names) in modules {
+        let used: Vec<&str> = names.iter().copied().filter(|name| uses(body, name)).collect();
+        if !used.is_empty() {
+            let _ = writeln!(lines, "use crate::{module}::{{{}}};", used.join(", "));
+        }
+    }
+    lines.trim_end().to_owned()
+}
+
+/// Whether a name stands in the code as a word, outside texts.
+fn uses(body: &str, name: &str) -> bool {
+    let code: String = body.split('"').step_by(2).collect();
+    code.split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == name)
+}
+
+fn constant(name: &str) -> String {
+    let upper = name.to_uppercase().replace(['-', '.'], "_");
+    if upper.starts_with(|c: char| c.is_ascii_digit()) { format!("P_{upper}") } else { upper }
+}
+
+struct Emitter {
+    text: String,
+    /// Tables that are there already, by what they say: products of a family share them.
+    tables: BTreeMap<String, String>,
+}
+
+impl Emitter {
+    fn profile(&mut self, constant: &str, p: &'static Profile) {
+        let rows: Vec<String> = p.parameters.iter().map(|it| parameter(p, it)).collect();
+        let parameters = self.table(constant, "PARAMETERS", "Parameter", &rows);
+        let rows: Vec<String> = p.faults.iter().map(fault).collect();
+        let faults = self.table(constant, "FAULTS", "Fault", &rows);
+        let rows: Vec<String> = p.signals.iter().map(signal).collect();
+        let signals = self.table(constant, "SIGNALS", "SignalSource", &rows);
+        let rows: Vec<String> = p.plans.iter().map(plan).collect();
+        let plans = self.table(constant, "PLANS", "Plan", &rows);
+        let watchdog = match p.watchdog {
+            Watchdog::None => "Watchdog::None".to_owned(),
+            Watchdog::Fixed { after_ms } => format!("Watchdog::Fixed {{ after_ms: {after_ms} }}"),
+            Watchdog::Configurable { parameter } => {
+                format!("Watchdog::Configurable {{ parameter: {} }}", id(parameter))
+            }
+        };
+        let ram = p.ram.map_or("None".to_owned(), |mode| {
+            let (parameter, ram, flash) = (id(mode.parameter), mode.ram, mode.flash);
+            format!("Some(RamMode {{ parameter: {parameter}, ram: {ram}, flash: {flash} }})")
+        });
+        let _ = write!(
+            self.text,
+            "/// {title}.\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
+             protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, \
+             parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
+             ram: {ram}, watchdog: {watchdog}, reply_timeout_ms: {}, caution: {:?} }};\n\n",
+            p.name,
+            p.family,
+            p.protocol,
+            p.title,
+            p.source,
+            p.axis,
+            p.reply_timeout_ms,
+            p.caution,
+            title = p.title.trim_end_matches('.'),
+        );
+    }
+
+    /// Writes a table once and gives the expression that borrows it.
+    fn table(&mut self, constant: &str, what: &str, kind: &str, rows: &[String]) -> String {
+        if rows.is_empty() {
+            return "&[]".to_owned();
+        }
+        let body = rows.join(",\n");
+        let key = format!("{what} {body}");
+        if let Some(name) = self.tables.get(&key) {
+            return format!("&{name}");
+        }
+        let name = format!("{constant}_{what}");
+        let count = rows.len();
+        let _ = write!(self.text, "static {name}: [{kind}; {count}] = [\n{body},\n];\n\n");
+        self.tables.insert(key, name.clone());
+        format!("&{name}")
+    }
+}
+
+fn id(parameter: ParameterId) -> String {
+    format!("ParameterId({})", parameter.0)
+}
+
+/// One parameter; what is as in `P` is left out.
+fn parameter(profile: &Profile, p: &Parameter) -> String {
+    let mut row = format!("Parameter {{ name: {:?}, ", p.name);
+    for (key, text) in [("symbol", p.symbol), ("about", p.about), ("section", p.section)] {
+        if !text.is_empty() {
+            let _ = write!(row, "{key}: {text:?}, ");
+        }
+    }
+    if p.space != 0 {
+        let _ = write!(row, "space: {}, ", p.space);
+    }
+    // Registers are known by their hexadecimal numbers, everything else by decimal ones.
+    let index = match profile.protocol {
+        "modbus" => format!("{:#06x}", p.index),
+        _ => p.index.to_string(),
+    };
+    let _ = write!(row, "index: {index}, encoding: Encoding::{:?}, ", p.encoding);
+    let _ = write!(row, "unit: Unit::{:?}, min: {}, max: {}, ", p.unit, p.min, p.max);
+    if p.scale != polepair_core::profile::Scale::ONE {
+        let part = |it: Option<ParameterId>| match it {
+            Some(it) => format!("Some({})", id(it)),
+            None => "None".to_owned(),
+        };
+        let (times, over) = (part(p.scale.times), part(p.scale.over));
+        let factor = p.scale.factor;
+        let _ =
+            write!(row, "scale: Scale {{ factor: {factor:?}, times: {times}, over: {over} }}, ");
+    }
+    if let Some(default) = p.default {
+        let _ = write!(row, "default: Some({default}), ");
+    }
+    let _ = write!(row, "access: Access::{:?}, ", p.access);
+    let _ = write!(row, "persistence: Persistence::{:?}, ", p.persistence);
+    let _ = write!(row, "certainty: Certainty::{:?}, ", p.certainty);
+    if p.moves {
+        row.push_str("moves: true, ");
+    }
+    if !p.values.is_empty() {
+        let _ = write!(row, "values: &{:?}, ", p.values);
+    }
+    row.push_str("..P }");
+    row
+}
+
+fn fault(f: &Fault) -> String {
+    format!(
+        "Fault {{ code: {:#x}, name: {:?}, text: {:?}, cause: {:?}, remedy: {:?}, \
+         severity: Severity::{:?} }}",
+        f.code, f.name, f.text, f.cause, f.remedy, f.severity
+    )
+}
+
+fn signal(s: &SignalSource) -> String {
+    format!(
+        "SignalSource {{ signal: Signal::{:?}, parameter: {}, mask: {}, equals: {:?} }}",
+        s.signal,
+        id(s.parameter),
+        mask(s.mask),
+        s.equals
+    )
+}
+
+fn mask(mask: i64) -> String {
+    if mask < 0 { mask.to_string() } else { format!("{mask:#x}") }
+}
+
+fn plan(p: &Plan) -> String {
+    let steps = |steps: &[Step]| steps.iter().map(step).collect::<Vec<_>>().join(", ");
+    format!(
+        "Plan {{ verb: Verb::{:?}, source: {:?}, steps: &[{}], undo: &[{}] }}",
+        p.verb,
+        p.source,
+        steps(p.steps),
+        steps(p.undo)
+    )
+}
+
+fn step(step: &Step) -> String {
+    match *step {
+        Step::Write(to, what) => format!("Step::Write({}, {})", id(to), operand(what)),
+        Step::Ensure(to, raw) => format!("Step::Ensure({}, {raw})", id(to)),
+        Step::Read(from) => format!("Step::Read({})", id(from)),
+        Step::Copy { from, to } => {
+            format!("Step::Copy {{ from: {}, to: {} }}", id(from), id(to))
+        }
+        Step::Require { read, test: t, hint } => {
+            let (read, t) = (id(read), test(t));
+            format!("Step::Require {{ read: {read}, test: {t}, hint: {hint:?} }}")
+        }
+        Step::NoFault { read, mask: m } => {
+            format!("Step::NoFault {{ read: {}, mask: {} }}", id(read), mask(m))
+        }
+        Step::Until { read, test: t, within_ms } => {
+            let (read, t) = (id(read), test(t));
+            format!("Step::Until {{ read: {read}, test: {t}, within_ms: {within_ms} }}")
+        }
+        Step::Send { function, index, operand: what, like } => {
+            let (what, like) = (operand(what), like.map(id));
+            let like = like.map_or("None".to_owned(), |it| format!("Some({it})"));
+            format!(
+                "Step::Send {{ function: {function:#x}, index: {index:#x}, operand: {what}, \
+                 like: {like} }}"
+            )
+        }
+        Step::Keep(what) => format!("Step::Keep({})", id(what)),
+        Step::Wait { ms } => format!("Step::Wait {{ ms: {ms} }}"),
+    }
+}
+
+fn test(t: Test) -> String {
+    let (compare, value) = (t.compare, t.value);
+    format!("Test {{ mask: {}, compare: Compare::{compare:?}, value: {value} }}", mask(t.mask))
+}
+
+fn operand(operand: Operand) -> String {
+    match operand {
+        Operand::Is(raw) => format!("Operand::Is({raw})"),
+        Operand::Argument(what) => format!("Operand::Argument(Argument::{what:?})"),
+        Operand::Given(what) => format!("Operand::Given(Argument::{what:?})"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{run, rust};
+    use std::path::Path;
+
+    #[test]
+    fn committed_profiles_are_fresh() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        run(root, true).unwrap();
+    }
+
+    #[test]
+    fn a_changed_profile_makes_its_file_stale() {
+        let root = std::env::temp_dir().join(format!("polepair-codegen-{}", std::process::id()));
+        std::fs::create_dir_all(root.join("profiles")).unwrap();
+        let file = root.join("profiles/some-drive.toml");
+        let text = "name = \"some-drive\"\nfamily = \"some\"\nprotocol = \"tmcl\"\n";
+        std::fs::write(&file, text).unwrap();
+        assert!(run(&root, true).unwrap_err().contains("drives/some/profile.rs"));
+        run(&root, false).unwrap();
+        run(&root, true).unwrap();
+        std::fs::write(&file, format!("{text}title = \"Other\"\n")).unwrap();
+        assert!(run(&root, true).unwrap_err().contains("cargo xtask codegen"));
+        std::fs::remove_dir_all(&root).unwrap();
+    }
+
+    #[test]
+    fn every_kind_of_entry_is_printed() {
+        let text = include_str!("../tests/every_kind.toml");
+        let profile = polepair::profile::parse("every_kind.toml", text).unwrap();
+        let rust = rust(&[profile]);
+        syn::parse_file(&rust).unwrap();
+        for piece in [
+            "pub static EVERY_KIND: Profile",
+            "scale: Scale { factor: 0.5, times: Some(ParameterId(1)), over: None }",
+            "values: &[(0, \"off\"), (1, \"on\")]",
+            "Step::Write(ParameterId(0), Operand::Given(Argument::Velocity))",
+            "Test { mask: 0x80, compare: Compare::Equal, value: 128 }, within_ms: 60000",
+            "Step::Send { function: 0x1, index: 0x2, operand: Operand::Is(-3), like: Some(",
+            "Watchdog::Configurable { parameter: ParameterId(1) }",
+        ] {
+            assert!(rust.contains(piece), "{piece}\n{rust}");
+        }
+    }
+}
