@@ -8,6 +8,7 @@
 
 mod can_bus;
 pub mod fault;
+pub mod host;
 pub mod node;
 mod queue;
 pub mod rack;

@@ -4,7 +4,7 @@
 //! end, a host or a drive is a [`Station`] on one medium; a node lends the world one station for
 //! each of its ports.
 
-use polepair_core::axis::Axes;
+use polepair_core::axis::{AnyLane, Axes};
 use polepair_core::drives::bench::Bench;
 use polepair_core::medium::{Can, Stream};
 use polepair_core::station::{Station, Timed};
@@ -37,8 +37,10 @@ pub trait Node: Timed + Send {
 pub struct Drive<D>(pub D);
 
 /// A host lane on a serial port.
-#[derive(Debug)]
-pub struct HostLane<L>(pub L);
+pub struct HostLane(pub Box<dyn AnyLane<Stream>>);
+
+/// A host lane on a CAN port.
+pub struct CanHostLane(pub Box<dyn AnyLane<Can>>);
 
 /// Any single station on a serial port: a bare host, a probe, a babbler.
 #[derive(Debug)]
@@ -49,8 +51,8 @@ pub struct Lone<S>(pub S);
 pub struct LoneCan<S>(pub S);
 
 macro_rules! timed {
-    ($($wrapper:ident),*) => {$(
-        impl<T: Timed> Timed for $wrapper<T> {
+    (impl {$($t:ident)?} for $wrapper:ty) => {
+        impl $(<$t: Timed>)? Timed for $wrapper {
             fn handle_timeout(&mut self, now: Instant) {
                 self.0.handle_timeout(now);
             }
@@ -58,9 +60,13 @@ macro_rules! timed {
                 self.0.poll_timeout()
             }
         }
-    )*};
+    };
 }
-timed!(Drive, HostLane, Lone, LoneCan);
+timed!(impl {T} for Drive<T>);
+timed!(impl {T} for Lone<T>);
+timed!(impl {T} for LoneCan<T>);
+timed!(impl {} for HostLane);
+timed!(impl {} for CanHostLane);
 
 impl<D: Station<Stream> + Bench + Send> Node for Drive<D> {
     fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
@@ -71,12 +77,33 @@ impl<D: Station<Stream> + Bench + Send> Node for Drive<D> {
     }
 }
 
-impl<L: Station<Stream> + Axes + Send> Node for HostLane<L> {
+impl Node for HostLane {
     fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
-        (port == 0).then_some(&mut self.0 as _)
+        (port == 0).then_some(&mut *self.0 as _)
     }
     fn axes(&mut self) -> Option<&mut dyn Axes> {
-        Some(&mut self.0)
+        Some(&mut *self.0)
+    }
+}
+
+impl Node for CanHostLane {
+    fn can(&mut self, port: u8) -> Option<&mut dyn Station<Can>> {
+        (port == 0).then_some(&mut *self.0 as _)
+    }
+    fn axes(&mut self) -> Option<&mut dyn Axes> {
+        Some(&mut *self.0)
+    }
+}
+
+impl std::fmt::Debug for HostLane {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "HostLane({} axes)", self.0.axes())
+    }
+}
+
+impl std::fmt::Debug for CanHostLane {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "CanHostLane({} axes)", self.0.axes())
     }
 }
 

@@ -1,0 +1,91 @@
+//! Host lanes as nodes, made from the registry of protocols.
+
+use std::any::Any;
+
+use polepair_core::axis::AnyLane;
+use polepair_core::lane::Lane;
+use polepair_core::medium::{Can, Stream};
+use polepair_core::profile::Profile;
+use polepair_core::proto::{self, HostOptions, Protocol};
+
+use crate::node::{CanHostLane, HostLane, Node};
+
+/// A protocol that has a host, as the registry shows it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Spoken {
+    /// The word in connection strings.
+    pub name: &'static str,
+    /// The word in profiles.
+    pub profile: &'static str,
+    /// The first address that a scan tries.
+    pub first_address: u32,
+    /// The baud rate from the factory; 0 for a protocol on CAN.
+    pub baud: u32,
+}
+
+/// Every protocol with a host, in the order of the registry.
+#[must_use]
+pub fn protocols() -> Vec<Spoken> {
+    let mut list = Lister(Vec::new());
+    proto::visit(&mut list);
+    list.0
+}
+
+/// A host of the protocol called `protocol` with one axis per profile and address. `None` when no
+/// protocol is called so.
+#[must_use]
+pub fn lane(
+    protocol: &str,
+    options: HostOptions,
+    axes: &[(&'static Profile, u32)],
+) -> Option<Box<dyn Node>> {
+    let mut maker = Maker { protocol, options, axes, made: None };
+    proto::visit(&mut maker);
+    maker.made
+}
+
+struct Lister(Vec<Spoken>);
+
+impl proto::Visitor for Lister {
+    fn protocol<P: Protocol>(&mut self) {
+        self.0.push(Spoken {
+            name: P::NAME,
+            profile: P::PROFILE,
+            first_address: *P::ADDRESSES.start(),
+            baud: P::BAUD,
+        });
+    }
+}
+
+struct Maker<'a> {
+    protocol: &'a str,
+    options: HostOptions,
+    axes: &'a [(&'static Profile, u32)],
+    made: Option<Box<dyn Node>>,
+}
+
+impl proto::Visitor for Maker<'_> {
+    fn protocol<P: Protocol>(&mut self) {
+        if P::NAME != self.protocol || self.made.is_some() {
+            return;
+        }
+        let drivers = self.axes.iter().map(|&(profile, address)| {
+            let driver: polepair_core::lane::BoxedDriver<_, _> =
+                Box::new(P::driver(profile, address));
+            driver
+        });
+        let lane: Box<dyn AnyLane<P::Medium>> =
+            Box::new(Lane::<P::Medium, P::Host>::new(P::host(&self.options), drivers));
+        self.made = node(Box::new(lane));
+    }
+}
+
+/// The lane's medium is known to the protocol only; here the two kinds of wire are told apart.
+fn node(lane: Box<dyn Any>) -> Option<Box<dyn Node>> {
+    let lane = match lane.downcast::<Box<dyn AnyLane<Stream>>>() {
+        Ok(lane) => return Some(Box::new(HostLane(*lane))),
+        Err(other) => other,
+    };
+    let lane = lane.downcast::<Box<dyn AnyLane<Can>>>().ok()?;
+    Some(Box::new(CanHostLane(*lane)))
+}
