@@ -73,5 +73,5 @@ pub trait Visitor {
 
 /// Shows every protocol with a host to `visitor`.
 pub fn visit(visitor: &mut impl Visitor) {
-    let _ = visitor;
+    visitor.protocol::<tmcl::Tmcl>();
 }

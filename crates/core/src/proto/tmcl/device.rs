@@ -402,9 +402,10 @@ impl CanEnd {
             return;
         }
         let Ok(request) = Request::parse_can(frame.bytes(), firmware.address()) else { return };
-        let before = (firmware.can_reply_id(), firmware.address());
+        // [I] The first byte of a reply is the low byte of the CAN id that was asked.
+        let before = (firmware.can_reply_id(), firmware.can_id() as u8);
         let response = firmware.execute(now, &request);
-        let after = (firmware.can_reply_id(), firmware.address());
+        let after = (firmware.can_reply_id(), firmware.can_id() as u8);
         let (id, module) = if self.quirks.settings_before_reply { after } else { before };
         note_order(&request, &response, &mut self.subscribed);
         let host = firmware.host_address();
@@ -427,7 +428,7 @@ impl CanEnd {
                 && let Some(event) = firmware.poll_event(now)
             {
                 self.subscribed = false;
-                let reply = event_reply(event, firmware.host_address(), firmware.address());
+                let reply = event_reply(event, firmware.host_address(), firmware.can_id() as u8);
                 self.send(reply.emit_can(firmware.can_reply_id(), self.quirks.eight_bytes));
             }
         }

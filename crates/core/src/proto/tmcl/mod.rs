@@ -5,10 +5,17 @@
 //! datagram; later TMCL manuals for the rest. What no manual states is marked \[I\].
 
 pub mod ascii;
+pub mod axis;
 pub mod device;
+pub mod generic;
+pub mod host;
 pub mod opcode;
+pub mod session;
 pub mod text;
 pub mod wire;
 
+pub use axis::{Axis, Tmcl, TmclCan};
+pub use host::{CanHost, SerialHost};
 pub use opcode::{Opcode, Status};
+pub use session::{Answer, Ask};
 pub use wire::{Instruction, Reply, Request, VersionText};

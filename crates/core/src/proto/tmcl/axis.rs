@@ -1,0 +1,204 @@
+//! An axis of any TMCL module, from its profile alone.
+//!
+//! Space 0 is axis parameters (GAP, SAP), space 1 + n is bank n of the global parameters (GGP,
+//! SGP). A parameter number above 255 puts its upper bits into the motor byte, above the axis, as
+//! the vendor's host library does.
+
+use super::generic::GENERIC;
+use super::host::{CanHost, SerialHost};
+use super::opcode::Opcode;
+use super::session::{Answer, Ask};
+use super::text;
+use super::wire::Request;
+use crate::axis::Driver;
+use crate::error::{Failure, Unsupported};
+use crate::medium::{Can, Stream};
+use crate::profile::{Parameter, Profile, Signal};
+use crate::proto::{HostOptions, Protocol};
+use crate::station::Class;
+
+/// Bits of the motor byte that name the axis, where parameter numbers go beyond 255. \[I\]
+pub const AXIS_BITS: u8 = 4;
+
+/// One axis of a module.
+#[derive(Clone, Copy, Debug)]
+pub struct Axis {
+    profile: &'static Profile,
+    module: u8,
+    motor: u8,
+    axis_bits: u8,
+}
+
+impl Axis {
+    /// The first axis of the module at `address`.
+    #[must_use]
+    pub fn new(profile: &'static Profile, address: u32) -> Self {
+        Self { profile, module: address as u8, motor: 0, axis_bits: AXIS_BITS }
+    }
+
+    /// Another axis of the same module.
+    #[must_use]
+    pub const fn with_motor(mut self, motor: u8) -> Self {
+        self.motor = motor;
+        self
+    }
+
+    /// Bits of the motor byte that name the axis (GET INFO 20 tells 16 minus them), 1 to 8.
+    #[must_use]
+    pub const fn with_axis_bits(mut self, bits: u8) -> Self {
+        self.axis_bits = bits;
+        self
+    }
+
+    /// A request on a parameter, by the opcodes for axis and for global ones.
+    fn on(
+        &self,
+        parameter: &Parameter,
+        [axis, global]: [Opcode; 2],
+        value: i32,
+    ) -> Result<Request, Unsupported> {
+        let upper = u32::from(parameter.index >> 8) << self.axis_bits;
+        let (opcode, motor) = match parameter.space {
+            0 => (axis, u32::from(self.motor) | upper),
+            bank => (global, (u32::from(bank) - 1) | upper),
+        };
+        let motor = u8::try_from(motor)
+            .map_err(|_| Unsupported::Forbidden("the parameter's number is too large for TMCL"))?;
+        let kind = parameter.index as u8;
+        Ok(Request { address: self.module, opcode, kind, motor, value })
+    }
+}
+
+impl Driver for Axis {
+    type Request = Ask;
+    type Answer = Answer;
+
+    fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    fn address(&self) -> u32 {
+        self.module.into()
+    }
+
+    fn read(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
+        self.on(parameter, [Opcode::Gap, Opcode::Ggp], 0).map(Ask::of)
+    }
+
+    fn write(&self, parameter: &Parameter, raw: i64, class: Class) -> Result<Ask, Unsupported> {
+        let request = self.on(parameter, [Opcode::Sap, Opcode::Sgp], wire_value(raw)?)?;
+        Ok(Ask { request, class })
+    }
+
+    fn keep(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
+        self.on(parameter, [Opcode::Stap, Opcode::Stgp], 0).map(Ask::of)
+    }
+
+    /// `function` is the opcode, `index` the type and, in its high byte, the motor or bank.
+    fn send(&self, function: u8, index: u16, value: i64) -> Result<Ask, Unsupported> {
+        let [motor, kind] = index.to_be_bytes();
+        let (opcode, value) = turned(Opcode::from(function), wire_value(value)?);
+        Ok(Ask::of(Request { address: self.module, opcode, kind, motor, value }))
+    }
+
+    fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
+        text::parse(text, self.module).map(Ask::of).map_err(|_| Unsupported::BadText)
+    }
+
+    fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
+        use crate::profile::Encoding;
+        match answer {
+            Answer::Reply(reply) | Answer::Event(reply) => {
+                let unsigned =
+                    matches!(parameter.map(|parameter| parameter.encoding), Some(Encoding::U32));
+                Ok(if unsigned { reply.value.cast_unsigned().into() } else { reply.value.into() })
+            }
+            // Eight characters are the eight bytes of the outcome's value.
+            Answer::Text(version) => Ok(i64::from_be_bytes(version.text)),
+            Answer::Instruction(instruction) => Ok(instruction.value.into()),
+            Answer::NoReply => Ok(0),
+        }
+    }
+
+    fn unasked(&mut self, answer: &Answer) -> Option<(Signal, i64)> {
+        match answer {
+            Answer::Event(reply) => {
+                Some((Signal::Reached, i64::from(reply.value >> self.motor & 1)))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Speeds go both ways: `ROR` with a negative one is `ROL` with a positive one, because the TMCL
+/// manuals give both a range from 0 on.
+fn turned(opcode: Opcode, value: i32) -> (Opcode, i32) {
+    match (opcode, value.checked_neg()) {
+        (Opcode::Ror, Some(positive)) if value < 0 => (Opcode::Rol, positive),
+        (Opcode::Rol, Some(positive)) if value < 0 => (Opcode::Ror, positive),
+        _ => (opcode, value),
+    }
+}
+
+/// Signed, or the unsigned twin of a negative one.
+fn wire_value(raw: i64) -> Result<i32, Unsupported> {
+    i32::try_from(raw)
+        .or_else(|_| u32::try_from(raw).map(u32::cast_signed))
+        .map_err(|_| Unsupported::BadArgument)
+}
+
+/// TMCL on RS-232, RS-485, a pseudo-terminal or TCP.
+#[derive(Debug)]
+pub enum Tmcl {}
+
+impl Protocol for Tmcl {
+    type Medium = Stream;
+    type Host = SerialHost;
+    const NAME: &'static str = "tmcl";
+    const PROFILE: &'static str = "tmcl";
+    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
+    const BAUD: u32 = 9600;
+
+    fn generic() -> &'static Profile {
+        &GENERIC
+    }
+
+    fn host(options: &HostOptions) -> SerialHost {
+        SerialHost::new(options)
+    }
+
+    fn driver(
+        profile: &'static Profile,
+        address: u32,
+    ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
+        Axis::new(profile, address)
+    }
+}
+
+/// TMCL on CAN. A module's address is its CAN id.
+#[derive(Debug)]
+pub enum TmclCan {}
+
+impl Protocol for TmclCan {
+    type Medium = Can;
+    type Host = CanHost;
+    const NAME: &'static str = "tmcl";
+    const PROFILE: &'static str = "tmcl";
+    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
+    const BAUD: u32 = 250_000;
+
+    fn generic() -> &'static Profile {
+        &GENERIC
+    }
+
+    fn host(options: &HostOptions) -> CanHost {
+        CanHost::new(options)
+    }
+
+    fn driver(
+        profile: &'static Profile,
+        address: u32,
+    ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
+        Axis::new(profile, address)
+    }
+}

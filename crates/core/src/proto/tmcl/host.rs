@@ -1,0 +1,305 @@
+//! The commanding end, on a serial line and on CAN.
+//!
+//! A reply is taken only if everything that it offers agrees: checksum, host address, module
+//! address, opcode, a known status, and on a line with a known baud rate the time: no reply can be
+//! whole before request and reply were on the wire. Manuals call the value of a reply to a write
+//! "don't care", so it is not compared.
+
+use super::opcode::{Opcode, Status};
+use super::session::{Answer, Arrived, Ask, Session};
+use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
+use crate::error::Failure;
+use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
+use crate::proto::HostOptions;
+use crate::station::{Counters, Host, LineEvent, Station, Ticket, Timed, To};
+use crate::time::Instant;
+
+/// Time allowed for a reply when neither caller nor profile says one, ms.
+pub const REPLY_TIMEOUT_MS: u32 = 100;
+/// After bytes that were no reply, the line must be silent for so many characters before the host
+/// speaks.
+const QUIET_CHARACTERS: u32 = 2;
+/// A byte sent alone, to make a module that lost count of bytes count on, is followed by so long a
+/// silence, that a module with a time limit between bytes drops it.
+const SHIFT_PAUSE_MS: u32 = 25;
+
+/// The host on RS-232, RS-485, a pseudo-terminal or TCP.
+#[derive(Debug)]
+pub struct SerialHost {
+    session: Session,
+    line: SerialLine,
+    host: u8,
+    gap_ns: u64,
+    buffer: [u8; DATAGRAM],
+    len: usize,
+    sent: [u8; DATAGRAM],
+    echo_due: bool,
+    last_byte: Instant,
+    noise: Instant,
+    shifted: bool,
+}
+
+impl SerialHost {
+    /// A host as `options` say.
+    #[must_use]
+    pub fn new(options: &HostOptions) -> Self {
+        let host = options.host.and_then(|host| u8::try_from(host).ok()).unwrap_or(HOST);
+        let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        Self {
+            session: Session::new(host.into(), timeout),
+            line: SerialLine::n81(options.baud),
+            host,
+            gap_ns: u64::from(options.gap_us.unwrap_or(0)) * 1_000,
+            buffer: [0; DATAGRAM],
+            len: 0,
+            sent: [0; DATAGRAM],
+            echo_due: false,
+            last_byte: Instant::ZERO,
+            noise: Instant::ZERO,
+            shifted: false,
+        }
+    }
+
+    /// Takes whole windows of nine bytes off `bytes` and returns how many bytes are done with.
+    fn windows(&mut self, now: Instant, bytes: &[u8]) -> usize {
+        let mut at = 0;
+        while let Some(window) = bytes[at..].first_chunk::<DATAGRAM>() {
+            at += self.window(now, window);
+        }
+        at
+    }
+
+    /// Judges nine bytes and returns how many of them are done with: all, or one.
+    fn window(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
+        if self.echo_due && *window == self.sent {
+            self.echo_due = false;
+            self.session.counters.echoed += DATAGRAM as u64;
+            return DATAGRAM;
+        }
+        let whole = checksum(window) == window[DATAGRAM - 1];
+        if let (true, Ok(reply)) = (whole, Reply::parse(window)) {
+            if reply.host == self.host && (is_known(&reply) || self.wants(Opcode::ReadMemory)) {
+                self.session.arrived(now, Arrived::Reply(reply));
+                return DATAGRAM;
+            }
+            if is_known(&reply) {
+                self.session.counters.foreign += 1;
+                return DATAGRAM;
+            }
+        }
+        if let Ok(text) = VersionText::parse(window)
+            && self.wants_text()
+            && text.host == self.host
+        {
+            self.session.arrived(now, Arrived::Text(text));
+            return DATAGRAM;
+        }
+        self.session.counters.corrupt += u64::from(window[0] == self.host);
+        self.session.counters.skipped += 1;
+        self.noise = now;
+        1
+    }
+
+    fn wants(&self, opcode: Opcode) -> bool {
+        self.session.expected().is_some_and(|request| request.opcode == opcode)
+    }
+
+    fn wants_text(&self) -> bool {
+        self.wants(Opcode::Version) && self.session.expected().is_some_and(|r| r.kind == 0)
+    }
+}
+
+impl Timed for SerialHost {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.session.handle_timeout(now);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.session.poll_timeout()
+    }
+}
+
+impl Station<Stream> for SerialHost {
+    fn handle_input(&mut self, now: Instant, bytes: &[u8]) {
+        self.last_byte = now;
+        if self.len == 0 && bytes.len() == DATAGRAM {
+            let done = self.windows(now, bytes);
+            self.len = bytes.len() - done;
+            self.buffer[..self.len].copy_from_slice(&bytes[done..]);
+            return;
+        }
+        for &byte in bytes {
+            self.buffer[self.len] = byte;
+            self.len += 1;
+            if self.len == DATAGRAM {
+                let window = self.buffer;
+                let done = self.window(now, &window);
+                self.buffer.copy_within(done.., 0);
+                self.len -= done;
+            }
+        }
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.session.counters.skipped += self.len as u64;
+        self.len = 0;
+        self.session.handle_line(now, event);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        if self.session.wants_shift() && !self.shifted {
+            self.shifted = true;
+            self.session.hold(now.plus_ms(SHIFT_PAUSE_MS));
+            *out.first_mut()? = 0;
+            return Some(1);
+        }
+        let silence = self.line.characters_ns(QUIET_CHARACTERS);
+        let quiet = self.last_byte.plus_ns(self.gap_ns).max(self.noise.plus_ns(silence));
+        if now < quiet {
+            self.session.hold(quiet);
+        }
+        let on_wire = self.line.characters_ns(2 * DATAGRAM as u32);
+        let request = self.session.transmit(now, on_wire)?;
+        self.shifted = false;
+        self.session.counters.skipped += self.len as u64;
+        self.len = 0;
+        self.sent = request.emit();
+        self.echo_due = true;
+        out.get_mut(..DATAGRAM)?.copy_from_slice(&self.sent);
+        Some(DATAGRAM)
+    }
+
+    fn line(&self) -> SerialLine {
+        self.line
+    }
+}
+
+impl Host<Stream> for SerialHost {
+    type Request = Ask;
+    type Answer = Answer;
+
+    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        self.session.submit(now, ticket, request)
+    }
+
+    fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
+        self.session.poll_event()
+    }
+
+    fn emit(&self, request: &Ask, out: &mut [u8]) -> usize {
+        let bytes = request.request.emit();
+        let len = bytes.len().min(out.len());
+        out[..len].copy_from_slice(&bytes[..len]);
+        len
+    }
+
+    fn counters(&self) -> Counters {
+        self.session.counters
+    }
+}
+
+/// The host on CAN. \[I\] A module's address is its CAN id of requests, as from the factory.
+#[derive(Debug)]
+pub struct CanHost {
+    session: Session,
+    reply_id: u16,
+    bit_rate: u32,
+    eight: bool,
+}
+
+impl CanHost {
+    /// A host as `options` say: `host` is the CAN id of replies, `baud` the bit rate.
+    #[must_use]
+    pub fn new(options: &HostOptions) -> Self {
+        let host = options.host.and_then(|id| u16::try_from(id).ok()).filter(|id| *id <= 0x7FF);
+        let reply_id = host.unwrap_or(HOST.into());
+        let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let session = Session::new(reply_id, timeout);
+        Self { session, reply_id, bit_rate: options.baud, eight: false }
+    }
+
+    /// Sends eight data bytes, the last one the serial checksum, as the vendor's library does.
+    #[must_use]
+    pub fn sending_eight(mut self) -> Self {
+        self.eight = true;
+        self
+    }
+}
+
+impl Timed for CanHost {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.session.handle_timeout(now);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.session.poll_timeout()
+    }
+}
+
+impl Station<Can> for CanHost {
+    fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        if frame.id != u32::from(self.reply_id) || frame.extended || frame.remote {
+            return;
+        }
+        let host = self.reply_id as u8;
+        let expected = self.session.expected();
+        let text = expected.is_some_and(|r| r.opcode == Opcode::Version && r.kind == 0);
+        let memory = expected.is_some_and(|r| r.opcode == Opcode::ReadMemory);
+        if text && let Ok(text) = VersionText::parse_can(frame.bytes(), host) {
+            return self.session.arrived(now, Arrived::Text(text));
+        }
+        match Reply::parse_can(frame.bytes(), host) {
+            Ok(reply) if is_known(&reply) || memory => {
+                self.session.arrived(now, Arrived::Reply(reply));
+            }
+            _ => self.session.counters.corrupt += 1,
+        }
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.session.handle_line(now, event);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        let request = self.session.transmit(now, 0)?;
+        *out = self.frame(&request);
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        CanLine { bit_rate: self.bit_rate }
+    }
+}
+
+impl Host<Can> for CanHost {
+    type Request = Ask;
+    type Answer = Answer;
+
+    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        self.session.submit(now, ticket, request)
+    }
+
+    fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
+        self.session.poll_event()
+    }
+
+    fn emit(&self, request: &Ask, out: &mut Frame) -> usize {
+        *out = self.frame(&request.request);
+        1
+    }
+
+    fn counters(&self) -> Counters {
+        self.session.counters
+    }
+}
+
+impl CanHost {
+    fn frame(&self, request: &Request) -> Frame {
+        request.emit_can(request.address.into(), self.eight)
+    }
+}
+
+/// A status with a name: the shape of a reply.
+fn is_known(reply: &Reply) -> bool {
+    !matches!(reply.status, Status::Unknown(_))
+}

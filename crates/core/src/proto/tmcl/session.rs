@@ -1,0 +1,545 @@
+//! What both hosts share: one request outstanding, deadlines, retries, quarantine, events.
+//!
+//! A reply names its module, its opcode and its status, but not the parameter that was asked. So a
+//! late reply to `GAP 1` looks exactly like the answer to `GAP 3`. Therefore, after silence (and
+//! after an answer to something that was sent twice) a module is *suspect*: nothing but a stop is
+//! asked of it until a probe of another opcode was answered, because a module answers in order and
+//! nothing older can come after that; or until the latest possible reply is past.
+
+use super::opcode::{Opcode, Status};
+use super::wire::{Instruction, Reply, Request, VersionText};
+use crate::error::Failure;
+use crate::station::{Class, Counters, LineEvent, Ticket, To};
+use crate::time::{Instant, earliest};
+
+/// Times an idempotent request is sent at most.
+pub const ATTEMPTS_MAX: u8 = 3;
+/// Probes sent into silence at most, in one quarantine.
+pub const PROBES_MAX: u8 = 2;
+/// Modules in quarantine at a time at most; one more closes the line until one is out.
+pub const SUSPECTS_MAX: usize = 4;
+/// Events that wait to be taken at most; before that, nothing new is accepted.
+pub const EVENTS_MAX: usize = 8;
+/// Opcodes remembered of a suspect: three attempts and every probe.
+const TAGS_MAX: usize = 10;
+/// A reply is possible for so many times the reply timeout after its request.
+const LATEST_TIMEOUTS: u64 = 3;
+/// After "wrong checksum" the true reply of another module may still come for so long.
+const GRACE_NS: u64 = 20_000_000;
+
+/// A request with what may be done when no answer comes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Ask {
+    /// What is sent.
+    pub request: Request,
+    /// Whether it may be sent again.
+    pub class: Class,
+}
+
+impl Ask {
+    /// A request with the class that its opcode has by itself.
+    #[must_use]
+    pub const fn of(request: Request) -> Self {
+        let class = match request.opcode {
+            Opcode::Mst => Class::Stop,
+            Opcode::Ror | Opcode::Rol if request.value == 0 => Class::Stop,
+            Opcode::Sap | Opcode::Sgp | Opcode::Sio => Class::Confirm,
+            opcode if opcode.only_reads() => Class::Idempotent,
+            _ => Class::Never,
+        };
+        Self { request, class }
+    }
+}
+
+impl crate::station::Request for Ask {
+    fn class(&self) -> Class {
+        self.class
+    }
+}
+
+/// What a module answers, after the host's checks. Refusals are [`Failure::Refused`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Answer {
+    /// The usual reply, with status 100 or 101.
+    Reply(Reply),
+    /// The version as text.
+    Text(VersionText),
+    /// An instruction from program memory.
+    Instruction(Instruction),
+    /// The request has no reply; it is out.
+    NoReply,
+    /// Sent unasked: a target position was reached.
+    Event(Reply),
+}
+
+/// Something that a wire delivered, with every check of the wire passed.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Arrived {
+    Reply(Reply),
+    Text(VersionText),
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    /// `None` for a probe.
+    ticket: Option<Ticket>,
+    ask: Ask,
+    attempts: u8,
+    sent: bool,
+    /// When it could first have been sent.
+    ready: Instant,
+    not_before: Instant,
+    earliest: Instant,
+    deadline: Instant,
+    /// Replies of the same opcode that may still come for older requests.
+    ambiguous: u8,
+    bad_sum: bool,
+    bad_sum_of_module: bool,
+    early: bool,
+    /// A stop waits: no further attempt.
+    cut_short: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Suspect {
+    module: u8,
+    tags: [u8; TAGS_MAX],
+    count: u8,
+    probes: u8,
+    probe_due: bool,
+    until: Instant,
+}
+
+/// The session of one host.
+#[derive(Debug)]
+pub struct Session {
+    host: u16,
+    timeout_ns: u64,
+    pending: Option<Pending>,
+    stop: Option<(Ticket, Ask)>,
+    suspects: [Option<Suspect>; SUSPECTS_MAX],
+    suspicious: bool,
+    events: [(To, Result<Answer, Failure>); EVENTS_MAX],
+    event_first: usize,
+    event_count: usize,
+    /// Modules that ever answered.
+    heard: [u64; 4],
+    /// Replies that came sooner than the baud rate allows, in a row; past the limit the baud rate
+    /// is taken for fiction (USB).
+    early_streak: u8,
+    up: bool,
+    pub(super) counters: Counters,
+}
+
+/// Requests in a row whose only reply came too soon, after which replies are taken as they come.
+const EARLY_MAX: u8 = 2;
+
+impl Session {
+    pub(super) fn new(host: u16, timeout_ms: u32) -> Self {
+        Self {
+            host,
+            timeout_ns: u64::from(timeout_ms) * 1_000_000,
+            pending: None,
+            stop: None,
+            suspects: [None; SUSPECTS_MAX],
+            suspicious: false,
+            events: [(To::Address(0), Err(Failure::Silent)); EVENTS_MAX],
+            event_first: 0,
+            event_count: 0,
+            heard: [0; 4],
+            early_streak: 0,
+            up: true,
+            counters: Counters::default(),
+        }
+    }
+
+    pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
+        if self.event_count > EVENTS_MAX - 4 {
+            return Err(ask);
+        }
+        if let Some(failure) = self.refusal(&ask) {
+            self.push(To::Ticket(ticket), Err(failure));
+            return Ok(());
+        }
+        let stop = ask.class == Class::Stop;
+        if self.pending.is_some() {
+            return if stop { self.overtake(now, ticket, ask) } else { Err(ask) };
+        }
+        if self.suspicious && !stop && !self.trusts(now, ask.request.address) {
+            return Err(ask);
+        }
+        self.start(now, Some(ticket), ask);
+        Ok(())
+    }
+
+    pub(super) fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
+        if self.event_count == 0 {
+            return None;
+        }
+        let event = self.events[self.event_first];
+        self.event_first = (self.event_first + 1) % EVENTS_MAX;
+        self.event_count -= 1;
+        Some(event)
+    }
+
+    /// The request to send now, if one waits. `on_wire_ns` is how long it and its reply take on
+    /// the wire.
+    pub(super) fn transmit(&mut self, now: Instant, on_wire_ns: u64) -> Option<Request> {
+        let pending = self.pending.as_mut()?;
+        if pending.sent || now < pending.not_before {
+            return None;
+        }
+        let request = pending.ask.request;
+        pending.sent = true;
+        pending.earliest = now.plus_ns(on_wire_ns - on_wire_ns / 10);
+        pending.deadline = now.plus_ns(on_wire_ns + self.timeout_ns);
+        self.counters.sent += 1;
+        self.counters.resent += u64::from(pending.attempts > 0);
+        pending.attempts += 1;
+        if matches!(request.opcode, Opcode::Boot | Opcode::BootStart) {
+            let ticket = pending.ticket;
+            self.pending = None;
+            self.end(ticket, Ok(Answer::NoReply));
+        }
+        Some(request)
+    }
+
+    /// What waits for an answer now.
+    pub(super) fn expected(&self) -> Option<&Request> {
+        self.pending.as_ref().filter(|pending| pending.sent).map(|pending| &pending.ask.request)
+    }
+
+    /// True while the request to be sent next is a probe into a line that may have lost count of
+    /// bytes.
+    pub(super) fn wants_shift(&self) -> bool {
+        let Some(pending) = &self.pending else { return false };
+        let address = pending.ask.request.address;
+        let again = |suspect: &Suspect| suspect.module == address && suspect.probes > 1;
+        pending.ticket.is_none() && !pending.sent && self.suspects.iter().flatten().any(again)
+    }
+
+    /// Puts the sending off, but no stop, and nothing for longer than the reply timeout.
+    pub(super) fn hold(&mut self, until: Instant) {
+        let timeout = self.timeout_ns;
+        if let Some(pending) = &mut self.pending
+            && pending.ask.class != Class::Stop
+        {
+            let until = until.min(pending.ready.plus_ns(timeout));
+            pending.not_before = pending.not_before.max(until);
+        }
+    }
+
+    pub(super) fn arrived(&mut self, now: Instant, arrived: Arrived) {
+        match arrived {
+            Arrived::Reply(reply) if is_event(&reply) => self.event(reply),
+            Arrived::Reply(reply) => self.reply(now, reply),
+            Arrived::Text(text) => self.answered(now, Ok(Answer::Text(text))),
+        }
+    }
+
+    pub(super) fn handle_timeout(&mut self, now: Instant) {
+        if self.pending.is_some_and(|pending| pending.sent && now >= pending.deadline) {
+            self.expired(now);
+        }
+        if self.suspicious {
+            self.expire_suspects(now);
+        }
+        self.next(now);
+    }
+
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        let pending = self.pending.as_ref().map(|p| if p.sent { p.deadline } else { p.not_before });
+        let suspects = self.suspects.iter().flatten().map(|suspect| suspect.until).min();
+        if self.suspicious { earliest(pending, suspects) } else { pending }
+    }
+
+    pub(super) fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.up = match event {
+            LineEvent::Down | LineEvent::BusOff => false,
+            LineEvent::Up => true,
+            LineEvent::Break => self.up,
+        };
+        if self.up {
+            return;
+        }
+        if let Some(pending) = self.pending.take() {
+            self.suspect(now, &pending, false);
+            self.end(pending.ticket, Err(Failure::LinkDown));
+        }
+        if let Some((ticket, _)) = self.stop.take() {
+            self.end(Some(ticket), Err(Failure::LinkDown));
+        }
+    }
+
+    fn refusal(&self, ask: &Ask) -> Option<Failure> {
+        const HINT: &str =
+            "the host's address must differ from every module's; give another with host=";
+        if !self.up {
+            return Some(Failure::LinkDown);
+        }
+        (u16::from(ask.request.address) == self.host).then_some(Failure::NotReady { hint: HINT })
+    }
+
+    /// A stop, while something is outstanding: a probe is given up at once; a request keeps its
+    /// present chance, because its reply may be on the wire, but gets no further one.
+    fn overtake(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
+        let Some(pending) = &mut self.pending else { return Err(ask) };
+        if self.stop.is_some() || pending.ask.class == Class::Stop {
+            return Err(ask);
+        }
+        match (pending.ticket, pending.sent) {
+            (Some(waiting), false) => {
+                let pending = *pending;
+                self.pending = None;
+                let failure = match pending.attempts {
+                    0 => Failure::Cancelled,
+                    _ => Failure::Silent,
+                };
+                self.suspect(now, &pending, true);
+                self.end(Some(waiting), Err(failure));
+                self.start(now, Some(ticket), ask);
+            }
+            (Some(_), true) => {
+                pending.cut_short = true;
+                self.stop = Some((ticket, ask));
+            }
+            (None, _) => {
+                let probe = *pending;
+                self.pending = None;
+                self.suspect(now, &probe, true);
+                self.start(now, Some(ticket), ask);
+            }
+        }
+        Ok(())
+    }
+
+    fn start(&mut self, now: Instant, ticket: Option<Ticket>, ask: Ask) {
+        let mut ambiguous = 0;
+        if self.suspicious {
+            let opcode = ask.request.opcode.number();
+            let of_module = |s: &&Suspect| s.module == ask.request.address;
+            if let Some(suspect) = self.suspects.iter().flatten().find(of_module) {
+                let tags = &suspect.tags[..usize::from(suspect.count)];
+                ambiguous = tags.iter().filter(|tag| **tag == opcode).count() as u8;
+            }
+        }
+        self.pending = Some(Pending {
+            ticket,
+            ask,
+            attempts: 0,
+            sent: false,
+            ready: now,
+            not_before: now,
+            earliest: now,
+            deadline: now,
+            ambiguous,
+            bad_sum: false,
+            bad_sum_of_module: false,
+            early: false,
+            cut_short: false,
+        });
+    }
+
+    fn reply(&mut self, now: Instant, reply: Reply) {
+        let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
+            self.counters.late += 1;
+            return;
+        };
+        let request = &pending.ask.request;
+        if reply.status == Status::WrongChecksum {
+            pending.bad_sum = true;
+            pending.bad_sum_of_module = reply.module == request.address;
+            pending.deadline = pending.deadline.min(now.plus_ns(GRACE_NS));
+            return;
+        }
+        let refusal = reply.module == request.address
+            && reply.opcode == request.opcode
+            && !matches!(reply.status, Status::Unknown(_) | Status::Event | Status::Busy);
+        let refused = refusal && !reply.status.is_good();
+        let stored = request.opcode == Opcode::ReadMemory && !refused;
+        if !refusal && !stored {
+            self.counters.foreign += 1;
+            return;
+        }
+        if now < pending.earliest && self.early_streak < EARLY_MAX {
+            pending.early = true;
+            self.counters.late += 1;
+            return;
+        }
+        if pending.ambiguous > 0 {
+            pending.ambiguous -= 1;
+            self.counters.late += 1;
+            return;
+        }
+        self.answered(
+            now,
+            match stored {
+                true => Ok(Answer::Instruction(Instruction::of_reply(&reply))),
+                false if reply.status.is_good() => Ok(Answer::Reply(reply)),
+                false => Err(Failure::Refused { code: reply.status.number().into() }),
+            },
+        );
+    }
+
+    fn answered(&mut self, now: Instant, answer: Result<Answer, Failure>) {
+        let Some(pending) = self.pending.take() else { return };
+        let module = pending.ask.request.address;
+        self.heard[usize::from(module >> 6)] |= 1 << (module & 63);
+        if self.early_streak < EARLY_MAX {
+            self.early_streak = 0;
+        }
+        self.counters.answered += 1;
+        if pending.ticket.is_none() {
+            self.trust(module);
+        } else if pending.attempts > 1 || pending.bad_sum {
+            self.suspect(now, &pending, true);
+        }
+        self.end(pending.ticket, answer);
+        self.next(now);
+    }
+
+    fn event(&mut self, reply: Reply) {
+        if self.event_count < EVENTS_MAX - 4 {
+            self.push(To::Address(reply.module.into()), Ok(Answer::Event(reply)));
+        } else {
+            self.counters.foreign += 1;
+        }
+    }
+
+    /// No answer in time.
+    fn expired(&mut self, now: Instant) {
+        let Some(mut pending) = self.pending.take() else { return };
+        if pending.early {
+            self.early_streak = (self.early_streak + 1).min(EARLY_MAX);
+        }
+        let resendable = matches!(pending.ask.class, Class::Idempotent | Class::Stop);
+        let attempts = if self.knows(pending.ask.request.address) { ATTEMPTS_MAX } else { 2 };
+        let user = pending.ticket.is_some();
+        if user && resendable && pending.attempts < attempts && !pending.cut_short {
+            pending.sent = false;
+            pending.bad_sum = false;
+            pending.ready = now;
+            pending.not_before = now;
+            self.pending = Some(pending);
+            return;
+        }
+        // Others answer, this one never did: it is probably not there, and a probe would only
+        // make a scan slower.
+        let worth = self.knows(pending.ask.request.address) || self.heard == [0; 4];
+        self.suspect(now, &pending, worth);
+        if user {
+            self.counters.silent += 1;
+            let failure = match pending.bad_sum && pending.bad_sum_of_module {
+                true => Failure::Refused { code: Status::WrongChecksum.number().into() },
+                false => Failure::Silent,
+            };
+            self.end(pending.ticket, Err(failure));
+        }
+    }
+
+    /// What comes next when nothing is outstanding: a stop that waits, then a probe.
+    fn next(&mut self, now: Instant) {
+        if self.pending.is_some() {
+            return;
+        }
+        if let Some((ticket, ask)) = self.stop.take() {
+            return self.start(now, Some(ticket), ask);
+        }
+        if self.suspicious
+            && let Some(ask) = self.probe()
+        {
+            self.start(now, None, ask);
+        }
+    }
+
+    fn probe(&mut self) -> Option<Ask> {
+        let suspect = self.suspects.iter_mut().flatten().find(|suspect| suspect.probe_due)?;
+        suspect.probe_due = false;
+        let tags = &suspect.tags[..usize::from(suspect.count)];
+        let (opcode, kind) = PROBES.into_iter().find(|(o, _)| !tags.contains(&o.number()))?;
+        suspect.probes += 1;
+        let request = Request { address: suspect.module, opcode, kind, motor: 0, value: 0 };
+        Some(Ask { request, class: Class::Idempotent })
+    }
+
+    /// Notes that replies of `pending` may still come.
+    fn suspect(&mut self, now: Instant, pending: &Pending, probe: bool) {
+        if pending.attempts == 0 {
+            return;
+        }
+        let module = pending.ask.request.address;
+        let until = now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns);
+        let of_module = |s: &Option<Suspect>| s.is_some_and(|s| s.module == module);
+        let free = |slots: &[Option<Suspect>]| slots.iter().position(Option::is_none);
+        let place = self.suspects.iter().position(of_module).or_else(|| free(&self.suspects));
+        // A full table keeps its oldest entry longest: the line is closed until one is out.
+        let place = place.unwrap_or(SUSPECTS_MAX - 1);
+        let fresh =
+            Suspect { module, tags: [0; TAGS_MAX], count: 0, probes: 0, probe_due: false, until };
+        let suspect = self.suspects[place].get_or_insert(fresh);
+        for _ in 0..pending.attempts {
+            if let Some(tag) = suspect.tags.get_mut(usize::from(suspect.count)) {
+                *tag = pending.ask.request.opcode.number();
+                suspect.count += 1;
+            }
+        }
+        suspect.until = suspect.until.max(until);
+        // A module that says "wrong checksum" is there and quick: it is worth trying on.
+        suspect.probe_due = probe && (suspect.probes < PROBES_MAX || pending.bad_sum);
+        self.suspicious = true;
+    }
+
+    fn trust(&mut self, module: u8) {
+        for slot in &mut self.suspects {
+            if slot.is_some_and(|suspect| suspect.module == module) {
+                *slot = None;
+            }
+        }
+        self.suspicious = self.suspects.iter().any(Option::is_some);
+    }
+
+    fn expire_suspects(&mut self, now: Instant) {
+        let probed = self.pending.map(|pending| pending.ask.request.address);
+        for slot in &mut self.suspects {
+            if slot.is_some_and(|s| now >= s.until && probed != Some(s.module)) {
+                *slot = None;
+            }
+        }
+        self.suspicious = self.suspects.iter().any(Option::is_some);
+    }
+
+    fn trusts(&mut self, now: Instant, module: u8) -> bool {
+        self.expire_suspects(now);
+        let full = self.suspects.iter().all(Option::is_some);
+        !full && !self.suspects.iter().flatten().any(|suspect| suspect.module == module)
+    }
+
+    fn knows(&self, module: u8) -> bool {
+        self.heard[usize::from(module >> 6)] & 1 << (module & 63) != 0
+    }
+
+    fn end(&mut self, ticket: Option<Ticket>, result: Result<Answer, Failure>) {
+        if let Some(ticket) = ticket {
+            self.push(To::Ticket(ticket), result);
+        }
+    }
+
+    fn push(&mut self, to: To, result: Result<Answer, Failure>) {
+        debug_assert!(self.event_count < EVENTS_MAX, "submit leaves room for every end");
+        self.events[(self.event_first + self.event_count) % EVENTS_MAX] = (to, result);
+        self.event_count += 1;
+    }
+}
+
+/// Reads that change nothing, each with an opcode of its own.
+const PROBES: [(Opcode, u8); 5] = [
+    (Opcode::Version, 1),
+    (Opcode::Ggp, 66),
+    (Opcode::Gap, 1),
+    (Opcode::ProgramStatus, 0),
+    (Opcode::Gio, 0),
+];
+
+fn is_event(reply: &Reply) -> bool {
+    reply.status == Status::Event && reply.opcode == Opcode::PositionReached
+}
