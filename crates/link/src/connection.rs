@@ -102,6 +102,11 @@ impl Connection {
         self.0.0.lock().link.describe()
     }
 
+    #[cfg(test)]
+    pub(crate) fn slots(&self) -> usize {
+        self.0.0.lock().slots.len()
+    }
+
     /// What ends waits from elsewhere, for instance upon Ctrl-C.
     #[must_use]
     pub fn interrupter(&self) -> Interrupter {

@@ -32,3 +32,6 @@ pub use ports::{Port, ports};
 pub use serve::{Wire, serve};
 pub use tap::{Direction, Tap, Tapped};
 pub use wake::Waker;
+
+#[cfg(all(test, unix))]
+mod tests;

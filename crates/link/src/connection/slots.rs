@@ -118,6 +118,11 @@ impl Slots {
         self.slots.iter().any(|slot| slot.waker.is_some())
     }
 
+    #[cfg(test)]
+    pub(crate) fn len(&self) -> usize {
+        self.slots.len()
+    }
+
     fn slot(&mut self, ticket: Ticket) -> Option<&mut Slot> {
         self.slots.get_mut(index(ticket) as usize).filter(|slot| slot.ticket == ticket)
     }

@@ -1,0 +1,500 @@
+//! Connections, links and the server against a toy drive on real ptys and sockets.
+
+mod toy;
+
+use std::io::{Read, Write};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::task::{Wake, Waker as TaskWaker};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use polepair_core::axis::{Command, Verb};
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::profile::ParameterId;
+use polepair_core::station::AxisIndex;
+use polepair_core::time::Instant;
+
+use crate::pty::Pty;
+use crate::serial;
+use crate::serve::Stop;
+use crate::tcp::{TcpLink, TcpServer};
+use crate::{
+    Cause, Connection, Direction, Link, LinkError, Pending, Received, Tapped, Waited, Waker, clock,
+    serve,
+};
+use toy::{STOP_VALUE, ToyDevice, ToyLane};
+
+const AXIS: AxisIndex = AxisIndex(0);
+const LINE: SerialLine = SerialLine::n81(115_200);
+const LOST: Outcome = Outcome::Unknown(Failure::LinkDown);
+
+/// A served toy drive. Dropping it unplugs the drive.
+struct Drive {
+    stop: Stop,
+    device: Arc<Mutex<ToyDevice>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Drive {
+    fn on(link: impl Link<Stream> + 'static, device: ToyDevice) -> Self {
+        let stop = Stop::of(&link);
+        let device = Arc::new(Mutex::new(device));
+        let (its_stop, mut wire) = (stop.clone(), Arc::clone(&device));
+        let thread = thread::spawn(move || {
+            let _ = serve(&link, &mut wire, &its_stop);
+        });
+        Self { stop, device, thread: Some(thread) }
+    }
+
+    fn asked(&self) -> u32 {
+        self.device.lock().unwrap().asked
+    }
+}
+
+impl Drop for Drive {
+    fn drop(&mut self) {
+        self.stop.stop();
+        self.thread.take().unwrap().join().unwrap();
+    }
+}
+
+fn served(device: ToyDevice) -> (Drive, Connection) {
+    let (drive, link) = plugged(device);
+    (drive, connected(link))
+}
+
+fn plugged(device: ToyDevice) -> (Drive, Box<dyn Link<Stream>>) {
+    let pty = Pty::open(None).unwrap();
+    let port = serial::open(pty.path(), LINE).unwrap();
+    (Drive::on(pty, device), Box::new(port))
+}
+
+fn connected(link: Box<dyn Link<Stream>>) -> Connection {
+    Connection::new(link, Box::<ToyLane>::default())
+}
+
+fn put(connection: &Connection, value: u32) -> Pending {
+    let raw = i64::from(value);
+    connection
+        .submit(|axes, now, ticket| axes.write(now, ticket, AXIS, ParameterId(0), raw, false))
+        .unwrap()
+}
+
+fn order(connection: &Connection, verb: Verb) -> Pending {
+    connection
+        .submit(|axes, now, ticket| axes.command(now, ticket, AXIS, Command::new(verb)))
+        .unwrap()
+}
+
+fn in_ms(ms: u32) -> Instant {
+    clock::now().plus_ms(ms)
+}
+
+fn done(value: u32) -> Waited {
+    Waited::Ended(Outcome::Done(value.into()))
+}
+
+fn temporary(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("polepair-{name}-{}", std::process::id()))
+}
+
+#[test]
+fn a_request_is_answered_over_a_pty() {
+    let (_drive, connection) = served(ToyDevice::answering_after(0));
+    for value in 0..100 {
+        assert_eq!(put(&connection, value).wait(in_ms(5000)), done(value + 1));
+    }
+}
+
+#[test]
+fn two_hundred_threads_get_their_own_answers() {
+    let (drive, connection) = served(ToyDevice::answering_after(0));
+    let threads: Vec<_> = (0..200_u32)
+        .map(|thread| {
+            let connection = connection.clone();
+            thread::spawn(move || {
+                for turn in 0..5 {
+                    let value = thread * 1000 + turn;
+                    assert_eq!(put(&connection, value).wait(in_ms(60_000)), done(value + 1));
+                }
+            })
+        })
+        .collect();
+    threads.into_iter().for_each(|thread| thread.join().unwrap());
+    assert_eq!(drive.asked(), 1000);
+}
+
+#[test]
+fn the_next_waiter_leads_when_the_leader_leaves() {
+    let (_drive, connection) = served(ToyDevice::answering_after(60));
+    let mut first = put(&connection, 1);
+    let mut second = put(&connection, 2);
+    let began = clock::now();
+    let leader = thread::spawn(move || first.wait(in_ms(5000)));
+    thread::sleep(Duration::from_millis(20));
+    assert_eq!(second.wait(in_ms(5000)), done(3));
+    assert_eq!(leader.join().unwrap(), done(2));
+    // Without a hand-over it would have slept a follower's 200 ms first.
+    let took = clock::now().since(began);
+    assert!(took < Duration::from_millis(190), "{took:?}");
+}
+
+#[test]
+fn a_plan_ends_though_nobody_waits() {
+    let (drive, connection) = served(ToyDevice::answering_after(0));
+    drop(order(&connection, Verb::MoveTo));
+    let deadline = in_ms(5000);
+    while drive.asked() < 10 && clock::now() < deadline {
+        thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(drive.asked(), 10);
+}
+
+#[test]
+fn a_caller_takes_over_from_the_keeper() {
+    let (drive, connection) = served(ToyDevice::answering_after(0));
+    drop(order(&connection, Verb::MoveTo));
+    let mut others = 0;
+    while drive.asked() < 10 + others {
+        others += 1;
+        assert_eq!(put(&connection, others).wait(in_ms(5000)), done(others + 1));
+        assert!(others < 1_000_000, "the plan does not get on");
+    }
+}
+
+#[test]
+fn an_outcome_can_be_polled_for() {
+    let (_drive, connection) = served(ToyDevice::answering_after(30));
+    let mut pending = put(&connection, 4);
+    assert_eq!(pending.poll(), None);
+    let deadline = in_ms(5000);
+    while pending.poll().is_none() && clock::now() < deadline {
+        thread::sleep(Duration::from_millis(1));
+    }
+    assert_eq!(pending.poll(), Some(Outcome::Done(5)));
+}
+
+#[derive(Default)]
+struct Counting(AtomicUsize);
+
+impl Wake for Counting {
+    fn wake(self: Arc<Self>) {
+        self.0.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+#[test]
+fn a_waker_is_woken_once_by_the_keeper() {
+    let (_drive, connection) = served(ToyDevice::answering_after(0));
+    let woken = Arc::new(Counting::default());
+    let waker = TaskWaker::from(Arc::clone(&woken));
+    for turn in 0..20_usize {
+        let mut pending = put(&connection, 1);
+        if pending.poll_or_wake(&waker).is_some() {
+            woken.0.fetch_add(1, Ordering::SeqCst);
+        }
+        let deadline = in_ms(5000);
+        while woken.0.load(Ordering::SeqCst) == turn && clock::now() < deadline {
+            thread::sleep(Duration::from_micros(200));
+        }
+        assert_eq!(pending.poll_or_wake(&waker), Some(Outcome::Done(2)));
+        assert_eq!(woken.0.load(Ordering::SeqCst), turn + 1);
+    }
+}
+
+#[test]
+fn what_nobody_waits_for_leaves_nothing_behind() {
+    let (drive, connection) = served(ToyDevice::answering_after(0));
+    for value in 0..3000 {
+        let mut pending = put(&connection, value);
+        if value % 2 == 0 {
+            pending.wait(in_ms(5000));
+        }
+    }
+    assert_eq!(put(&connection, 1).wait(in_ms(5000)), done(2));
+    assert_eq!(drive.asked(), 3001);
+    let slots = connection.slots();
+    assert!(slots < 10, "{slots} slots for one waiter");
+}
+
+#[test]
+fn an_interrupt_ends_waits_and_is_not_lost() {
+    let (_drive, connection) = served(ToyDevice::mute());
+    let interrupter = connection.interrupter();
+    let mut early = put(&connection, 1);
+    interrupter.interrupt();
+    assert_eq!(early.wait(in_ms(5000)), Waited::Interrupted);
+    assert_eq!(early.wait(in_ms(5000)), Waited::Ended(Outcome::Unknown(Failure::Silent)));
+
+    let mut late = put(&connection, 1);
+    let began = clock::now();
+    let waiting = thread::spawn(move || late.wait(in_ms(5000)));
+    thread::sleep(Duration::from_millis(30));
+    interrupter.interrupt();
+    assert_eq!(waiting.join().unwrap(), Waited::Interrupted);
+    assert!(clock::now().since(began) < Duration::from_millis(140));
+}
+
+#[test]
+fn a_late_answer_is_read_before_the_next_request_goes_out() {
+    let (_drive, connection) = served(ToyDevice::answering_after(toy::REPLY_TIMEOUT_MS + 30));
+    let silent = Waited::Ended(Outcome::Unknown(Failure::Silent));
+    assert_eq!(put(&connection, 1).wait(in_ms(5000)), silent);
+    thread::sleep(Duration::from_millis(100));
+    let late = connection.submit(|axes, now, ticket| {
+        assert_eq!(axes.counters().late, 1);
+        axes.write(now, ticket, AXIS, ParameterId(0), 0, false)
+    });
+    assert!(late.is_ok());
+}
+
+/// Counts the calls that a spinning leader would make.
+struct Counted(Box<dyn Link<Stream>>, Arc<AtomicU64>);
+
+impl Link<Stream> for Counted {
+    fn now(&self) -> Instant {
+        self.0.now()
+    }
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        self.0.send(unit)
+    }
+    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        self.1.fetch_add(1, Ordering::SeqCst);
+        self.0.receive(buffer, until)
+    }
+    fn set_line(&self, line: SerialLine) -> Result<(), LinkError> {
+        self.0.set_line(line)
+    }
+    fn waker(&self) -> Waker {
+        self.0.waker()
+    }
+    fn describe(&self) -> String {
+        self.0.describe()
+    }
+    fn reopen(&self) -> Result<Box<dyn Link<Stream>>, LinkError> {
+        Ok(Box::new(Self(self.0.reopen()?, Arc::clone(&self.1))))
+    }
+}
+
+#[test]
+fn unplugging_ends_every_request_at_once_and_nothing_spins() {
+    let (drive, link) = plugged(ToyDevice::mute());
+    let calls = Arc::new(AtomicU64::new(0));
+    let connection = connected(Box::new(Counted(link, Arc::clone(&calls))));
+    let waiting: Vec<_> = (0..5)
+        .map(|value| {
+            let mut pending = put(&connection, value);
+            thread::spawn(move || (pending.wait(in_ms(5000)), clock::now()))
+        })
+        .collect();
+    thread::sleep(Duration::from_millis(20));
+    let unplugged = clock::now();
+    drop(drive);
+    for thread in waiting {
+        let (waited, at) = thread.join().unwrap();
+        assert_eq!(waited, Waited::Ended(LOST));
+        assert!(at.since(unplugged) < Duration::from_millis(100), "{:?}", at.since(unplugged));
+    }
+    let before = calls.load(Ordering::SeqCst);
+    thread::sleep(Duration::from_millis(600));
+    assert!(calls.load(Ordering::SeqCst) - before < 10);
+    assert!(connection.trouble().is_some());
+    let refused = Waited::Ended(Outcome::NotDone(Failure::LinkDown));
+    assert_eq!(put(&connection, 1).wait(in_ms(5000)), refused);
+}
+
+#[test]
+fn plugging_in_again_brings_the_line_up() {
+    let alias = temporary("replug");
+    let pty = Pty::open(Some(&alias)).unwrap();
+    let port = serial::open(pty.path(), LINE).unwrap();
+    let drive = Drive::on(pty, ToyDevice::answering_after(0));
+    let connection = connected(Box::new(port));
+    assert_eq!(put(&connection, 1).wait(in_ms(5000)), done(2));
+    drop(drive);
+    // Nobody reads an idle line; the next request finds it dead.
+    let lost = put(&connection, 1).wait(in_ms(5000));
+    assert!(matches!(lost, Waited::Ended(Outcome::NotDone(_) | LOST)), "{lost:?}");
+    assert!(!alias.exists(), "the alias outlived its pty");
+
+    let pty = Pty::open(Some(&alias)).unwrap();
+    let _drive = Drive::on(pty, ToyDevice::answering_after(0));
+    let deadline = in_ms(5000);
+    // The keeper does it: nothing is submitted meanwhile.
+    while connection.trouble().is_some() && clock::now() < deadline {
+        thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(connection.trouble(), None);
+    assert_eq!(connection.with(|axes, _| axes.address(AXIS)), Some(1), "one Up");
+    assert_eq!(put(&connection, 5).wait(in_ms(5000)), done(6));
+}
+
+#[test]
+fn a_stop_overtakes_what_is_queued() {
+    let (_drive, link) = plugged(ToyDevice::answering_after(1));
+    let stopped_at = Arc::new(Mutex::new(None));
+    let seen = Arc::clone(&stopped_at);
+    let tapped = Tapped::new(link, move |at, direction, bytes: &[u8]| {
+        if direction == Direction::ToDrive && bytes[4..8] == STOP_VALUE.to_le_bytes() {
+            seen.lock().unwrap().get_or_insert(at);
+        }
+    });
+    let connection = connected(Box::new(tapped));
+    let over = in_ms(600);
+    let pollers: Vec<_> = (0..32)
+        .map(|_| {
+            let connection = connection.clone();
+            thread::spawn(move || {
+                while clock::now() < over {
+                    put(&connection, 1).wait(in_ms(5000));
+                }
+            })
+        })
+        .collect();
+    thread::sleep(Duration::from_millis(200));
+    let began = clock::now();
+    let mut stop = order(&connection, Verb::Stop);
+    assert_eq!(stop.wait(in_ms(5000)), done(STOP_VALUE + 1));
+    let took = stopped_at.lock().unwrap().unwrap().since(began);
+    println!("stop to wire while 32 threads poll: {took:?}");
+    // One exchange of 1 ms is under way; the other 31 would take as many.
+    assert!(took < Duration::from_millis(20), "{took:?}");
+    pollers.into_iter().for_each(|thread| thread.join().unwrap());
+}
+
+#[test]
+fn tcp_reaches_a_served_drive_client_after_client() {
+    let server = TcpServer::bind("0").unwrap();
+    let address = server.address().to_string();
+    assert!(address.starts_with("127.0.0.1:"));
+    let _drive = Drive::on(server, ToyDevice::answering_after(0));
+    for value in 0..3 {
+        let connection = connected(Box::new(TcpLink::connect(&address).unwrap()));
+        assert_eq!(put(&connection, value).wait(in_ms(5000)), done(value + 1));
+    }
+}
+
+#[test]
+fn a_half_open_peer_is_silence_and_a_closed_one_is_loss() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let connection = connected(Box::new(TcpLink::connect(&address).unwrap()));
+    let (peer, _) = listener.accept().unwrap();
+    let silent = Waited::Ended(Outcome::Unknown(Failure::Silent));
+    assert_eq!(put(&connection, 1).wait(in_ms(5000)), silent);
+    let mut pending = put(&connection, 1);
+    let closed = clock::now();
+    drop((peer, listener));
+    assert_eq!(pending.wait(in_ms(5000)), Waited::Ended(LOST));
+    assert!(clock::now().since(closed) < Duration::from_millis(100));
+    assert!(connection.trouble().is_some());
+}
+
+#[test]
+fn a_tcp_server_that_comes_back_is_found_again() {
+    let server = TcpServer::bind("0").unwrap();
+    let address = server.address().to_string();
+    let drive = Drive::on(server, ToyDevice::answering_after(0));
+    let connection = connected(Box::new(TcpLink::connect(&address).unwrap()));
+    assert_eq!(put(&connection, 1).wait(in_ms(5000)), done(2));
+    drop(drive);
+    assert_ne!(put(&connection, 1).wait(in_ms(5000)), done(2));
+    let _drive = Drive::on(TcpServer::bind(&address).unwrap(), ToyDevice::answering_after(0));
+    let deadline = in_ms(5000);
+    while connection.trouble().is_some() && clock::now() < deadline {
+        thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(put(&connection, 1).wait(in_ms(5000)), done(2));
+}
+
+#[test]
+fn refused_and_missing_links_say_what_to_try() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    drop(listener);
+    assert_eq!(TcpLink::connect(&address).unwrap_err().cause(), Cause::Refused);
+    assert_eq!(TcpLink::connect("nonsense").unwrap_err().cause(), Cause::NotFound);
+    let missing = serial::open("/dev/ttyNOPE", LINE).unwrap_err();
+    assert_eq!(missing.cause(), Cause::NotFound);
+    assert!(missing.hint().starts_with("Ports that exist: "), "{}", missing.hint());
+    assert!(missing.to_string().starts_with("/dev/ttyNOPE: "), "{missing}");
+    let no_port = serial::open("/dev/null", LINE).unwrap_err();
+    assert_eq!(no_port.cause(), Cause::Unsuitable);
+}
+
+#[test]
+fn a_port_is_opened_by_one_program_only() {
+    let pty = Pty::open(None).unwrap();
+    let first = serial::open(pty.path(), LINE).unwrap();
+    assert_eq!(serial::open(pty.path(), LINE).unwrap_err().cause(), Cause::Busy);
+    drop(first);
+    assert!(serial::open(pty.path(), LINE).is_ok());
+}
+
+#[test]
+fn any_baud_rate_is_set_when_the_lane_changes_its_own() {
+    let pty = Pty::open(None).unwrap();
+    let path = pty.path().to_owned();
+    let port = serial::open(&path, SerialLine::n81(192_000)).unwrap();
+    assert_eq!(speed(&path), 192_000);
+    let _drive = Drive::on(pty, ToyDevice::answering_after(0));
+    let connection = connected(Box::new(port));
+    connection.with(|axes, _| axes.arm(AXIS, true));
+    put(&connection, 1).wait(in_ms(5000));
+    assert_eq!(speed(&path), 512_000);
+}
+
+fn speed(path: &str) -> u32 {
+    let port = std::fs::File::open(path).unwrap();
+    rustix::termios::tcgetattr(&port).unwrap().output_speed()
+}
+
+#[test]
+fn a_foreign_program_reads_and_writes_through_the_alias() {
+    let alias = temporary("alias");
+    std::os::unix::fs::symlink("/nowhere", &alias).unwrap();
+    let pty = Pty::open(Some(&alias)).unwrap();
+    let _drive = Drive::on(pty, ToyDevice::answering_after(0));
+    let mut port = std::fs::OpenOptions::new().read(true).write(true).open(&alias).unwrap();
+    port.write_all(&[1, 0, 0, 0, 0x0A, 0x0D, 3, 4]).unwrap();
+    let mut reply = [0; 8];
+    port.read_exact(&mut reply).unwrap();
+    assert_eq!(reply, [1, 0, 0, 0, 0x0B, 0x0D, 3, 4]);
+}
+
+#[test]
+fn an_alias_never_replaces_a_file() {
+    let alias = temporary("file");
+    std::fs::write(&alias, "precious").unwrap();
+    assert_eq!(Pty::open(Some(&alias)).unwrap_err().cause(), Cause::Busy);
+    assert_eq!(std::fs::read_to_string(&alias).unwrap(), "precious");
+    std::fs::remove_file(&alias).unwrap();
+}
+
+#[test]
+fn a_log_is_in_the_capture_format() {
+    use crate::tap::{SerialLog, Tap};
+    let mut text = Vec::new();
+    let mut log = SerialLog::new(&mut text, "/dev/ttyUSB0");
+    log.unit(clock::now(), Direction::ToDrive, &[1, 0x5E]);
+    log.unit(clock::now(), Direction::ToHost, &[2]);
+    drop(log);
+    let text = String::from_utf8(text).unwrap();
+    let lines: Vec<_> = text.lines().map(|line| line.split_once(") ").unwrap().1).collect();
+    assert_eq!(lines, ["ttyUSB0 > 01 5E", "ttyUSB0 < 02"]);
+    let seconds: f64 = text[1..].split_once(')').unwrap().0.parse().unwrap();
+    assert!(seconds > 1.7e9);
+}
+
+#[test]
+fn a_wake_up_counts_once_and_is_never_lost() {
+    let waker = Waker::new().unwrap();
+    assert!(!waker.taken());
+    waker.wake();
+    waker.wake();
+    assert!(waker.taken());
+    assert!(!waker.taken());
+}

@@ -1,0 +1,287 @@
+//! A lane and a device that speak the smallest protocol there is: eight bytes asked, eight bytes
+//! answered, number and value. The device answers with the value plus one.
+
+use std::collections::VecDeque;
+
+use polepair_core::axis::{Axes, Command, Rehearsed, State, Verb};
+use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::profile::{ParameterId, Profile};
+use polepair_core::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
+use polepair_core::time::{Instant, earliest};
+
+pub(super) const REPLY_TIMEOUT_MS: u32 = 150;
+/// Asked by a stop.
+pub(super) const STOP_VALUE: u32 = 0x5709_5709;
+const BAUD: u32 = 115_200;
+
+#[derive(Clone, Copy)]
+struct Job {
+    ticket: Ticket,
+    value: u32,
+    /// Exchanges still to be made, with a pause before each: a plan.
+    left: u32,
+    at: Instant,
+}
+
+#[derive(Default)]
+pub(super) struct ToyLane {
+    queue: VecDeque<Job>,
+    plans: Vec<Job>,
+    outstanding: Option<(Job, u32, bool, Instant)>,
+    number: u32,
+    heard: Vec<u8>,
+    ended: VecDeque<(Ticket, Outcome)>,
+    pub(super) ups: u32,
+    pub(super) late: u64,
+    fast: bool,
+}
+
+impl ToyLane {
+    fn finish(&mut self, ticket: Ticket, outcome: Outcome) {
+        self.ended.push_back((ticket, outcome));
+    }
+
+    fn answered(&mut self, now: Instant, number: u32, value: u32) {
+        match self.outstanding.take() {
+            Some((mut job, asked, _, _)) if asked == number => {
+                if job.left == 0 {
+                    return self.finish(job.ticket, Outcome::Done(value.into()));
+                }
+                job.left -= 1;
+                job.at = now.plus_ms(10);
+                self.plans.push(job);
+            }
+            other => {
+                self.late += 1;
+                self.outstanding = other;
+            }
+        }
+    }
+}
+
+impl Timed for ToyLane {
+    fn handle_timeout(&mut self, now: Instant) {
+        if let Some((job, _, _, due)) = self.outstanding
+            && due <= now
+        {
+            self.outstanding = None;
+            self.finish(job.ticket, Outcome::Unknown(Failure::Silent));
+        }
+        let (due, later) = std::mem::take(&mut self.plans).into_iter().partition(|j| j.at <= now);
+        self.plans = later;
+        self.queue.extend::<Vec<Job>>(due);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let plans = self.plans.iter().map(|job| job.at).min();
+        earliest(self.outstanding.map(|(_, _, _, due)| due), plans)
+    }
+}
+
+impl Station<Stream> for ToyLane {
+    fn handle_input(&mut self, now: Instant, unit: &[u8]) {
+        self.heard.extend_from_slice(unit);
+        while self.heard.len() >= 8 {
+            let (number, value) = split(&self.heard);
+            self.heard.drain(..8);
+            self.answered(now, number, value);
+        }
+    }
+
+    fn handle_line(&mut self, _now: Instant, event: LineEvent) {
+        match event {
+            LineEvent::Down => {
+                self.heard.clear();
+                let on_wire = self.outstanding.take().map(|(job, ..)| job);
+                let jobs = on_wire.into_iter().chain(self.plans.drain(..));
+                let ended = jobs.chain(self.queue.drain(..));
+                let lost = Outcome::Unknown(Failure::LinkDown);
+                self.ended.extend(ended.map(|job| (job.ticket, lost)));
+            }
+            LineEvent::Up => self.ups += 1,
+            _ => {}
+        }
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        if self.outstanding.is_none() {
+            let job = self.queue.pop_front()?;
+            self.number += 1;
+            self.outstanding = Some((job, self.number, false, now.plus_ms(REPLY_TIMEOUT_MS)));
+        }
+        let (job, number, sent, _) = self.outstanding.as_mut()?;
+        if std::mem::replace(sent, true) {
+            return None;
+        }
+        out[..4].copy_from_slice(&number.to_le_bytes());
+        out[4..8].copy_from_slice(&job.value.to_le_bytes());
+        Some(8)
+    }
+
+    fn line(&self) -> SerialLine {
+        SerialLine::n81(if self.fast { 512_000 } else { BAUD })
+    }
+}
+
+impl Axes for ToyLane {
+    fn axes(&self) -> usize {
+        1
+    }
+    fn address(&self, _axis: AxisIndex) -> Option<u32> {
+        Some(self.ups)
+    }
+    fn profile(&self, _axis: AxisIndex) -> Option<&'static Profile> {
+        None
+    }
+    fn state(&self, _axis: AxisIndex) -> Option<&State> {
+        None
+    }
+    fn arm(&mut self, _axis: AxisIndex, armed: bool) {
+        self.fast = armed;
+    }
+
+    /// `Stop` goes first; anything else is a plan of ten exchanges.
+    fn command(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        _axis: AxisIndex,
+        command: Command,
+    ) -> Result<(), Unsupported> {
+        let stop = command.verb == Verb::Stop;
+        let (value, left) = if stop { (STOP_VALUE, 0) } else { (7, 9) };
+        let job = Job { ticket, value, left, at: now };
+        if stop {
+            self.queue.push_front(job)
+        } else {
+            self.queue.push_back(job)
+        }
+        Ok(())
+    }
+
+    fn read(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _parameter: ParameterId,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoSuchParameter)
+    }
+
+    fn write(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        _axis: AxisIndex,
+        _parameter: ParameterId,
+        raw: i64,
+        _keep: bool,
+    ) -> Result<(), Unsupported> {
+        let value = u32::try_from(raw).map_err(|_| Unsupported::BadArgument)?;
+        self.queue.push_back(Job { ticket, value, left: 0, at: now });
+        Ok(())
+    }
+
+    fn raw(
+        &mut self,
+        _now: Instant,
+        _ticket: Ticket,
+        _axis: AxisIndex,
+        _text: &str,
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::BadText)
+    }
+
+    fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
+        self.ended.pop_front()
+    }
+
+    fn rehearse(
+        &self,
+        _axis: AxisIndex,
+        _command: Command,
+        _show: &mut dyn FnMut(Rehearsed<'_>),
+    ) -> Result<(), Unsupported> {
+        Err(Unsupported::NoPlan)
+    }
+
+    fn to_si(&self, _axis: AxisIndex, _parameter: ParameterId, _raw: i64) -> Option<f64> {
+        None
+    }
+
+    fn to_raw(&self, _axis: AxisIndex, _parameter: ParameterId, _si: f64) -> Option<i64> {
+        None
+    }
+
+    fn counters(&self) -> Counters {
+        Counters { late: self.late, ..Counters::default() }
+    }
+}
+
+/// The drive's end.
+#[derive(Default)]
+pub(super) struct ToyDevice {
+    heard: Vec<u8>,
+    replies: VecDeque<(Instant, [u8; 8])>,
+    /// Answers so much later, and not at all when that is none.
+    pub(super) delay_ms: Option<u32>,
+    pub(super) asked: u32,
+}
+
+impl ToyDevice {
+    pub(super) fn answering_after(ms: u32) -> Self {
+        Self { delay_ms: Some(ms), ..Self::default() }
+    }
+
+    pub(super) fn mute() -> Self {
+        Self::default()
+    }
+}
+
+impl Timed for ToyDevice {
+    fn handle_timeout(&mut self, _now: Instant) {}
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.replies.front().map(|(at, _)| *at)
+    }
+}
+
+impl Station<Stream> for ToyDevice {
+    fn handle_input(&mut self, now: Instant, unit: &[u8]) {
+        self.heard.extend_from_slice(unit);
+        while self.heard.len() >= 8 {
+            let (number, value) = split(&self.heard);
+            self.heard.drain(..8);
+            self.asked += 1;
+            let Some(delay) = self.delay_ms else { continue };
+            let mut reply = [0; 8];
+            reply[..4].copy_from_slice(&number.to_le_bytes());
+            reply[4..].copy_from_slice(&value.wrapping_add(1).to_le_bytes());
+            self.replies.push_back((now.plus_ms(delay), reply));
+        }
+    }
+
+    fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        let (at, reply) = *self.replies.front()?;
+        if at > now {
+            return None;
+        }
+        self.replies.pop_front();
+        out[..8].copy_from_slice(&reply);
+        Some(8)
+    }
+
+    fn line(&self) -> SerialLine {
+        SerialLine::n81(BAUD)
+    }
+}
+
+fn split(bytes: &[u8]) -> (u32, u32) {
+    let word =
+        |at: usize| bytes[at..at + 4].iter().rev().fold(0, |sum, b| sum << 8 | u32::from(*b));
+    (word(0), word(4))
+}
