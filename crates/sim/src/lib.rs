@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 mod can_bus;
+pub mod check;
 pub mod fault;
 pub mod host;
 pub mod node;
@@ -15,6 +16,7 @@ pub mod rack;
 pub mod random;
 pub mod serial_line;
 pub mod sim_link;
+pub mod swarm;
 #[cfg(test)]
 mod tests;
 mod uart;

@@ -12,6 +12,9 @@ use crate::fault::{Faults, Made};
 use crate::random::{History, Random};
 use crate::uart;
 
+/// Bytes that are kept of what a host heard since it last spoke.
+const TO_HOST_MAX: usize = 1024;
+
 /// How the stations on a serial wire hear each other.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Duplex {
@@ -146,6 +149,10 @@ pub(crate) struct SerialWire {
     pub(crate) faults: Faults,
     pub(crate) made: Made,
     pub(crate) down: bool,
+    /// What the head heard since it last spoke.
+    pub(crate) to_host: Vec<u8>,
+    /// The same of the time before.
+    pub(crate) to_host_before: Vec<u8>,
     random: Random,
     flying: Vec<usize>,
     scratch: Vec<u8>,
@@ -159,6 +166,8 @@ impl SerialWire {
             faults: Faults::NONE,
             made: Made::default(),
             down: false,
+            to_host: Vec::new(),
+            to_host_before: Vec::new(),
             random,
             flying: Vec::new(),
             scratch: Vec::new(),
@@ -259,6 +268,9 @@ impl SerialWire {
         };
         let changed = *heard != chunk.bytes;
         let plug = &mut self.plugs[to];
+        if plug.head && self.to_host.len() < TO_HOST_MAX {
+            self.to_host.extend_from_slice(heard);
+        }
         plug.taint |= changed || chunk.label.tainted;
         plug.heard = Label { tainted: plug.taint, ..chunk.label };
         broken
@@ -277,6 +289,10 @@ impl SerialWire {
         };
         plug.taint = false;
         plug.sent = label;
+        if plug.head {
+            std::mem::swap(&mut self.to_host, &mut self.to_host_before);
+            self.to_host.clear();
+        }
         label
     }
 

@@ -134,8 +134,10 @@ impl World {
     /// Adds a serial wire.
     pub fn serial(&mut self, set: Serial) -> WireId {
         let random = self.random.fork();
-        self.wires
-            .push(Wire { plugs: Vec::new(), kind: Kind::Serial(SerialWire::new(set, random)) });
+        self.wires.push(Wire {
+            plugs: Vec::new(),
+            kind: Kind::Serial(Box::new(SerialWire::new(set, random))),
+        });
         WireId(self.wires.len() - 1)
     }
 
@@ -200,6 +202,16 @@ impl World {
         }
     }
 
+    /// What the host's end of a serial wire heard since the host last spoke, and what it heard
+    /// between its last two transmissions.
+    #[must_use]
+    pub fn heard_by_host(&self, wire: WireId) -> [&[u8]; 2] {
+        match &self.wires[wire.0].kind {
+            Kind::Serial(serial) => [&serial.to_host, &serial.to_host_before],
+            Kind::Can(_) => [&[], &[]],
+        }
+    }
+
     /// Cuts a wire or joins it again, and tells every station on it.
     pub fn cut(&mut self, wire: WireId, down: bool) {
         match &mut self.wires[wire.0].kind {
@@ -214,6 +226,11 @@ impl World {
         let result = f(&mut *self.nodes[node.0].node, self.now);
         self.drain(node.0);
         result
+    }
+
+    /// Lends a node to `f`, for what gives it nothing to say.
+    pub fn look<R>(&mut self, node: NodeId, f: impl FnOnce(&mut dyn Node, Instant) -> R) -> R {
+        f(&mut *self.nodes[node.0].node, self.now)
     }
 
     /// When something happens next.
@@ -291,7 +308,7 @@ struct Wire {
 }
 
 enum Kind {
-    Serial(SerialWire),
+    Serial(Box<SerialWire>),
     Can(CanBus),
 }
 

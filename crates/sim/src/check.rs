@@ -1,0 +1,133 @@
+//! What must hold after every event, whatever the wire did.
+//!
+//! The judge is out of band: labels that travel with the bytes say which request a reply answers
+//! and whether the wire changed anything, the bench side of a drive says what it did. A host that
+//! believes something else broke an invariant; unless the bytes it believed were changed on the way
+//! and still passed every check of their protocol: that is a *wire collision*, and only counted.
+
+use polepair_core::explain::{Cut, Direction, Dissector};
+use polepair_core::proto;
+use polepair_core::station::Counters;
+use polepair_core::time::Instant;
+
+use crate::serial_line::Label;
+use crate::world::{NodeId, WireId, World};
+
+/// An invariant that was broken.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Violation {
+    /// Its number: `I1`.
+    pub invariant: &'static str,
+    /// When.
+    pub at: Instant,
+    /// What happened, with the axis and the values.
+    pub what: String,
+}
+
+impl std::fmt::Display for Violation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} at {:.6} s: {}", self.invariant, self.at.0 as f64 / 1e9, self.what)
+    }
+}
+
+/// Watches one host on its wire.
+pub struct Watch {
+    host: NodeId,
+    wire: WireId,
+    dissector: Option<&'static dyn Dissector>,
+    sent: Label,
+    counters: Counters,
+    /// The reply that was matched last was changed on the wire, or answers a changed request.
+    pub(crate) last_match_tainted: bool,
+}
+
+impl std::fmt::Debug for Watch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Watch({:?})", self.wire)
+    }
+}
+
+impl Watch {
+    /// A watch over `host`, which speaks `protocol` on `wire`.
+    #[must_use]
+    pub fn new(host: NodeId, wire: WireId, protocol: &str) -> Self {
+        Self {
+            host,
+            wire,
+            dissector: proto::dissector(protocol),
+            sent: Label::default(),
+            counters: Counters::default(),
+            last_match_tainted: false,
+        }
+    }
+
+    /// To be called after every event that touched the host. `waited` says that the host had
+    /// something to do before or has now.
+    pub fn after(&mut self, world: &mut World, waited: bool) -> Option<Violation> {
+        let counters = world.look(self.host, |n, _| n.axes().map(|a| a.counters()))?;
+        let before = std::mem::replace(&mut self.counters, counters);
+        let known = world.knowledge(self.wire, self.host);
+        let asked = std::mem::replace(&mut self.sent, known.sent);
+        let fail = |invariant, what| Some(Violation { invariant, at: world.now(), what });
+        if counters.answered > before.answered {
+            self.last_match_tainted = known.heard.tainted;
+            if !known.heard.tainted && known.heard.question != asked.content {
+                let (tag, other) = (asked.tag, known.heard.answers);
+                return fail("I1", format!("request {tag} got the reply to request {other}"));
+            }
+        }
+        if known.sent.tag != asked.tag && !waited {
+            return fail("I4", "spoke when nothing was asked of it".to_owned());
+        }
+        None
+    }
+
+    /// Whether what the host heard since it last spoke holds a frame that passes every check of
+    /// its protocol: then a wrong value is a wire collision.
+    #[must_use]
+    pub fn collided(&self, world: &World) -> bool {
+        let heard = world.heard_by_host(self.wire);
+        self.dissector.is_some_and(|d| heard.iter().any(|bytes| holds_a_frame(d, bytes)))
+    }
+}
+
+/// Whether a frame that passes its check begins anywhere in `bytes`.
+fn holds_a_frame(dissector: &dyn Dissector, bytes: &[u8]) -> bool {
+    (0..bytes.len()).any(|from| {
+        matches!(dissector.cut(&bytes[from..], Some(Direction::ToHost), true), Cut::Frame(_))
+    })
+}
+
+/// The values that a drive's parameter may have, by what was reported of writing it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Possible(Option<Vec<i64>>);
+
+impl Possible {
+    /// Values that are kept apart; with more, nothing is known.
+    const VALUES_MAX: usize = 16;
+
+    /// Nothing is known.
+    pub const ANY: Self = Self(None);
+
+    /// A write was reported as done.
+    pub fn is(&mut self, value: i64) {
+        self.0 = Some(vec![value]);
+    }
+
+    /// A write may have been executed.
+    pub fn may_be(&mut self, value: i64) {
+        if let Some(values) = &mut self.0 {
+            values.push(value);
+            if values.len() > Self::VALUES_MAX {
+                self.0 = None;
+            }
+        }
+    }
+
+    /// Whether reading `value` agrees with what is known. From then on it is what is known.
+    pub fn agrees(&mut self, value: i64) -> bool {
+        let agrees = self.0.as_ref().is_none_or(|values| values.contains(&value));
+        self.is(value);
+        agrees
+    }
+}

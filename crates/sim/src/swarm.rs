@@ -1,0 +1,82 @@
+//! Whole worlds from one number: hosts and drives of every protocol in the registry, mixed reads,
+//! writes, motion and stops, and a wire that does its worst.
+//!
+//! A seed decides everything: which protocols, drives, wires and faults there are, who asks what
+//! and when, and what breaks. First everything may go wrong and nothing may go *unsafe*; then the
+//! faults end and everything must work again within [`RECOVERY_MS`]. A report names its seed, and
+//! running that seed again gives the same history.
+
+mod axis;
+mod client;
+mod inert;
+mod scene;
+
+use polepair_core::time::Instant;
+
+use crate::check::Violation;
+use crate::fault::Made;
+
+/// After the last fault every axis must answer within so long.
+pub const RECOVERY_MS: u32 = 2_000;
+/// Violations that one report holds at most.
+pub const VIOLATIONS_MAX: usize = 8;
+
+/// What came of one seed.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Report {
+    /// The seed that it replays from.
+    pub seed: u64,
+    /// Events.
+    pub events: u64,
+    /// Hash over all events.
+    pub history: u64,
+    /// How long the world lived.
+    pub lived: Instant,
+    /// Requests that hosts put on a wire.
+    pub requests: u64,
+    /// Tickets that ended, by outcome.
+    pub done: u64,
+    /// Tickets that ended as not executed.
+    pub not_done: u64,
+    /// Tickets that ended not knowing.
+    pub unknown: u64,
+    /// Wrong values, or matches, whose bytes passed every check of the protocol.
+    pub wire_collisions: u64,
+    /// The faults made.
+    pub made: Made,
+    /// Supplies cut and given back.
+    pub resets: u64,
+    /// Cables pulled and plugged.
+    pub cuts: u64,
+    /// Invariants broken.
+    pub violations: Vec<Violation>,
+}
+
+impl Report {
+    /// Adds another report's counts and violations; seed and history stay.
+    pub fn add(&mut self, other: &Self) {
+        self.events += other.events;
+        self.lived = self.lived.plus_ns(other.lived.0);
+        self.requests += other.requests;
+        self.done += other.done;
+        self.not_done += other.not_done;
+        self.unknown += other.unknown;
+        self.wire_collisions += other.wire_collisions;
+        self.made.add(&other.made);
+        self.resets += other.resets;
+        self.cuts += other.cuts;
+        self.violations.extend(other.violations.iter().cloned());
+    }
+
+    fn violation(&mut self, violation: Violation) {
+        if self.violations.len() < VIOLATIONS_MAX {
+            self.violations.push(violation);
+        }
+    }
+}
+
+/// Lives through the world of a seed.
+#[must_use]
+pub fn run(seed: u64) -> Report {
+    scene::Scene::new(seed).live()
+}

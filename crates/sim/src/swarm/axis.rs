@@ -1,0 +1,303 @@
+//! What a world knows of one axis and its drive, and what must hold between the two.
+
+use polepair_core::axis::{Command, Verb};
+use polepair_core::drives::bench::Truth;
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::profile::{AxisKind, ParameterId, Profile, Signal};
+use polepair_core::station::{AxisIndex, Ticket};
+use polepair_core::time::Instant;
+
+use super::inert::Inert;
+use crate::check::Possible;
+use crate::random::Random;
+use crate::world::{NodeId, World};
+
+/// Speed that is asked for at most, rad/s.
+const SPEED_MAX: i64 = 30;
+/// A motor at rest creeps less than this, rad/s.
+const REST: f64 = 0.5;
+/// Powering a motor at rest may move it so far, rad: it settles on the nearest count.
+const JUMP_MAX: f64 = 0.3;
+/// A reading of the position may be off by this, rad, besides what the motor moves meanwhile.
+const POSITION_ERROR_MAX: f64 = 0.1;
+
+/// What is asked of an axis.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum What {
+    /// Reads inert parameter n.
+    Read(usize),
+    /// Writes inert parameter n.
+    Write(usize, i64),
+    /// Reads a signal.
+    Look(Signal, ParameterId),
+    /// A verb.
+    Do(Verb),
+}
+
+/// A question under way.
+#[derive(Clone, Copy, Debug)]
+pub struct Open {
+    pub ticket: Ticket,
+    pub what: What,
+    pub since: Instant,
+    before: Truth,
+    /// The drive lost its supply, or took a changed request as good, meanwhile.
+    pub doubtful: bool,
+}
+
+/// One axis and its drive.
+#[derive(Debug)]
+pub struct Axis {
+    pub index: AxisIndex,
+    pub drive: NodeId,
+    pub profile: &'static Profile,
+    pub open: Vec<Open>,
+    inert: Vec<(Inert, Possible)>,
+    /// Position reported minus position true, while it is known to be constant.
+    offset: Option<f64>,
+    /// The drive may have done something that nobody asked for.
+    pub spoiled: bool,
+}
+
+impl Axis {
+    pub fn new(
+        index: AxisIndex,
+        drive: NodeId,
+        profile: &'static Profile,
+        inert: &[Inert],
+    ) -> Self {
+        let inert = inert.iter().map(|i| (*i, Possible::ANY)).collect();
+        let open = Vec::new();
+        Self { index, drive, profile, open, inert, offset: None, spoiled: false }
+    }
+
+    /// What is true of the drive now.
+    pub fn truth(&self, world: &mut World) -> Truth {
+        world.look(self.drive, |n, now| n.bench().map(|b| b.truth(now))).unwrap_or_default()
+    }
+
+    /// Nothing that was known of the drive holds any more.
+    pub fn forget(&mut self) {
+        self.inert.iter_mut().for_each(|(_, possible)| *possible = Possible::ANY);
+        self.open.iter_mut().for_each(|open| open.doubtful = true);
+        self.offset = None;
+    }
+
+    /// Something to ask, or `None` when what was drawn is under way already.
+    pub fn draw(&self, random: &mut Random) -> Option<What> {
+        let what = match random.below(10) {
+            0..=2 if !self.inert.is_empty() => {
+                What::Read(random.below(self.inert.len() as u64) as usize)
+            }
+            3..=4 if !self.inert.is_empty() => {
+                let n = random.below(self.inert.len() as u64) as usize;
+                let range = self.inert[n].0;
+                What::Write(n, random.between(range.min, range.max))
+            }
+            5..=7 => {
+                let source = self
+                    .profile
+                    .signals
+                    .get(random.below(self.profile.signals.len().max(1) as u64) as usize)?;
+                What::Look(source.signal, source.parameter)
+            }
+            _ => What::Do(random.pick(&VERBS)),
+        };
+        let same = |open: &Open| match (open.what, what) {
+            (What::Read(a) | What::Write(a, _), What::Read(b) | What::Write(b, _)) => a == b,
+            (What::Do(a), What::Do(b)) => a == b,
+            _ => false,
+        };
+        (!self.open.iter().any(same)).then_some(what)
+    }
+
+    /// The signal that is polled to see whether the drive answers.
+    pub fn pulse(&self) -> Option<What> {
+        let source = self.profile.signals.first()?;
+        Some(What::Look(source.signal, source.parameter))
+    }
+
+    /// Submits a question. Returns whether it was taken.
+    pub fn ask(
+        &mut self,
+        world: &mut World,
+        host: NodeId,
+        ticket: Ticket,
+        what: What,
+        random: &mut Random,
+    ) -> bool {
+        let before = self.truth(world);
+        let axis = self.index;
+        let command = match what {
+            What::Do(verb) => Some(command(verb, random)),
+            _ => None,
+        };
+        let id = |n: usize| self.inert[n].0.id;
+        let taken = world.with(host, |node, now| {
+            let axes = node.axes()?;
+            match (what, command) {
+                (What::Read(n), _) => axes.read(now, ticket, axis, id(n)).ok(),
+                (What::Write(n, raw), _) => axes.write(now, ticket, axis, id(n), raw, false).ok(),
+                (What::Look(_, parameter), _) => axes.read(now, ticket, axis, parameter).ok(),
+                (What::Do(_), Some(command)) => {
+                    if command.verb.needs_arming() {
+                        axes.arm(axis, true);
+                    }
+                    axes.command(now, ticket, axis, command).ok()
+                }
+                _ => None,
+            }
+        });
+        if taken.is_some() {
+            if let What::Do(Verb::Home) = what {
+                self.offset = None;
+            }
+            let since = world.now();
+            self.open.push(Open { ticket, what, since, before, doubtful: false });
+        }
+        taken.is_some()
+    }
+
+    /// Judges the end of a question. The text says what is wrong and which invariant it breaks.
+    pub fn ended(
+        &mut self,
+        world: &mut World,
+        host: NodeId,
+        ticket: Ticket,
+        outcome: Outcome,
+    ) -> Result<(), (&'static str, String)> {
+        let Some(at) = self.open.iter().position(|open| open.ticket == ticket) else {
+            return Err(("I3", format!("{ticket:?} ended twice or was never asked: {outcome:?}")));
+        };
+        let open = self.open.swap_remove(at);
+        match (open.what, outcome) {
+            (What::Read(n), Outcome::Done(raw)) => self.read(n, raw, open.doubtful),
+            (What::Write(n, raw), outcome) => {
+                self.wrote(n, raw, outcome, open.doubtful);
+                Ok(())
+            }
+            (What::Look(Signal::Position, id), Outcome::Done(raw)) => {
+                self.position(world, host, id, raw)
+            }
+            (What::Do(verb), outcome) => self.did(world, verb, outcome, &open),
+            _ => Ok(()),
+        }
+    }
+
+    fn read(&mut self, n: usize, raw: i64, doubtful: bool) -> Result<(), (&'static str, String)> {
+        let (inert, possible) = &mut self.inert[n];
+        let known = possible.clone();
+        if possible.agrees(raw) || doubtful {
+            return Ok(());
+        }
+        let name = self.profile.parameter(inert.id).map_or("?", |p| p.name);
+        Err(("I3", format!("{name} reads {raw}, but is {known:?}")))
+    }
+
+    fn wrote(&mut self, n: usize, raw: i64, outcome: Outcome, doubtful: bool) {
+        let possible = &mut self.inert[n].1;
+        match outcome {
+            _ if doubtful => *possible = Possible::ANY,
+            Outcome::Done(_) => possible.is(raw),
+            Outcome::Unknown(_) => possible.may_be(raw),
+            Outcome::NotDone(_) => {}
+        }
+    }
+
+    /// The position reported must follow the shaft, apart from a constant.
+    fn position(
+        &mut self,
+        world: &mut World,
+        host: NodeId,
+        id: ParameterId,
+        raw: i64,
+    ) -> Result<(), (&'static str, String)> {
+        let truth = self.truth(world);
+        let reported = world.look(host, |n, _| n.axes()?.to_si(self.index, id, raw));
+        let (Some(reported), AxisKind::Rotary) = (reported, self.profile.axis) else {
+            return Ok(());
+        };
+        if truth.velocity.abs() > REST || self.spoiled {
+            return Ok(());
+        }
+        let offset = reported - truth.position;
+        match self.offset.replace(offset) {
+            Some(known) if (known - offset).abs() > POSITION_ERROR_MAX => Err((
+                "I14",
+                format!(
+                    "position reads {reported:.4} rad, should be {:.4}",
+                    truth.position + known
+                ),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    fn did(
+        &mut self,
+        world: &mut World,
+        verb: Verb,
+        outcome: Outcome,
+        open: &Open,
+    ) -> Result<(), (&'static str, String)> {
+        let after = self.truth(world);
+        if open.doubtful || self.spoiled {
+            return Ok(());
+        }
+        let executed = after.unrepeatable.saturating_sub(open.before.unrepeatable);
+        if executed > 1 && verb != Verb::Home {
+            return Err(("I2", format!("{} was executed {executed} times", verb.name())));
+        }
+        let never = matches!(outcome, Outcome::NotDone(Failure::Silent | Failure::Misbehaved));
+        if verb == Verb::MoveBy && never && executed != 0 {
+            return Err(("I3", format!("move-by was executed, but ended as {outcome:?}")));
+        }
+        if verb == Verb::MoveBy && matches!(outcome, Outcome::Done(_)) && executed != 1 {
+            return Err(("I3", "move-by ended as done, but was not executed".to_owned()));
+        }
+        let still = open.before.velocity.abs() < REST && self.open.iter().all(|o| !moves(o.what));
+        let jump = (after.position - open.before.position).abs();
+        if verb == Verb::Enable && still && !open.before.enabled && jump > JUMP_MAX {
+            return Err(("I7", format!("enabling moved the motor by {jump:.3} rad")));
+        }
+        Ok(())
+    }
+}
+
+const VERBS: [Verb; 14] = [
+    Verb::Enable,
+    Verb::Enable,
+    Verb::Velocity,
+    Verb::Velocity,
+    Verb::MoveTo,
+    Verb::MoveBy,
+    Verb::MoveBy,
+    Verb::MoveBy,
+    Verb::Stop,
+    Verb::QuickStop,
+    Verb::Disable,
+    Verb::Clear,
+    Verb::Home,
+    Verb::Reached,
+];
+
+const fn moves(what: What) -> bool {
+    matches!(
+        what,
+        What::Do(Verb::Velocity | Verb::Torque | Verb::MoveTo | Verb::MoveBy | Verb::Home)
+    )
+}
+
+fn command(verb: Verb, random: &mut Random) -> Command {
+    let speed = random.between(-SPEED_MAX, SPEED_MAX) as f64;
+    let plain = Command::new(verb);
+    match verb {
+        Verb::Velocity => Command { velocity: Some(speed), ..plain },
+        Verb::MoveTo | Verb::MoveBy => {
+            let velocity =
+                random.chance(crate::random::Ppm(500_000)).then_some(speed.abs().max(1.0));
+            Command { target: Some(random.between(-20, 20) as f64), velocity, ..plain }
+        }
+        _ => plain,
+    }
+}

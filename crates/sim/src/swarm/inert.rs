@@ -1,0 +1,136 @@
+//! Parameters that a world may write at random: they keep what is written, and nothing else about
+//! the drive changes.
+//!
+//! Nobody lists them. A parameter is tried on a drive of its own: two values are written and read
+//! back, the drive loses its supply, and must still answer.
+
+use std::collections::HashMap;
+use std::sync::{Mutex, OnceLock};
+
+use polepair_core::axis::Axes;
+use polepair_core::drives::bench::Act;
+use polepair_core::error::Outcome;
+use polepair_core::medium::SerialLine;
+use polepair_core::profile::{Access, ParameterId, Persistence, Profile};
+use polepair_core::proto::HostOptions;
+use polepair_core::station::{AxisIndex, Ticket};
+
+use crate::host::{self, Spoken};
+use crate::rack::RackDrive;
+use crate::serial_line::Serial;
+use crate::world::{NodeId, World};
+
+/// Parameters that are kept per product.
+const INERT_MAX: usize = 12;
+/// Parameters of a product that are tried.
+const TRIALS_MAX: usize = 60;
+/// The only axis of a trial.
+const AXIS: AxisIndex = AxisIndex(0);
+
+/// A parameter that keeps what is written, within a few steps of the value from the factory.
+#[derive(Clone, Copy, Debug)]
+pub struct Inert {
+    pub id: ParameterId,
+    pub min: i64,
+    pub max: i64,
+}
+
+type Known = HashMap<(&'static str, &'static str), &'static [Inert]>;
+
+/// The inert parameters of a product on a protocol; found once per process.
+pub fn inert(spoken: &Spoken, profile: &'static Profile) -> &'static [Inert] {
+    static KNOWN: OnceLock<Mutex<Known>> = OnceLock::new();
+    let mut known = KNOWN.get_or_init(Mutex::default).lock().unwrap_or_else(|e| e.into_inner());
+    known.entry((spoken.name, profile.name)).or_insert_with(|| find(spoken, profile).leak())
+}
+
+fn find(spoken: &Spoken, profile: &'static Profile) -> Vec<Inert> {
+    let ids = (0..profile.parameters.len()).filter_map(|n| u16::try_from(n).ok()).map(ParameterId);
+    let candidates = ids.filter(|id| {
+        profile.parameter(*id).is_some_and(|p| {
+            p.access == Access::ReadWrite
+                && !p.moves
+                && p.persistence != Persistence::Always
+                && p.max.saturating_sub(p.min) >= 3
+        })
+    });
+    candidates
+        .take(TRIALS_MAX)
+        .filter_map(|id| try_one(spoken, profile, id))
+        .take(INERT_MAX)
+        .collect()
+}
+
+fn try_one(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Option<Inert> {
+    let parameter = profile.parameter(id)?;
+    let mut desk = Desk::new(spoken, profile)?;
+    let usual = desk.read(id)?;
+    let (min, max) =
+        (parameter.min.max(usual.saturating_sub(20)), parameter.max.min(usual.saturating_add(20)));
+    for value in [max, min, usual] {
+        desk.write(id, value)?;
+        (desk.read(id)? == value).then_some(())?;
+    }
+    desk.write(id, max)?;
+    desk.power_cycle();
+    desk.read(id)?;
+    (max - min >= 2).then_some(Inert { id, min, max })
+}
+
+/// One host and one drive on a wire that works.
+struct Desk {
+    world: World,
+    host: NodeId,
+    drive: NodeId,
+}
+
+impl Desk {
+    fn new(spoken: &Spoken, profile: &'static Profile) -> Option<Self> {
+        let mut world = World::new(0);
+        let wire = world.serial(Serial::RS232);
+        let mut spec = RackDrive::new(profile, spoken.name);
+        spec.address = Some(spoken.first_address);
+        let drive = spec.build(&mut world, wire, false).ok()?;
+        let options = host_options(spoken, false);
+        let host = world.add(host::lane(spoken.name, options, &[(profile, spoken.first_address)])?);
+        world.plug_host(wire, host, 0);
+        world.run_until(world.now().plus_ms(2_000));
+        Some(Self { world, host, drive })
+    }
+
+    fn read(&mut self, id: ParameterId) -> Option<i64> {
+        self.ask(|axes, now| axes.read(now, Ticket(0), AXIS, id).ok())
+    }
+
+    fn write(&mut self, id: ParameterId, raw: i64) -> Option<i64> {
+        self.ask(|axes, now| axes.write(now, Ticket(0), AXIS, id, raw, false).ok())
+    }
+
+    fn ask(
+        &mut self,
+        submit: impl FnOnce(&mut dyn Axes, polepair_core::time::Instant) -> Option<()>,
+    ) -> Option<i64> {
+        self.world.with(self.host, |node, now| node.axes().and_then(|axes| submit(axes, now)))?;
+        let until = self.world.now().plus_ms(2_000);
+        while self.world.now() < until {
+            let outcome = self.world.with(self.host, |n, _| n.axes()?.poll_outcome());
+            match outcome {
+                Some((_, Outcome::Done(raw))) => return Some(raw),
+                Some(_) => return None,
+                None => drop(self.world.step()?),
+            }
+        }
+        None
+    }
+
+    fn power_cycle(&mut self) {
+        self.world.with(self.drive, |n, now| n.bench().map(|b| b.act(now, Act::PowerCycle)));
+        self.world.run_until(self.world.now().plus_ms(2_000));
+    }
+}
+
+/// How a swarm's hosts are set.
+pub fn host_options(spoken: &Spoken, echo: bool) -> HostOptions {
+    let line = SerialLine::n81(spoken.baud);
+    HostOptions { baud: line.baud, reply_timeout_ms: None, gap_us: None, host: None, echo }
+}
