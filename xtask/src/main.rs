@@ -2,13 +2,15 @@
 #![forbid(unsafe_code)]
 
 mod codegen;
+mod swarm;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 const USAGE: &str = "\
 usage: cargo xtask COMMAND
-  codegen [--check]   profiles/*.toml as Rust constants; with --check only tell what is stale";
+  codegen [--check]   profiles/*.toml as Rust constants; with --check only tell what is stale
+  swarm [--seeds N] [--from S] [--jobs J]   seeded worlds with faults; 8000 seeds from 1 by default";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -16,6 +18,7 @@ fn main() -> ExitCode {
     let result = match words.as_slice() {
         ["codegen"] => codegen::run(&root(), false),
         ["codegen", "--check"] => codegen::run(&root(), true),
+        ["swarm", rest @ ..] => swarm::run(rest),
         _ => {
             eprintln!("{USAGE}");
             return ExitCode::from(2);

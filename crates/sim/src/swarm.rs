@@ -75,8 +75,14 @@ impl Report {
     }
 }
 
-/// Lives through the world of a seed.
+/// Lives through the world of a seed. A panic anywhere in it breaks I8.
 #[must_use]
 pub fn run(seed: u64) -> Report {
-    scene::Scene::new(seed).live()
+    std::panic::catch_unwind(|| scene::Scene::new(seed).live()).unwrap_or_else(|reason| {
+        let text = reason.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| reason.downcast_ref::<&str>().copied());
+        let what = format!("panic: {}", text.unwrap_or("without words"));
+        let violation = Violation { invariant: "I8", at: Instant::ZERO, what };
+        Report { seed, violations: vec![violation], ..Report::default() }
+    })
 }

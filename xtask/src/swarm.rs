@@ -1,0 +1,118 @@
+//! Seeded worlds, as many as wanted: what they lived through, and what broke.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use polepair_sim::swarm::{self, Report};
+
+/// Seeds that are named at most when they break something.
+const NAMED_MAX: usize = 20;
+
+/// `--seeds N --from S --jobs J`.
+#[derive(Clone, Copy, Debug)]
+struct Order {
+    seeds: u64,
+    from: u64,
+    jobs: u64,
+}
+
+/// Runs the seeds and prints totals.
+///
+/// # Errors
+/// A word that is not understood, or the seeds that broke an invariant.
+pub fn run(words: &[&str]) -> Result<(), String> {
+    let order = parse(words)?;
+    let begun = Instant::now();
+    let (total, broken) = live(order);
+    let took = begun.elapsed().as_secs_f64();
+    print(&total, order, took);
+    if broken.is_empty() {
+        return Ok(());
+    }
+    let again = |seed| format!("replay: cargo xtask swarm --from {seed} --seeds 1");
+    let lines = broken.iter().take(NAMED_MAX).map(|report| {
+        let told: Vec<_> = report.violations.iter().map(|v| format!("  {v}")).collect();
+        format!("seed {}\n{}\n  {}", report.seed, told.join("\n"), again(report.seed))
+    });
+    let lines: Vec<_> = lines.collect();
+    Err(format!(
+        "{}\n{} of {} seeds broke an invariant",
+        lines.join("\n"),
+        broken.len(),
+        order.seeds
+    ))
+}
+
+fn parse(words: &[&str]) -> Result<Order, String> {
+    let jobs = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
+    let mut order = Order { seeds: 8_000, from: 1, jobs };
+    for pair in words.chunks(2) {
+        let [key, value] = pair else { return Err(format!("{} needs a number", pair[0])) };
+        let number = value.parse().map_err(|_| format!("{key} {value}: not a number"))?;
+        match *key {
+            "--seeds" => order.seeds = number,
+            "--from" => order.from = number,
+            "--jobs" => order.jobs = number.max(1),
+            _ => return Err(format!("{key}: unknown; there are --seeds, --from and --jobs")),
+        }
+    }
+    Ok(order)
+}
+
+fn live(order: Order) -> (Report, Vec<Report>) {
+    let next = AtomicU64::new(0);
+    let sum = Mutex::new((Report::default(), Vec::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..order.jobs {
+            scope.spawn(|| {
+                loop {
+                    let n = next.fetch_add(1, Ordering::Relaxed);
+                    if n >= order.seeds {
+                        break;
+                    }
+                    let report = swarm::run(order.from + n);
+                    let mut sum = sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                    sum.0.add(&report);
+                    if !report.violations.is_empty() {
+                        sum.1.push(report);
+                    }
+                }
+            });
+        }
+    });
+    let (total, mut broken) = sum.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    broken.sort_by_key(|report| report.seed);
+    (total, broken)
+}
+
+fn print(total: &Report, order: Order, took: f64) {
+    let lived = total.lived.0 as f64 / 1e9;
+    let faults = total.made;
+    println!("seeds            {:>12}  from {}", order.seeds, order.from);
+    println!("events           {:>12}", total.events);
+    println!("requests         {:>12}", total.requests);
+    println!("tickets done     {:>12}", total.done);
+    println!("        not done {:>12}", total.not_done);
+    println!("        unknown  {:>12}", total.unknown);
+    println!("faults: bytes    {:>12}", faults.bytes);
+    println!("  truncated      {:>12}", faults.truncated);
+    println!("  in pieces      {:>12}", faults.chunked);
+    println!("  duplicated     {:>12}", faults.duplicated);
+    println!("  late           {:>12}", faults.late);
+    println!("  requests lost  {:>12}", faults.requests_lost);
+    println!("  replies lost   {:>12}", faults.replies_lost);
+    println!("  collisions     {:>12}", faults.collided);
+    println!("  drive resets   {:>12}", total.resets);
+    println!("  cables pulled  {:>12}", total.cuts);
+    println!(
+        "wire collisions  {:>12}  wrong values that passed every check",
+        total.wire_collisions
+    );
+    println!("violations       {:>12}", total.violations.len());
+    let rate = lived / took.max(1e-9);
+    let (jobs, a_core) = (order.jobs, rate / order.jobs as f64);
+    println!(
+        "lived            {lived:>12.0} s in {took:.1} s: {rate:.0} x real time, {a_core:.0} x a core ({jobs} jobs)"
+    );
+}
