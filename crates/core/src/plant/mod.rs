@@ -1,1 +1,89 @@
-//! The physics: motor, load, trajectory, thermal model, encoder.
+//! The physics: motor, load, trajectory, servo loops, thermal model, encoder.
+//!
+//! Everything is in SI and stepped by ticks of [`TICK_NS`]; nothing here knows a drive or a
+//! protocol. A simulated drive owns a [`Servo`] and a [`Motor`] and, whenever it is asked
+//! something, runs the ticks up to `now`:
+//!
+//! ```
+//! use polepair_core::plant::{Conditions, Goal, Motor, MotorParameters, Servo};
+//! let mut motor = Motor::new(MotorParameters::BLDC_24V);
+//! let mut servo = Servo::new(motor.parameters());
+//! servo.enable(&motor);
+//! servo.go(Goal::Velocity(100.0));
+//! for _ in 0..1000 {
+//!     servo.step(&mut motor, Conditions { bus: 24.0, load: 0.05 });
+//! }
+//! assert!((motor.velocity() - 100.0).abs() < 0.1);
+//! ```
+
+mod encoder;
+mod motor;
+mod servo;
+mod thermal;
+pub mod trajectory;
+
+#[cfg(test)]
+mod tests;
+
+pub use encoder::Encoder;
+pub use motor::{Energy, Inputs, Motor, MotorParameters, Winding};
+pub use servo::{Conditions, Gains, Goal, Servo, Stall};
+pub use thermal::Thermal;
+pub use trajectory::{Limits, Setpoint, Trajectory};
+
+use crate::time::Instant;
+
+/// Nanoseconds of a tick: current, speed and position loops run at 1 kHz.
+pub const TICK_NS: u64 = 1_000_000;
+
+/// The same in seconds.
+pub const TICK_S: f64 = 1e-3;
+
+/// Most ticks that [`Ticks`] runs at one call: a day, so that a clock gone wrong cannot hang it.
+pub const TICKS_MAX: u64 = 86_400_000;
+
+/// How far a lazily advanced plant has come.
+///
+/// ```
+/// use polepair_core::{plant::Ticks, time::Instant};
+/// let mut ticks = Ticks::new(Instant::ZERO);
+/// assert_eq!(ticks.until(Instant(2_500_000)), 2);
+/// assert_eq!(ticks.until(Instant(3_000_000)), 1);
+/// ```
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Ticks {
+    at: Instant,
+}
+
+impl Ticks {
+    /// Ticks that start at `now`.
+    #[must_use]
+    pub const fn new(now: Instant) -> Self {
+        Self { at: now }
+    }
+
+    /// How many whole ticks lie between what was last asked and `now`; they count as done.
+    #[must_use]
+    pub fn until(&mut self, now: Instant) -> u64 {
+        let ticks = now.0.saturating_sub(self.at.0) / TICK_NS;
+        self.at = self.at.plus_ns(ticks * TICK_NS);
+        ticks.min(TICKS_MAX)
+    }
+
+    /// The instant that the last tick ended.
+    #[must_use]
+    pub const fn at(&self) -> Instant {
+        self.at
+    }
+}
+
+/// `value` with the sign of `sign`, zero when `sign` is zero.
+fn signed(value: f64, sign: f64) -> f64 {
+    if sign > 0.0 {
+        value
+    } else if sign < 0.0 {
+        -value
+    } else {
+        0.0
+    }
+}

@@ -1,0 +1,248 @@
+//! Cascaded control: position P, speed PI, current limit; and what tells a stall.
+
+use super::{Inputs, Limits, Motor, MotorParameters, Setpoint, TICK_S, Trajectory, Winding};
+
+/// Gains of the loops, SI.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Gains {
+    /// Speed asked for by a position error, 1/s.
+    pub position_p: f64,
+    /// Current asked for by a speed error, A·s/rad.
+    pub velocity_p: f64,
+    /// Growth of that current while the error lasts, A/rad.
+    pub velocity_i: f64,
+    /// Current fed forward for an acceleration, A·s²/rad.
+    pub acceleration: f64,
+    /// Position error that is left alone at rest, rad: what friction would make it hunt for.
+    pub deadband: f64,
+}
+
+impl Gains {
+    /// Gains that close the speed loop of that motor at 120 rad/s, critically damped, and the
+    /// position loop at a fifth of it.
+    #[must_use]
+    pub fn tuned(motor: &MotorParameters) -> Self {
+        let (bandwidth, per_accel) = (120.0, motor.inertia / motor.torque_constant);
+        Self {
+            position_p: bandwidth / 5.0,
+            velocity_p: 2.0 * bandwidth * per_accel,
+            velocity_i: bandwidth * bandwidth * per_accel,
+            acceleration: per_accel,
+            deadband: 1e-3,
+        }
+    }
+}
+
+/// What the drive is told to do while it is enabled.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Goal {
+    /// Turn at this speed, rad/s, along the ramp.
+    Velocity(f64),
+    /// Go to this shaft position, rad, along the ramp, and hold it.
+    Position(f64),
+    /// Drive this current, A, whatever the speed.
+    Current(f64),
+    /// Put this voltage on the winding, V.
+    Voltage(f64),
+}
+
+/// What the motor meets during a tick.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Conditions {
+    /// Bus voltage, V.
+    pub bus: f64,
+    /// Torque from outside, N·m; positive drives the shaft forward.
+    pub load: f64,
+}
+
+/// A servo drive's control loops with their set-point. Off, it lets the motor coast.
+#[derive(Clone, Debug)]
+pub struct Servo {
+    /// Gains of the loops.
+    pub gains: Gains,
+    /// Current at most, A.
+    pub max_current: f64,
+    /// Share of the bus voltage that may be used, 0 to 1.
+    pub pwm: f64,
+    trajectory: Trajectory,
+    goal: Goal,
+    enabled: bool,
+    integral: f64,
+}
+
+impl Servo {
+    /// Loops tuned for that motor, off, with 1,000 rad/s² and as much current as it bears.
+    #[must_use]
+    pub fn new(motor: &MotorParameters) -> Self {
+        Self {
+            gains: Gains::tuned(motor),
+            max_current: motor.max_current,
+            pwm: 1.0,
+            trajectory: Trajectory::new(Limits::trapezoid(1e4, 1e3), 0.0),
+            goal: Goal::Position(0.0),
+            enabled: false,
+            integral: 0.0,
+        }
+    }
+
+    /// Switches on, holding the position that the motor has. Never jumps.
+    pub fn enable(&mut self, motor: &Motor) {
+        self.enabled = true;
+        self.hold(motor);
+    }
+
+    /// Switches off: the motor coasts.
+    pub fn disable(&mut self) {
+        self.enabled = false;
+        self.integral = 0.0;
+    }
+
+    /// Whether it is on.
+    #[must_use]
+    pub const fn is_enabled(&self) -> bool {
+        self.enabled
+    }
+
+    /// Makes the motor's present position the goal; a moving motor is braked along the ramp.
+    pub fn hold(&mut self, motor: &Motor) {
+        self.integral = 0.0;
+        self.trajectory.start_at(motor.position(), motor.velocity());
+        self.goal = Goal::Position(motor.position());
+        if motor.velocity() != 0.0 {
+            self.goal = Goal::Velocity(0.0);
+            self.trajectory.stop();
+        }
+    }
+
+    /// Heads for a goal from where the set-point is, as fast as it is.
+    pub fn go(&mut self, goal: Goal) {
+        match goal {
+            Goal::Velocity(v) => self.trajectory.to_velocity(v),
+            Goal::Position(p) => self.trajectory.to_position(p),
+            Goal::Current(_) | Goal::Voltage(_) => {}
+        }
+        self.goal = goal;
+    }
+
+    /// Heads for a goal from where the motor is: for a change from torque or voltage to speed or
+    /// position, and after the motor fell behind its set-point.
+    pub fn go_from(&mut self, motor: &Motor, goal: Goal) {
+        self.trajectory.start_at(motor.position(), motor.velocity());
+        self.go(goal);
+    }
+
+    /// What it is told to do.
+    #[must_use]
+    pub const fn goal(&self) -> Goal {
+        self.goal
+    }
+
+    /// How the set-point may move.
+    pub fn set_limits(&mut self, limits: Limits) {
+        self.trajectory.set_limits(limits);
+    }
+
+    /// How the set-point may move.
+    #[must_use]
+    pub const fn limits(&self) -> &Limits {
+        self.trajectory.limits()
+    }
+
+    /// Where the set-point is.
+    #[must_use]
+    pub const fn setpoint(&self) -> Setpoint {
+        self.trajectory.now()
+    }
+
+    /// True when the set-point has come to its goal; the motor may still lag.
+    #[must_use]
+    pub fn arrived(&self) -> bool {
+        self.trajectory.arrived()
+    }
+
+    /// Advances loops and motor by one tick, with the motor's true position as feedback.
+    pub fn step(&mut self, motor: &mut Motor, conditions: Conditions) {
+        let (position, velocity) = (motor.position(), motor.velocity());
+        self.step_measured(motor, conditions, position, velocity);
+    }
+
+    /// The same with the `position` (rad) and `velocity` (rad/s) that a sensor claims.
+    pub fn step_measured(
+        &mut self,
+        motor: &mut Motor,
+        conditions: Conditions,
+        position: f64,
+        velocity: f64,
+    ) {
+        let bus = conditions.bus * self.pwm.clamp(0.0, 1.0);
+        let max = self.max_current.abs();
+        let winding = match self.goal {
+            _ if !self.enabled => Winding::Open,
+            Goal::Current(i) => Winding::Current(i.clamp(-max, max)),
+            Goal::Voltage(v) => Winding::Voltage(v),
+            Goal::Velocity(_) | Goal::Position(_) => {
+                let short_of_voltage = motor.voltage().abs() > 0.999 * bus;
+                Winding::Current(self.control(position, velocity, short_of_voltage))
+            }
+        };
+        motor.step(Inputs { winding, bus, load: conditions.load });
+    }
+
+    /// Position P over speed PI. Returns the current to drive, A.
+    fn control(&mut self, position: f64, velocity: f64, short_of_voltage: bool) -> f64 {
+        let wanted = self.trajectory.step();
+        let gains = &self.gains;
+        let mut speed = wanted.velocity;
+        if matches!(self.goal, Goal::Position(_)) {
+            let top = self.trajectory.limits().velocity;
+            let error = wanted.position - position;
+            let rest = wanted.velocity == 0.0 && error.abs() <= gains.deadband;
+            let correction = if rest { 0.0 } else { gains.position_p * error };
+            speed = (speed + correction).clamp(-top, top);
+        }
+        let error = speed - velocity;
+        let direct = gains.velocity_p * error + gains.acceleration * wanted.acceleration;
+        let max = self.max_current.abs();
+        let asked = direct + self.integral;
+        // Anti-windup: what cannot be had is not summed up.
+        let spent = asked.abs() > max || short_of_voltage;
+        if !(spent && asked * error > 0.0) {
+            let grown = self.integral + gains.velocity_i * error * TICK_S;
+            self.integral = grown.clamp(-max, max);
+        }
+        asked.clamp(-max, max)
+    }
+}
+
+/// Tells a stall: current at its limit, shaft at rest, for too long.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Stall {
+    /// Slower than this is at rest, rad/s.
+    pub velocity: f64,
+    /// Share of the limit that counts as at the limit.
+    pub share: f64,
+    /// For so many ticks.
+    pub ticks: u32,
+    seen: u32,
+}
+
+impl Stall {
+    /// A watch that trips after `ticks` ticks at 95 % of the current limit below 1 rad/s.
+    #[must_use]
+    pub const fn after(ticks: u32) -> Self {
+        Self { velocity: 1.0, share: 0.95, ticks, seen: 0 }
+    }
+
+    /// Takes a tick's speed (rad/s), current and its limit (A). True when it has been too long.
+    pub fn step(&mut self, velocity: f64, current: f64, limit: f64) -> bool {
+        let stalled =
+            limit > 0.0 && velocity.abs() < self.velocity && current.abs() >= self.share * limit;
+        self.seen = if stalled { self.seen.saturating_add(1) } else { 0 };
+        self.seen >= self.ticks
+    }
+
+    /// Forgets what it saw.
+    pub const fn reset(&mut self) {
+        self.seen = 0;
+    }
+}

@@ -1,0 +1,320 @@
+extern crate std;
+
+use super::*;
+use std::vec::Vec;
+
+const CALM: Conditions = Conditions { bus: 24.0, load: 0.0 };
+
+fn running() -> (Motor, Servo) {
+    let motor = Motor::new(MotorParameters::BLDC_24V);
+    let mut servo = Servo::new(motor.parameters());
+    servo.enable(&motor);
+    (motor, servo)
+}
+
+#[test]
+fn a_velocity_step_settles_without_error_and_obeys_its_limits() {
+    let (mut motor, mut servo) = running();
+    servo.max_current = 5.0;
+    servo.go(Goal::Velocity(200.0));
+    let (mut before, mut fastest, mut strongest) = (0.0, 0.0f64, 0.0f64);
+    for tick in 0..2000 {
+        let load = if tick < 1000 { 0.0 } else { -0.05 };
+        servo.step(&mut motor, Conditions { bus: 24.0, load });
+        if tick % 20 == 0 {
+            strongest = strongest.max((motor.velocity() - before) / (20.0 * TICK_S));
+            before = motor.velocity();
+        }
+        fastest = fastest.max(motor.velocity());
+        assert!(motor.current().abs() <= 5.0 + 1e-9, "current {}", motor.current());
+        assert!(motor.voltage().abs() <= 24.0 + 1e-9, "voltage {}", motor.voltage());
+    }
+    assert!((motor.velocity() - 200.0).abs() < 1e-3, "settled at {}", motor.velocity());
+    assert!(fastest < 202.0, "overshoot to {fastest}");
+    assert!(strongest < 1100.0, "acceleration {strongest}");
+}
+
+#[test]
+fn the_energy_balance_is_exact_whatever_happens() {
+    let (mut motor, mut servo) = running();
+    let mut moved = 0.0f64;
+    for tick in 0..20_000u32 {
+        match tick {
+            500 => servo.go(Goal::Velocity(300.0)),
+            2_000 => servo.go(Goal::Velocity(-300.0)),
+            4_000 => servo.go_from(&motor, Goal::Current(3.0)),
+            6_000 => servo.disable(),
+            8_000 => servo.enable(&motor),
+            9_000 => servo.go_from(&motor, Goal::Position(50.0)),
+            11_000 => motor.jam(true),
+            12_000 => motor.jam(false),
+            13_000 => servo.go(Goal::Voltage(20.0)),
+            15_000 => servo.go(Goal::Voltage(-20.0)),
+            17_000 => servo.go_from(&motor, Goal::Velocity(0.0)),
+            _ => {}
+        }
+        let load = if tick % 3000 < 1500 { -0.1 } else { 0.08 };
+        let before = motor.energy();
+        servo.step(&mut motor, Conditions { bus: 24.0, load });
+        moved += (motor.energy().electrical - before.electrical).abs();
+        assert!(
+            motor.energy().copper >= before.copper && motor.energy().friction >= before.friction
+        );
+        assert!(
+            motor.unexplained().abs() < 1e-9 * (1.0 + moved),
+            "tick {tick}: {}",
+            motor.unexplained()
+        );
+    }
+    assert!(moved > 50.0, "only {moved} J went in: the test tests nothing");
+}
+
+#[test]
+fn energy_never_appears_from_nothing() {
+    let mut motor = Motor::new(MotorParameters::BLDC_24V);
+    for _ in 0..300 {
+        motor.step(Inputs { winding: Winding::Voltage(24.0), bus: 24.0, load: 0.0 });
+    }
+    let given = motor.energy().electrical;
+    for winding in [Winding::Current(-20.0), Winding::Open] {
+        for _ in 0..200 {
+            motor.step(Inputs { winding, bus: 24.0, load: 0.0 });
+            let back = given - motor.energy().electrical;
+            assert!(winding != Winding::Open || back < given);
+        }
+    }
+    let mut motor = Motor::new(MotorParameters::BLDC_24V);
+    for _ in 0..300 {
+        motor.step(Inputs { winding: Winding::Voltage(24.0), bus: 24.0, load: 0.0 });
+    }
+    let mut stored = motor.stored();
+    for _ in 0..5000 {
+        motor.step(Inputs { winding: Winding::Open, bus: 24.0, load: 0.0 });
+        assert!(motor.stored() <= stored, "a coasting motor gained energy");
+        stored = motor.stored();
+    }
+    assert_eq!(motor.velocity(), 0.0);
+}
+
+#[test]
+fn it_sticks_and_does_not_creep() {
+    let mut motor = Motor::new(MotorParameters::BLDC_24V);
+    for _ in 0..10_000 {
+        motor.step(Inputs { winding: Winding::Open, bus: 24.0, load: 0.0129 });
+    }
+    assert_eq!((motor.position(), motor.velocity()), (0.0, 0.0));
+    motor.step(Inputs { winding: Winding::Open, bus: 24.0, load: 0.0131 });
+    assert!(motor.velocity() > 0.0, "broken loose, it moves");
+}
+
+#[test]
+fn it_coasts_to_rest_and_stays() {
+    let (mut motor, mut servo) = running();
+    servo.go(Goal::Velocity(100.0));
+    (0..500).for_each(|_| servo.step(&mut motor, CALM));
+    servo.disable();
+    servo.step(&mut motor, CALM);
+    assert!(motor.velocity() > 95.0 && motor.current() == 0.0);
+    (0..5000).for_each(|_| servo.step(&mut motor, CALM));
+    let rest = motor.position();
+    (0..5000).for_each(|_| servo.step(&mut motor, CALM));
+    assert_eq!((motor.position(), motor.velocity()), (rest, 0.0));
+}
+
+#[test]
+fn a_low_bus_caps_the_speed_and_the_loop_does_not_wind_up() {
+    let (mut motor, mut servo) = running();
+    servo.go(Goal::Velocity(600.0));
+    (0..4000).for_each(|_| servo.step(&mut motor, CALM));
+    let top = motor.velocity();
+    assert!(top < 400.0 && top > 380.0, "24 V over 0.06 V·s less friction: {top}");
+    servo.go(Goal::Velocity(100.0));
+    let mut least = top;
+    for _ in 0..2000 {
+        servo.step(&mut motor, CALM);
+        least = least.min(motor.velocity());
+    }
+    assert!((motor.velocity() - 100.0).abs() < 1e-2);
+    assert!(least > 85.0, "undershoot to {least}");
+}
+
+#[test]
+fn a_jammed_motor_stalls_at_its_current_limit() {
+    let (mut motor, mut servo) = running();
+    servo.max_current = 4.0;
+    let mut stall = Stall::after(200);
+    servo.go(Goal::Velocity(100.0));
+    for _ in 0..1000 {
+        servo.step(&mut motor, CALM);
+        assert!(!stall.step(motor.velocity(), motor.current(), servo.max_current));
+    }
+    motor.jam(true);
+    let tripped = (0..1000).position(|_| {
+        servo.step(&mut motor, CALM);
+        stall.step(motor.velocity(), motor.current(), servo.max_current)
+    });
+    assert!(tripped.is_some_and(|ticks| (199..260).contains(&ticks)), "{tripped:?}");
+    assert!((motor.current() - 4.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_move_arrives_and_rests() {
+    let (mut motor, mut servo) = running();
+    servo.set_limits(Limits::trapezoid(200.0, 2000.0));
+    servo.go(Goal::Position(25.0));
+    (0..2000).for_each(|_| servo.step(&mut motor, CALM));
+    assert!((motor.position() - 25.0).abs() < 2e-3, "{}", motor.position());
+    let rest = motor.position();
+    (0..20_000).for_each(|_| servo.step(&mut motor, CALM));
+    assert!((motor.position() - rest).abs() < 1e-3, "it hunts: {rest} {}", motor.position());
+}
+
+fn fly(trajectory: &mut Trajectory, ticks: usize) -> Vec<Setpoint> {
+    (0..ticks).map(|_| trajectory.step()).collect()
+}
+
+#[test]
+fn a_trapezoid_arrives_exactly_without_overshoot() {
+    let limits =
+        Limits { velocity: 50.0, acceleration: 300.0, deceleration: 700.0, smoothing_s: 0.0 };
+    for target in [1e-7, 3.3e-4, 0.01, 0.7, 5.0, 123.456, -0.02, -77.7] {
+        let mut t = Trajectory::new(limits, 0.0);
+        t.to_position(target);
+        let path = fly(&mut t, 4000);
+        assert_eq!(path[3999].position, target);
+        assert!(t.arrived());
+        let mut before = Setpoint::default();
+        for s in &path {
+            assert!(s.position.abs() <= target.abs(), "{target}: overshoot {}", s.position);
+            assert!(s.velocity.abs() <= 50.0 + 1e-9);
+            let change = s.velocity.abs() - before.velocity.abs();
+            assert!((-0.7 - 1e-6..=0.3 + 1e-9).contains(&change), "{target}: {change}");
+            before = *s;
+        }
+    }
+}
+
+#[test]
+fn an_s_curve_arrives_exactly_with_bounded_jerk() {
+    for (smoothing_s, target) in [(0.02, 5.0), (0.1, 30.0), (0.25, -40.0), (1.0, 12.0), (0.1, 0.01)]
+    {
+        let limits =
+            Limits { velocity: 50.0, acceleration: 300.0, deceleration: 300.0, smoothing_s };
+        let mut t = Trajectory::new(limits, 0.0);
+        t.set_limits(limits);
+        t.to_position(target);
+        let path = fly(&mut t, 5000);
+        assert_eq!(path[4999].position, target);
+        assert!(t.arrived());
+        for s in &path {
+            assert!(s.position.abs() <= f64::abs(target) + 1e-9, "overshoot {}", s.position);
+            assert!(s.velocity.abs() <= 50.0 + 1e-9, "{smoothing_s}: {}", s.velocity);
+            assert!(s.acceleration.abs() <= 1.05 * 300.0, "{smoothing_s}: {}", s.acceleration);
+        }
+        let span = (smoothing_s / 4.0 / TICK_S) as usize;
+        for pair in path.windows(span + 1) {
+            let change = (pair[span].acceleration - pair[0].acceleration).abs();
+            let jerk = change / (span as f64 * TICK_S);
+            assert!(jerk <= 2.2 * 300.0 / smoothing_s, "{smoothing_s}: jerk {jerk}");
+        }
+    }
+}
+
+#[test]
+fn a_new_goal_in_flight_is_met_from_where_it_is() {
+    for smoothing_s in [0.0, 0.08] {
+        let limits =
+            Limits { velocity: 50.0, acceleration: 500.0, deceleration: 500.0, smoothing_s };
+        let mut t = Trajectory::new(limits, 0.0);
+        t.to_position(40.0);
+        let mut path = fly(&mut t, 300);
+        t.to_position(2.0);
+        path.extend(fly(&mut t, 3000));
+        t.to_velocity(-20.0);
+        path.extend(fly(&mut t, 500));
+        assert!((t.now().velocity + 20.0).abs() < 1e-9 && t.arrived());
+        t.stop();
+        path.extend(fly(&mut t, 500));
+        assert_eq!(t.now().velocity, 0.0);
+        for pair in path.windows(2) {
+            assert!((pair[1].velocity - pair[0].velocity).abs() <= 0.53, "{smoothing_s}: {pair:?}");
+            assert!((pair[1].position - pair[0].position).abs() <= 0.05 + 1e-9);
+        }
+        assert_eq!(path[3299].position, 2.0);
+    }
+}
+
+#[test]
+fn no_ramp_is_a_step_and_a_speed_of_zero_goes_nowhere() {
+    let mut t = Trajectory::new(Limits::trapezoid(50.0, 0.0), 0.0);
+    t.to_velocity(50.0);
+    assert_eq!(t.step().velocity, 50.0);
+    let mut t = Trajectory::new(Limits::trapezoid(0.0, 100.0), 1.0);
+    t.to_position(9.0);
+    assert_eq!(fly(&mut t, 100)[99].position, 1.0);
+}
+
+#[test]
+fn a_body_warms_up_as_resistance_and_capacity_say() {
+    let mut body = Thermal::new(2.0, 50.0, 25.0);
+    (0..100_000).for_each(|_| body.step(10.0, TICK_S));
+    let expected = 25.0 + 20.0 * (1.0 - libm::exp(-1.0));
+    assert!((body.temperature() - expected).abs() < 0.01, "{}", body.temperature());
+    body.step(10.0, 1e9);
+    assert!((body.temperature() - 45.0).abs() < 1e-3);
+}
+
+#[test]
+fn an_encoder_counts_both_ways_and_loses_what_it_did_not_see() {
+    let turn = core::f64::consts::TAU;
+    let mut encoder = Encoder::new(4096);
+    assert_eq!(encoder.count(turn), 4096);
+    assert_eq!(encoder.count(-turn / 4096.0), -1);
+    encoder.set(turn, 4096, true);
+    assert_eq!(encoder.count(turn), 4096, "a change of direction keeps the reading");
+    assert_eq!(encoder.count(2.0 * turn), 0);
+    encoder.set_broken(turn, true);
+    assert_eq!(encoder.count(9.0 * turn), 4096);
+    encoder.set_broken(9.0 * turn, false);
+    assert_eq!(encoder.count(10.0 * turn), 0);
+    encoder.preset(10.0 * turn, 711);
+    assert_eq!(encoder.count(10.0 * turn), 711);
+    assert!((encoder.position_of(711) - 10.0 * turn).abs() < 1e-9);
+    assert!(encoder.index_between(0.9 * turn, 1.1 * turn));
+    assert!(!encoder.index_between(1.1 * turn, 1.9 * turn));
+}
+
+/// `cargo test -p polepair-core --release step_costs -- --ignored --nocapture`
+#[test]
+#[ignore = "a measurement"]
+fn what_a_step_costs() {
+    let (mut motor, mut servo) = running();
+    servo.go(Goal::Velocity(200.0));
+    let start = std::time::Instant::now();
+    let steps = 5_000_000u32;
+    for n in 0..steps {
+        if n % 4000 == 0 {
+            servo.go(Goal::Position(f64::from(n % 8000)));
+        }
+        servo.step(&mut motor, Conditions { bus: 24.0, load: -0.02 });
+    }
+    let ns = start.elapsed().as_nanos() as f64 / f64::from(steps);
+    std::println!("{ns:.1} ns a tick, position {:.3}", motor.position());
+}
+
+/// `cargo test -p polepair-core step_response -- --ignored --nocapture` prints CSV for a plot.
+#[test]
+#[ignore = "prints data for the documentation"]
+fn step_response_as_csv() {
+    let (mut motor, mut servo) = running();
+    servo.max_current = 10.0;
+    servo.go(Goal::Velocity(300.0));
+    std::println!("t_s,setpoint_rad_per_s,velocity_rad_per_s,current_a,voltage_v");
+    for tick in 1..=1000 {
+        let load = if tick > 600 { -0.2 } else { 0.0 };
+        servo.step(&mut motor, Conditions { bus: 24.0, load });
+        let t = f64::from(tick) * TICK_S;
+        let (v, i, u) = (motor.velocity(), motor.current(), motor.voltage());
+        std::println!("{t:.3},{:.3},{v:.3},{i:.3},{u:.3}", servo.setpoint().velocity);
+    }
+}

@@ -1,0 +1,320 @@
+//! Set-points: trapezoids of speed, rounded to S-curves, changed at any moment.
+
+use super::TICK_S;
+
+/// How a set-point may move, SI.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Limits {
+    /// Speed at most, rad/s.
+    pub velocity: f64,
+    /// Gain of speed at most, rad/s².
+    pub acceleration: f64,
+    /// Loss of speed at most, rad/s².
+    pub deceleration: f64,
+    /// Over how long the acceleration comes and goes, s: the jerk is the acceleration divided by
+    /// this. 0 is a trapezoid.
+    pub smoothing_s: f64,
+}
+
+impl Limits {
+    /// A trapezoid, the same up and down.
+    #[must_use]
+    pub const fn trapezoid(velocity: f64, acceleration: f64) -> Self {
+        Self { velocity, acceleration, deceleration: acceleration, smoothing_s: 0.0 }
+    }
+}
+
+/// Acceleration that stands for "no ramp", rad/s².
+pub const ACCELERATION_MAX: f64 = 1e7;
+
+/// Where the axis should be at the end of a tick.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Setpoint {
+    /// rad.
+    pub position: f64,
+    /// rad/s.
+    pub velocity: f64,
+    /// rad/s², mean over the tick.
+    pub acceleration: f64,
+}
+
+/// A set-point on its way. Goal and limits can be changed at any tick; it goes on from where it
+/// is, as fast as it is.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    limits: Limits,
+    goal: Goal,
+    base: Setpoint,
+    shown: Setpoint,
+    smoother: Smoother,
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Goal {
+    Velocity(f64),
+    Position(f64),
+}
+
+impl Trajectory {
+    /// At rest at `position` (rad).
+    #[must_use]
+    pub fn new(limits: Limits, position: f64) -> Self {
+        let mut new = Self {
+            limits: Limits::trapezoid(0.0, 0.0),
+            goal: Goal::Position(position),
+            base: Setpoint { position, ..Setpoint::default() },
+            shown: Setpoint { position, ..Setpoint::default() },
+            smoother: Smoother::new(),
+        };
+        new.set_limits(limits);
+        new
+    }
+
+    /// Changes how it may move, from now on. A change of `smoothing_s` takes effect when the
+    /// set-point is next at rest.
+    pub fn set_limits(&mut self, limits: Limits) {
+        let within = |a: f64| if a > 0.0 { a.min(ACCELERATION_MAX) } else { ACCELERATION_MAX };
+        self.limits = Limits {
+            velocity: limits.velocity.abs(),
+            acceleration: within(limits.acceleration),
+            deceleration: within(limits.deceleration),
+            smoothing_s: limits.smoothing_s.max(0.0),
+        };
+    }
+
+    /// How it may move.
+    #[must_use]
+    pub const fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Forgets where it was going: it is at `position` (rad), as fast as `velocity` (rad/s), and
+    /// goes on at that speed.
+    pub fn start_at(&mut self, position: f64, velocity: f64) {
+        self.base = Setpoint { position, velocity, acceleration: 0.0 };
+        self.shown = self.base;
+        self.smoother = Smoother::filled(self.limits.smoothing_s, velocity * TICK_S);
+        self.goal =
+            if velocity == 0.0 { Goal::Position(position) } else { Goal::Velocity(velocity) };
+    }
+
+    /// Heads for a speed, rad/s, cut to the limit.
+    pub fn to_velocity(&mut self, velocity: f64) {
+        self.goal = Goal::Velocity(velocity);
+    }
+
+    /// Heads for a position, rad, to come to rest exactly there.
+    pub fn to_position(&mut self, position: f64) {
+        self.goal = Goal::Position(position);
+    }
+
+    /// Brakes to rest.
+    pub fn stop(&mut self) {
+        self.goal = Goal::Velocity(0.0);
+    }
+
+    /// Where it is now.
+    #[must_use]
+    pub const fn now(&self) -> Setpoint {
+        self.shown
+    }
+
+    /// True when it rests where it was told to be, or goes as fast as it was told.
+    #[must_use]
+    pub fn arrived(&self) -> bool {
+        let there = match self.goal {
+            Goal::Velocity(v) => self.base.velocity == self.cut(v),
+            Goal::Position(p) => self.base.position == p && self.base.velocity == 0.0,
+        };
+        there && self.smoother.is_steady()
+    }
+
+    /// Advances by one tick and tells where it is then.
+    pub fn step(&mut self) -> Setpoint {
+        let before = self.base;
+        let changed = self.smoother.smoothing_s != self.limits.smoothing_s;
+        if changed && before.velocity == 0.0 && self.smoother.is_steady() {
+            self.smoother = Smoother::filled(self.limits.smoothing_s, 0.0);
+        }
+        self.base = match self.goal {
+            Goal::Velocity(v) => self.toward_velocity(v),
+            Goal::Position(p) => self.toward_position(p),
+        };
+        if self.smoother.window == 0 {
+            self.shown = self.base;
+        } else {
+            self.smooth(self.base.position - before.position);
+        }
+        self.shown
+    }
+
+    fn cut(&self, velocity: f64) -> f64 {
+        velocity.clamp(-self.limits.velocity, self.limits.velocity)
+    }
+
+    fn toward_velocity(&self, goal: f64) -> Setpoint {
+        let from = self.base.velocity;
+        let goal = self.cut(goal);
+        let velocity = if from * goal < 0.0 {
+            self.nearer(from, 0.0) // through rest, which is a tick of its own
+        } else {
+            self.nearer(from, goal)
+        };
+        self.moved(velocity)
+    }
+
+    /// `from`, changed toward `goal` by as much as a tick allows.
+    fn nearer(&self, from: f64, goal: f64) -> f64 {
+        let slower = goal.abs() < from.abs();
+        let rate = if slower { self.limits.deceleration } else { self.limits.acceleration };
+        let change = rate * TICK_S;
+        from + (goal - from).clamp(-change, change)
+    }
+
+    fn moved(&self, velocity: f64) -> Setpoint {
+        let from = self.base;
+        Setpoint {
+            position: from.position + 0.5 * (from.velocity + velocity) * TICK_S,
+            velocity,
+            acceleration: (velocity - from.velocity) / TICK_S,
+        }
+    }
+
+    /// One tick of the fastest way to rest at `goal` within the limits.
+    fn toward_position(&self, goal: f64) -> Setpoint {
+        let left = goal - self.base.position;
+        if left == 0.0 && self.base.velocity == 0.0 {
+            return Setpoint { position: goal, velocity: 0.0, acceleration: 0.0 };
+        }
+        let way = if left == 0.0 { -super::signed(1.0, self.base.velocity) } else { left.signum() };
+        let (left, speed) = (left.abs(), self.base.velocity * way);
+        let Limits { velocity: top, acceleration, deceleration, .. } = self.limits;
+        if speed < 0.0 {
+            return self.moved(self.nearer(self.base.velocity, 0.0));
+        }
+        // What is left after this tick must still suffice to brake: v²/2d ≤ left - (speed+v)T/2.
+        let room = left - 0.5 * speed * TICK_S;
+        if room <= 0.0 || (room <= NEAR && speed <= deceleration * TICK_S) {
+            return self.last_tick(goal, way, speed);
+        }
+        let half = 0.5 * TICK_S;
+        if top == 0.0 {
+            return self.moved(way * self.nearer(speed, 0.0));
+        }
+        let brake = deceleration * (libm::sqrt(half * half + 2.0 * room / deceleration) - half);
+        let fastest = (speed + acceleration * TICK_S).min(top.max(speed - deceleration * TICK_S));
+        let slowest = speed - deceleration * TICK_S;
+        let next = brake.min(fastest).max(slowest).max(0.0);
+        let left_over = room - 0.5 * next * TICK_S;
+        if next == 0.0 || (left_over <= NEAR && next <= deceleration * TICK_S) {
+            return self.last_tick(goal, way, speed);
+        }
+        self.moved(way * next)
+    }
+
+    /// The tick that ends at the goal, if it can be braked within one; else one of braking.
+    fn last_tick(&self, goal: f64, way: f64, speed: f64) -> Setpoint {
+        let change = self.limits.deceleration * TICK_S;
+        if speed > change * 1.000_001 {
+            return self.moved(way * (speed - change));
+        }
+        let acceleration = -self.base.velocity / TICK_S;
+        Setpoint { position: goal, velocity: 0.0, acceleration }
+    }
+
+    fn smooth(&mut self, moved: f64) {
+        let velocity = self.smoother.step(moved) / TICK_S;
+        let acceleration = (velocity - self.shown.velocity) / TICK_S;
+        let position = self.shown.position + velocity * TICK_S;
+        self.shown = Setpoint { position, velocity, acceleration };
+        let resting = self.base.velocity == 0.0 && moved == 0.0;
+        if resting && self.smoother.is_steady() {
+            self.shown = self.base;
+        }
+    }
+}
+
+/// Nearer than this counts as there, rad: far below a count of any encoder.
+const NEAR: f64 = 1e-9;
+
+/// Slots of the moving average.
+const SLOTS: usize = 32;
+
+/// A moving average over what was moved each tick. A window of more ticks than slots gathers
+/// several in a slot and lets each slot in and out evenly, so that no way is ever lost or gained.
+#[derive(Clone, Debug)]
+struct Smoother {
+    smoothing_s: f64,
+    window: u32,
+    per_slot: u32,
+    slots: [f64; SLOTS],
+    at: usize,
+    filled: u32,
+    filling: f64,
+    entering: f64,
+    leaving: f64,
+    sum: f64,
+    last: f64,
+    same: u32,
+}
+
+impl Smoother {
+    const fn new() -> Self {
+        Self {
+            smoothing_s: 0.0,
+            window: 0,
+            per_slot: 1,
+            slots: [0.0; SLOTS],
+            at: 0,
+            filled: 0,
+            filling: 0.0,
+            entering: 0.0,
+            leaving: 0.0,
+            sum: 0.0,
+            last: 0.0,
+            same: u32::MAX,
+        }
+    }
+
+    /// A window that has seen nothing but `moved` for ever.
+    fn filled(smoothing_s: f64, moved: f64) -> Self {
+        let ticks = libm::round(smoothing_s / TICK_S) as u32;
+        if ticks < 2 {
+            return Self { smoothing_s, ..Self::new() };
+        }
+        let per_slot = ticks.div_ceil(SLOTS as u32);
+        let window = ticks.div_ceil(per_slot) * per_slot;
+        Self {
+            smoothing_s,
+            window,
+            per_slot,
+            slots: [moved * f64::from(per_slot); SLOTS],
+            entering: moved * f64::from(per_slot),
+            leaving: moved * f64::from(per_slot),
+            sum: moved * f64::from(window),
+            last: moved,
+            ..Self::new()
+        }
+    }
+
+    /// True when all that the window holds is the same.
+    const fn is_steady(&self) -> bool {
+        self.window == 0 || self.same >= self.window + 2 * self.per_slot
+    }
+
+    fn step(&mut self, moved: f64) -> f64 {
+        let alike = (moved - self.last).abs() <= 1e-9 * self.last.abs();
+        self.same = if alike { self.same.saturating_add(1) } else { 0 };
+        self.last = moved;
+        self.filling += moved;
+        self.filled += 1;
+        if self.filled == self.per_slot {
+            self.entering = core::mem::take(&mut self.filling);
+            self.leaving = core::mem::replace(&mut self.slots[self.at], self.entering);
+            self.filled = 0;
+            self.at = (self.at + 1) % (self.window / self.per_slot) as usize;
+        }
+        self.sum += (self.entering - self.leaving) / f64::from(self.per_slot);
+        self.sum / f64::from(self.window)
+    }
+}
