@@ -7,6 +7,7 @@
 pub mod ascii;
 pub mod axis;
 pub mod device;
+pub mod explain;
 pub mod generic;
 pub mod host;
 pub mod opcode;
@@ -15,6 +16,7 @@ pub mod text;
 pub mod wire;
 
 pub use axis::{Axis, Tmcl, TmclCan};
+pub use explain::TmclDissector;
 pub use host::{CanHost, SerialHost};
 pub use opcode::{Opcode, Status};
 pub use session::{Answer, Ask};
