@@ -4,7 +4,7 @@
 //! protocol instead. Generated files are committed and never edited.
 
 use polepair_core::plan::{Operand, Plan, Step, Test};
-use polepair_core::profile::{Fault, Parameter, ParameterId, Profile, SignalSource, Watchdog};
+use polepair_core::profile::{Ask, Fault, Parameter, ParameterId, Profile, SignalSource, Watchdog};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -136,10 +136,12 @@ fn imports(body: &str) -> String {
             "profile",
             &[
                 "Access",
+                "Ask",
                 "AxisKind",
                 "Certainty",
                 "Encoding",
                 "Fault",
+                "Identity",
                 "Parameter",
                 "ParameterId",
                 "Persistence",
@@ -198,6 +200,17 @@ impl Emitter {
                 format!("Watchdog::Configurable {{ parameter: {} }}", id(parameter))
             }
         };
+        let identity = p.identity.map_or("None".to_owned(), |it| {
+            let ask = match it.ask {
+                Ask::Parameter(parameter) => format!("Ask::Parameter({})", id(parameter)),
+                Ask::Text(text) => format!("Ask::Text({text:?})"),
+            };
+            let (bits, equals, firmware) = (mask(it.mask), mask(it.equals), mask(it.firmware));
+            format!(
+                "Some(Identity {{ ask: {ask}, mask: {bits}, equals: {equals}, \
+                 firmware: {firmware} }})"
+            )
+        });
         let ram = p.ram.map_or("None".to_owned(), |mode| {
             let (parameter, ram, flash) = (id(mode.parameter), mode.ram, mode.flash);
             format!("Some(RamMode {{ parameter: {parameter}, ram: {ram}, flash: {flash} }})")
@@ -207,7 +220,7 @@ impl Emitter {
             "/// {title}.\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
              protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
-             ram: {ram}, watchdog: {watchdog}, reply_timeout_ms: {}, caution: {:?} }};\n\n",
+             identity: {identity}, ram: {ram}, watchdog: {watchdog}, reply_timeout_ms: {}, caution: {:?} }};\n\n",
             p.name,
             p.family,
             p.protocol,

@@ -40,6 +40,8 @@ pub struct Profile {
     pub reply_timeout_ms: u32,
     /// What to check before and after, in one paragraph, shown before the first motion.
     pub caution: &'static str,
+    /// How it is told from other products of its protocol, by reads only.
+    pub identity: Option<Identity>,
 }
 
 impl Profile {
@@ -79,6 +81,28 @@ fn same_name(a: &str, b: &str) -> bool {
         letters.map(|c| c.to_ascii_lowercase())
     }
     plain(a).eq(plain(b))
+}
+
+/// A question to an unknown drive whose answer tells the product.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Identity {
+    /// What is asked.
+    pub ask: Ask,
+    /// Bits of the answer that tell the product; none when any good answer does.
+    pub mask: i64,
+    /// What they are.
+    pub equals: i64,
+    /// Bits of the answer that tell the firmware's version, none when it does not.
+    pub firmware: i64,
+}
+
+/// What is asked to identify a drive; it changes nothing there.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Ask {
+    /// A parameter.
+    Parameter(ParameterId),
+    /// A request in the protocol's own text.
+    Text(&'static str),
 }
 
 /// The parameter and value that keep writes in RAM.

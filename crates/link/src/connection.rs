@@ -17,7 +17,7 @@ use std::task;
 use polepair_core::axis::Axes;
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::Stream;
-use polepair_core::station::{Station, Ticket};
+use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
@@ -28,8 +28,7 @@ use state::State;
 pub use slots::PENDING_MAX;
 
 /// What a connection holds: a lane with protocol, family and host erased.
-pub trait AnyLane: Axes + Station<Stream> + Send {}
-impl<L: Axes + Station<Stream> + Send> AnyLane for L {}
+pub use polepair_core::axis::AnyLane;
 
 /// A lane on a link. Clones are the same connection; the last one dropped closes it.
 #[derive(Clone, Debug)]
@@ -38,7 +37,7 @@ pub struct Connection(Arc<Owner>);
 impl Connection {
     /// Puts `lane` on `link`. The link is set to the lane's line already.
     #[must_use]
-    pub fn new(link: Box<dyn Link<Stream>>, lane: Box<dyn AnyLane>) -> Self {
+    pub fn new(link: Box<dyn Link<Stream>>, lane: Box<dyn AnyLane<Stream>>) -> Self {
         let state = State::new(Arc::from(link), lane);
         let shared = Shared { state: Mutex::new(state), keeper: keeper::Keeper::default() };
         Self(Arc::new(Owner(Arc::new(shared))))

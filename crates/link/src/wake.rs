@@ -2,6 +2,9 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use polepair_core::time::Instant;
 
 #[cfg(unix)]
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -35,6 +38,20 @@ impl Waker {
         self.0.rung.swap(false, Ordering::AcqRel) || heard
     }
 
+    /// Waits until somebody wakes, or `until` has come; true when it was a wake-up. For links that
+    /// have nothing else to wait for, such as simulated ones.
+    #[must_use]
+    pub fn wait(&self, until: Instant) -> bool {
+        while !self.taken() {
+            let now = crate::clock::now();
+            if until <= now {
+                return false;
+            }
+            self.0.sleep((until != Instant::FAR).then(|| until.since(now)));
+        }
+        true
+    }
+
     /// Readable while somebody has woken.
     #[cfg(unix)]
     #[must_use]
@@ -51,6 +68,23 @@ struct Bell {
     /// The writing end where the system has pipes only.
     #[cfg(all(unix, not(target_os = "linux")))]
     pull: OwnedFd,
+}
+
+impl Bell {
+    #[cfg(unix)]
+    fn sleep(&self, span: Option<Duration>) {
+        use rustix::event::{PollFd, PollFlags, poll};
+        let timeout = span.map(crate::descriptor::timespec);
+        // A signal ends it early: the caller looks again.
+        let _ = poll(&mut [PollFd::new(&self.hear, PollFlags::IN)], timeout.as_ref());
+    }
+
+    /// In slices, where the system offers nothing that a waker could end.
+    #[cfg(not(unix))]
+    fn sleep(&self, span: Option<Duration>) {
+        let slice = Duration::from_millis(5);
+        std::thread::sleep(span.unwrap_or(slice).min(slice));
+    }
 }
 
 #[cfg(target_os = "linux")]

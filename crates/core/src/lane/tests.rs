@@ -109,6 +109,7 @@ static PROFILE: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     caution: "",
+    identity: None,
 };
 
 #[derive(Clone, Copy, PartialEq, Debug)]

@@ -20,7 +20,7 @@ const TICK_MIN_NS: u64 = 20_000;
 
 pub(super) struct State {
     pub(super) link: Arc<dyn Link<Stream>>,
-    pub(super) lane: Box<dyn AnyLane>,
+    pub(super) lane: Box<dyn AnyLane<Stream>>,
     pub(super) slots: Slots,
     pub(super) leader: Leader,
     /// Until when the leader sleeps.
@@ -68,7 +68,7 @@ pub(super) struct Retry {
 }
 
 impl State {
-    pub(super) fn new(link: Arc<dyn Link<Stream>>, lane: Box<dyn AnyLane>) -> Self {
+    pub(super) fn new(link: Arc<dyn Link<Stream>>, lane: Box<dyn AnyLane<Stream>>) -> Self {
         Self {
             line: lane.line(),
             link,

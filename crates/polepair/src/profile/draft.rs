@@ -7,7 +7,8 @@ use crate::file::{Found, Place};
 use polepair_core::axis::Verb;
 use polepair_core::plan::Test;
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Persistence, Profile, Scale, Severity, Signal, Watchdog,
+    Access, Ask, AxisKind, Certainty, Encoding, Identity, Persistence, Profile, Scale, Severity,
+    Signal, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -27,6 +28,7 @@ pub(crate) struct Draft {
     pub(crate) caution: String,
     pub(crate) watchdog: DraftWatchdog,
     pub(crate) ram: Option<DraftRam>,
+    pub(crate) identity: Option<DraftIdentity>,
     pub(crate) parameters: Vec<DraftParameter>,
     pub(crate) faults: Vec<DraftFault>,
     pub(crate) signals: Vec<DraftSignal>,
@@ -38,6 +40,16 @@ pub(crate) enum DraftWatchdog {
     None,
     Fixed(u32),
     Configurable(Named),
+}
+
+/// What tells the product: a parameter, or the protocol's own text.
+#[derive(Clone, Debug)]
+pub(crate) struct DraftIdentity {
+    pub(crate) parameter: Option<Named>,
+    pub(crate) text: String,
+    pub(crate) mask: i64,
+    pub(crate) equals: i64,
+    pub(crate) firmware: i64,
 }
 
 /// What keeps writes in RAM: the parameter, the value for RAM, the value for flash.
@@ -136,6 +148,7 @@ impl Draft {
                     DraftWatchdog::Configurable(names.of(parameter))
                 }
             },
+            identity: profile.identity.map(|identity| names.identity(&identity)),
             ram: profile.ram.map(|mode| {
                 let parameter = names.of(mode.parameter);
                 DraftRam { parameter, ram: mode.ram, flash: mode.flash }
@@ -159,6 +172,15 @@ impl Names<'_> {
     fn of(&self, id: polepair_core::profile::ParameterId) -> Named {
         let name = self.profile.parameters.get(usize::from(id.0)).map_or("", |p| p.name);
         Found { value: name.into(), place: self.place.clone() }
+    }
+
+    fn identity(&self, identity: &Identity) -> DraftIdentity {
+        let (parameter, text) = match identity.ask {
+            Ask::Parameter(id) => (Some(self.of(id)), String::new()),
+            Ask::Text(text) => (None, text.into()),
+        };
+        let Identity { mask, equals, firmware, .. } = *identity;
+        DraftIdentity { parameter, text, mask, equals, firmware }
     }
 
     fn parameter(&self, p: &polepair_core::profile::Parameter) -> DraftParameter {

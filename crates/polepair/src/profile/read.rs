@@ -1,7 +1,8 @@
 //! From TOML to a draft: every key known, every word of a choice known, every number in its place.
 
 use super::draft::{
-    Draft, DraftFault, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftWatchdog,
+    Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal,
+    DraftWatchdog,
 };
 use super::step;
 use crate::file::{FileError, Found, Node, Text, number};
@@ -15,7 +16,7 @@ use polepair_core::units::Unit;
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 16] = [
+const KEYS: [&str; 17] = [
     "name",
     "extends",
     "remove",
@@ -28,6 +29,7 @@ const KEYS: [&str; 16] = [
     "caution",
     "watchdog",
     "ram",
+    "identify",
     "parameter",
     "fault",
     "signals",
@@ -161,6 +163,7 @@ fn blank(node: &Node<'_, '_>) -> Result<Draft, FileError> {
         caution: String::new(),
         watchdog: DraftWatchdog::None,
         ram: None,
+        identity: None,
         parameters: Vec::new(),
         faults: Vec::new(),
         signals: Vec::new(),
@@ -189,6 +192,9 @@ fn head(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
     if let Some(watchdog) = watchdog(node)? {
         draft.watchdog = watchdog;
     }
+    if let Some(identity) = identity(node)? {
+        draft.identity = Some(identity);
+    }
     if let Some(table) = node.table("ram", &["parameter", "ram", "flash"])? {
         draft.ram = Some(DraftRam {
             parameter: table.needed_text("parameter")?,
@@ -197,6 +203,21 @@ fn head(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
         });
     }
     Ok(())
+}
+
+fn identity(node: &Node<'_, '_>) -> Result<Option<DraftIdentity>, FileError> {
+    let keys = ["parameter", "ask", "mask", "equals", "firmware"];
+    let Some(table) = node.table("identify", &keys)? else { return Ok(None) };
+    let (parameter, text) = (table.text("parameter")?, plain(&table, "ask")?);
+    if parameter.is_some() != text.is_empty() {
+        return Err(table.place().error("`identify` needs either `parameter` or `ask`"));
+    }
+    let number = |key| table.integer(key).map(|found| found.map_or(0, |found| found.value));
+    let (mask, equals, firmware) = (number("mask")?, number("equals")?, number("firmware")?);
+    if equals & !mask != 0 {
+        return Err(table.place().error("`equals` has bits that `mask` takes away"));
+    }
+    Ok(Some(DraftIdentity { parameter, text, mask, equals, firmware }))
 }
 
 fn replace(text: &mut String, with: Option<Found<String>>) {

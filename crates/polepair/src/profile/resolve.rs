@@ -1,15 +1,16 @@
 //! From a draft to a profile: names become numbers, and whatever does not fit is refused.
 
 use super::draft::{
-    Draft, DraftFault, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftStep, DraftWatchdog,
-    Named,
+    Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftStep,
+    DraftWatchdog, Named,
 };
 use super::read::encoding_range;
 use crate::file::{FileError, Place};
 use crate::words::{folded, hint};
 use polepair_core::plan::{Compare, Operand, Plan, STEPS_MAX, Step, Test};
 use polepair_core::profile::{
-    Access, Fault, Parameter, ParameterId, Profile, RamMode, Scale, SignalSource, Watchdog,
+    Access, Ask, Fault, Identity, Parameter, ParameterId, Profile, RamMode, Scale, SignalSource,
+    Watchdog,
 };
 use std::collections::HashMap;
 
@@ -37,6 +38,7 @@ pub(crate) fn profile(draft: &Draft) -> Result<&'static Profile, FileError> {
         signals: signals.leak(),
         plans: plans.collect::<Result<Vec<_>, _>>()?.leak(),
         ram: draft.ram.as_ref().map(|ram| names.ram(ram)).transpose()?,
+        identity: draft.identity.as_ref().map(|it| names.identity(it)).transpose()?,
         watchdog: names.watchdog(&draft.watchdog)?,
         reply_timeout_ms: draft.reply_timeout_ms,
         caution: kept(&draft.caution),
@@ -187,6 +189,15 @@ impl<'a> Names<'a> {
             return Err(s.parameter.place.error("`equals` has bits that `mask` takes away"));
         }
         Ok(SignalSource { signal: s.signal, parameter, mask: s.mask, equals: s.equals })
+    }
+
+    fn identity(&self, identity: &DraftIdentity) -> Result<Identity, FileError> {
+        let ask = match &identity.parameter {
+            Some(name) => Ask::Parameter(self.used(name, &[Use::Read])?),
+            None => Ask::Text(kept(&identity.text)),
+        };
+        let DraftIdentity { mask, equals, firmware, .. } = *identity;
+        Ok(Identity { ask, mask, equals, firmware })
     }
 
     fn ram(&self, mode: &DraftRam) -> Result<RamMode, FileError> {

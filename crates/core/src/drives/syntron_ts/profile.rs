@@ -4,8 +4,8 @@
 use crate::axis::Verb;
 use crate::plan::{Argument, Compare, Operand, Plan, Step, Test};
 use crate::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Parameter, ParameterId, Persistence, Profile,
-    Scale, Severity, Signal, SignalSource, Watchdog,
+    Access, Ask, AxisKind, Certainty, Encoding, Fault, Identity, Parameter, ParameterId,
+    Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
 };
 use crate::units::Unit;
 
@@ -12318,6 +12318,12 @@ pub static SYNTRON_DS102: Profile = Profile {
     faults: &SYNTRON_DS102_FAULTS,
     signals: &SYNTRON_DS102_SIGNALS,
     plans: &SYNTRON_DS102_PLANS,
+    identity: Some(Identity {
+        ask: Ask::Parameter(ParameterId(21)),
+        mask: 0x0,
+        equals: 0x0,
+        firmware: 0x0,
+    }),
     ram: None,
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
@@ -12585,6 +12591,12 @@ pub static SYNTRON_TS: Profile = Profile {
     faults: &SYNTRON_DS102_FAULTS,
     signals: &SYNTRON_TS_SIGNALS,
     plans: &SYNTRON_TS_PLANS,
+    identity: Some(Identity {
+        ask: Ask::Parameter(ParameterId(21)),
+        mask: 0x0,
+        equals: 0x0,
+        firmware: 0x0,
+    }),
     ram: None,
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
