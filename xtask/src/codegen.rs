@@ -51,6 +51,10 @@ fn generated(root: &Path) -> Result<BTreeMap<PathBuf, String>> {
         if let Some(two) = profiles.windows(2).find(|two| two[0].name == two[1].name) {
             return Err(format!("two profiles are called `{}`", two[0].name));
         }
+        for profile in &profiles {
+            let page = root.join("docs/drives").join(profile.name).with_extension("md");
+            files.insert(page, crate::pages::page(profile));
+        }
         files.insert(path, formatted(&rust(&profiles))?);
     }
     Ok(files)

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod codegen;
+mod pages;
 mod swarm;
 
 use std::path::{Path, PathBuf};
@@ -9,7 +10,7 @@ use std::process::ExitCode;
 
 const USAGE: &str = "\
 usage: cargo xtask COMMAND
-  codegen [--check]   profiles/*.toml as Rust constants; with --check only tell what is stale
+  codegen [--check]   profiles/*.toml as Rust constants and drive pages, or what is stale
   swarm [--seeds N] [--from S] [--jobs J]   seeded worlds with faults; 8000 seeds from 1 by default";
 
 fn main() -> ExitCode {

@@ -1,0 +1,179 @@
+//! A page for every drive, made from its profile: `docs/drives/NAME.md`.
+
+use std::fmt::Write as _;
+
+use polepair_core::plan::{Argument, Compare, Operand, Plan, Step, Test};
+use polepair_core::profile::{
+    Access, Certainty, Fault, Parameter, ParameterId, Persistence, Profile, Severity, Watchdog,
+};
+
+/// The page of a profile.
+pub fn page(profile: &Profile) -> String {
+    let mut out = String::new();
+    let mut add = |text: String| {
+        out.push_str(&text);
+        out.push('\n');
+    };
+    add(format!("# {}\n", profile.title));
+    add("<!-- Made from the profile by `cargo xtask codegen`. Do not edit. -->\n".to_owned());
+    add(format!(
+        "Profile `{}`, family `{}`, protocol `{}`. Source: {}.\n",
+        profile.name, profile.family, profile.protocol, profile.source
+    ));
+    add(format!("{}\n", profile.caution));
+    add(format!("**When the link dies:** {}.\n", watchdog(profile)));
+    add("## Verbs\n\nWhat each verb sends, step by step.\n".to_owned());
+    profile.plans.iter().for_each(|plan| add(plan_text(profile, plan)));
+    add("## Faults and warnings\n".to_owned());
+    add("| code | name | what | usual cause | remedy |\n|---|---|---|---|---|".to_owned());
+    profile.faults.iter().for_each(|fault| add(fault_row(fault)));
+    add("\n## Parameters\n".to_owned());
+    add("Raw limits; `i` marks what was concluded from sibling products, not read in this \
+         product's manual; `*` marks what may move the motor.\n"
+        .to_owned());
+    add("| symbol | name | unit | raw range | factory | access | kept | |\n\
+         |---|---|---|---|---|---|---|---|"
+        .to_owned());
+    let shown = profile.parameters.iter().filter(|p| is_shown(p));
+    shown.for_each(|parameter| add(parameter_row(parameter)));
+    add(remainder(profile));
+    out
+}
+
+/// Of numbered repetitions the first stands for all; what nobody documents is counted only.
+fn is_shown(parameter: &Parameter) -> bool {
+    let number = parameter.name.split(' ').find_map(|word| word.parse::<u32>().ok());
+    parameter.certainty != Certainty::Undocumented
+        && !(parameter.name.starts_with("path ") && number.is_some_and(|n| n > 1))
+}
+
+fn remainder(profile: &Profile) -> String {
+    let undocumented =
+        profile.parameters.iter().filter(|p| p.certainty == Certainty::Undocumented).count();
+    let repeated = profile.parameters.iter().filter(|p| !is_shown(p)).count() - undocumented;
+    let mut text = String::new();
+    if repeated > 0 {
+        let _ = write!(text, "\n{repeated} more of paths 2 and up, alike.");
+    }
+    if undocumented > 0 {
+        let _ = write!(text, "\n{undocumented} more exist and no manual says what they are.");
+    }
+    text
+}
+
+fn watchdog(profile: &Profile) -> String {
+    match profile.watchdog {
+        Watchdog::None => "the drive goes on with what it was last told. Use moves that end by \
+                           themselves, or wire a stop"
+            .to_owned(),
+        Watchdog::Fixed { after_ms } => format!("the drive stops after {after_ms} ms"),
+        Watchdog::Configurable { parameter } => {
+            format!("the drive stops after the time in `{}`; 0 is never", name(profile, parameter))
+        }
+    }
+}
+
+fn plan_text(profile: &Profile, plan: &Plan) -> String {
+    let mut text = format!("**{}** ({})\n\n", plan.verb.name(), plan.source);
+    for step in plan.steps {
+        let _ = writeln!(text, "1. {}", step_text(profile, *step));
+    }
+    if !plan.undo.is_empty() {
+        let steps: Vec<String> = plan.undo.iter().map(|s| step_text(profile, *s)).collect();
+        let _ = writeln!(text, "\nIf a step fails: {}.", steps.join("; "));
+    }
+    text
+}
+
+fn step_text(profile: &Profile, step: Step) -> String {
+    let name = |id| name(profile, id);
+    match step {
+        Step::Write(id, operand) => format!("write {} = {}", name(id), operand_text(operand)),
+        Step::Ensure(id, raw) => format!("make sure that {} = {raw}", name(id)),
+        Step::Read(id) => format!("read {}", name(id)),
+        Step::Copy { from, to } => format!("write {} = what {} is", name(to), name(from)),
+        Step::Require { read, test, hint } => {
+            format!("go on only if {} (else: {hint})", test_text(&name(read), test))
+        }
+        Step::NoFault { read, .. } => format!("go on only if {} shows no fault", name(read)),
+        Step::Until { read, test, within_ms } => {
+            let seconds = f64::from(within_ms) / 1000.0;
+            format!("wait until {}, at most {seconds} s", test_text(&name(read), test))
+        }
+        Step::Send { function, index, operand, .. } => {
+            format!("send {function} {index} {}", operand_text(operand))
+        }
+        Step::Keep(id) => format!("have {} kept over power-off", name(id)),
+        Step::Wait { ms } => format!("wait {ms} ms"),
+    }
+}
+
+fn test_text(name: &str, test: Test) -> String {
+    let masked = match test.mask {
+        -1 => name.to_owned(),
+        mask => format!("{name} & {mask:#x}"),
+    };
+    match test.compare {
+        Compare::Equal => format!("{masked} is {}", test.value),
+        Compare::NotEqual => format!("{masked} is not {}", test.value),
+        Compare::Within => format!("{masked} is within ±{}", test.value),
+    }
+}
+
+fn operand_text(operand: Operand) -> String {
+    let word = |argument| match argument {
+        Argument::Target => "target",
+        Argument::Velocity => "velocity",
+        Argument::Acceleration => "acceleration",
+        Argument::Torque => "torque",
+    };
+    match operand {
+        Operand::Is(raw) => raw.to_string(),
+        Operand::Argument(argument) => format!("the {}", word(argument)),
+        Operand::Given(argument) => format!("the {}, if given", word(argument)),
+    }
+}
+
+fn name(profile: &Profile, id: ParameterId) -> String {
+    match profile.parameter(id) {
+        Some(p) if p.symbol.is_empty() => format!("`{}`", p.name),
+        Some(p) => format!("`{}` ({})", p.name, p.symbol),
+        None => "?".to_owned(),
+    }
+}
+
+fn fault_row(fault: &Fault) -> String {
+    let what = match fault.severity {
+        Severity::Fault => "",
+        Severity::Warning => "warning: ",
+        Severity::Note => "note: ",
+    };
+    let Fault { code, name, text, cause, remedy, .. } = fault;
+    format!("| {code:#06x} | {name} | {what}{text} | {cause} | {remedy} |")
+}
+
+fn parameter_row(p: &Parameter) -> String {
+    let factory = p.default.map_or_else(String::new, |raw| raw.to_string());
+    let access = match p.access {
+        Access::Read => "r",
+        Access::Write => "w",
+        Access::ReadWrite => "rw",
+    };
+    let kept = match p.persistence {
+        Persistence::Volatile => "",
+        Persistence::Storable => "if stored",
+        Persistence::Always => "always",
+        Persistence::UnlessRam => "unless RAM",
+    };
+    let inferred = if p.certainty == Certainty::Inferred { "i" } else { "" };
+    let moves = if p.moves { "*" } else { "" };
+    let range = match p.access {
+        Access::Read => String::new(),
+        _ => format!("{}…{}", p.min, p.max),
+    };
+    let unit = p.unit.symbol();
+    format!(
+        "| {} | {} | {unit} | {range} | {factory} | {access} | {kept} | {inferred}{moves} |",
+        p.symbol, p.name
+    )
+}
