@@ -117,6 +117,11 @@ fn test_text(name: &str, test: Test) -> String {
         Compare::Equal => format!("{masked} is {}", test.value),
         Compare::NotEqual => format!("{masked} is not {}", test.value),
         Compare::Within => format!("{masked} is within ±{}", test.value),
+        Compare::Among => {
+            let numbers = (0..63).filter(|n| test.value >> n & 1 == 1);
+            let words: Vec<String> = numbers.map(|n| n.to_string()).collect();
+            format!("{masked} is {}", words.join(" or "))
+        }
     }
 }
 

@@ -106,6 +106,7 @@ impl Test {
             Compare::Equal => masked == self.value,
             Compare::NotEqual => masked != self.value,
             Compare::Within => masked.saturating_abs() <= self.value,
+            Compare::Among => 0 <= masked && masked < 63 && self.value >> masked & 1 == 1,
         }
     }
 }
@@ -119,6 +120,8 @@ pub enum Compare {
     NotEqual,
     /// Magnitude at most the value.
     Within,
+    /// One of several numbers from 0 to 62: bit n of the value stands for n.
+    Among,
 }
 
 /// Where a step's value comes from.

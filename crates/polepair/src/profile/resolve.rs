@@ -284,6 +284,7 @@ impl<'a> Names<'a> {
             Compare::Equal => test.value & !test.mask != 0,
             Compare::NotEqual => false,
             Compare::Within => test.value < 0,
+            Compare::Among => test.value == 0,
         };
         if never {
             let reason = format!("nothing that is masked so can be {:#x}", test.value);

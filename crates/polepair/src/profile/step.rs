@@ -3,6 +3,7 @@
 //! ```text
 //! write NAME = VALUE            ensure NAME = 1              read NAME        copy NAME -> NAME
 //! require NAME & 0x10 == 0 else HINT      (also == != and `within N` for magnitudes)
+//! require NAME in 1 14 else HINT          (one of these, 0 to 62)
 //! no-fault NAME                 no-fault NAME & 0x1F
 //! until NAME & 0x80 == 0x80 within 60 s   until NAME within-magnitude 5 within 5 s
 //! send FUNCTION INDEX VALUE [like NAME]   keep NAME        wait 50 ms
@@ -174,7 +175,7 @@ fn masked(piece: &Piece<'_>) -> Result<(Named, i64), FileError> {
     }
 }
 
-/// `NAME [& MASK] == N`, `!= N`, `within N` or `within-magnitude N`.
+/// `NAME [& MASK] == N`, `!= N`, `within N`, `within-magnitude N` or `in N N…`.
 fn condition(piece: &Piece<'_>) -> Result<(Named, Test), FileError> {
     let forms = [
         (" == ", Compare::Equal),
@@ -189,7 +190,19 @@ fn condition(piece: &Piece<'_>) -> Result<(Named, Test), FileError> {
             return Ok((name, Test { mask, compare, value }));
         }
     }
-    Err(piece.error("expected `NAME == N`, `NAME & MASK != N` or `NAME within-magnitude N`"))
+    if let Some((left, numbers)) = piece.cut_at(" in ") {
+        let (name, mask) = masked(&left)?;
+        return Ok((name, Test { mask, compare: Compare::Among, value: among(&numbers)? }));
+    }
+    Err(piece.error("expected `NAME == N`, `NAME & MASK != N`, `NAME in N N…` or `NAME within N`"))
+}
+
+/// Numbers from 0 to 62, one bit each.
+fn among(piece: &Piece<'_>) -> Result<i64, FileError> {
+    piece.text.split_whitespace().try_fold(0, |bits, word| match number(word) {
+        Some(n @ 0..=62) => Ok(bits | 1 << n),
+        _ => Err(piece.error(format!("expected numbers from 0 to 62, found `{word}`"))),
+    })
 }
 
 fn send(rest: &Piece<'_>) -> Result<DraftStep, FileError> {

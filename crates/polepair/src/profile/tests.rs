@@ -131,6 +131,17 @@ fn plans_and_signals_point_at_parameters() {
 }
 
 #[test]
+fn one_of_several_numbers() {
+    let text = GOOD.replacen("until status within-magnitude 3", "until status in 1 14", 1);
+    let plan = parse("good.toml", &text).unwrap().plan(Verb::Velocity).unwrap();
+    let Some(Step::Until { test, .. }) = plan.steps.last() else { panic!("{plan:?}") };
+    let passing: Vec<i64> = (-3..70).filter(|raw| test.passes(*raw)).collect();
+    assert_eq!(passing, [1, 14]);
+    let error = refused("until status within-magnitude 3", "until status in 1 x");
+    assert!(error.contains("expected numbers from 0 to 62"), "{error}");
+}
+
+#[test]
 fn the_same_text_is_kept_once() {
     assert!(std::ptr::eq(good(), good()));
 }

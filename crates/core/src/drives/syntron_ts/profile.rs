@@ -12084,23 +12084,8 @@ static SYNTRON_DS102_PLANS: [Plan; 10] = [
         steps: &[
             Step::Require {
                 read: ParameterId(0),
-                test: Test { mask: 0xc, compare: Compare::NotEqual, value: 4 },
-                hint: "This control mode does not obey Modbus: set Fn_00 = 1 for speed or Fn_00 = 14 for position",
-            },
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: 0xc, compare: Compare::NotEqual, value: 8 },
-                hint: "This control mode does not obey Modbus: set Fn_00 = 1 for speed or Fn_00 = 14 for position",
-            },
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: 0xa, compare: Compare::NotEqual, value: 2 },
+                test: Test { mask: -1, compare: Compare::Among, value: 16386 },
                 hint: "This control mode does not obey Modbus (2 is the factory's, pulses): set Fn_00 = 1 for speed or Fn_00 = 14 for position",
-            },
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: 0x3, compare: Compare::NotEqual, value: 0 },
-                hint: "This control mode does not obey Modbus: set Fn_00 = 1 for speed or Fn_00 = 14 for position",
             },
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Ensure(ParameterId(15), 1),
@@ -12358,23 +12343,8 @@ static SYNTRON_TS_PLANS: [Plan; 10] = [
         steps: &[
             Step::Require {
                 read: ParameterId(0),
-                test: Test { mask: 0xc, compare: Compare::NotEqual, value: 4 },
-                hint: "This control mode does not obey Modbus: set Fn_00 = 1 for speed or Fn_00 = 14 for position",
-            },
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: 0xc, compare: Compare::NotEqual, value: 8 },
-                hint: "This control mode does not obey Modbus: set Fn_00 = 1 for speed or Fn_00 = 14 for position",
-            },
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: 0xa, compare: Compare::NotEqual, value: 2 },
+                test: Test { mask: -1, compare: Compare::Among, value: 16386 },
                 hint: "This control mode does not obey Modbus (2 is the factory's, pulses): set Fn_00 = 1 for speed or Fn_00 = 14 for position",
-            },
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: 0x3, compare: Compare::NotEqual, value: 0 },
-                hint: "This control mode does not obey Modbus: set Fn_00 = 1 for speed or Fn_00 = 14 for position",
             },
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Ensure(ParameterId(15), 1),
