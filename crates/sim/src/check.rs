@@ -61,25 +61,22 @@ impl Watch {
         }
     }
 
-    /// To be called after every event that touched the host. `waited` says that the host had
-    /// something to do before or has now.
-    pub fn after(&mut self, world: &mut World, waited: bool) -> Option<Violation> {
+    /// To be called after every event that touched the host.
+    pub fn after(&mut self, world: &mut World) -> Option<Violation> {
         let counters = world.look(self.host, |n, _| n.axes().map(|a| a.counters()))?;
         let before = std::mem::replace(&mut self.counters, counters);
         let known = world.knowledge(self.wire, self.host);
         let asked = std::mem::replace(&mut self.sent, known.sent);
-        let fail = |invariant, what| Some(Violation { invariant, at: world.now(), what });
-        if counters.answered > before.answered {
-            self.last_match_tainted = known.heard.tainted;
-            if !known.heard.tainted && known.heard.question != asked.content {
-                let (tag, other) = (asked.tag, known.heard.answers);
-                return fail("I1", format!("request {tag} got the reply to request {other}"));
-            }
+        if counters.answered == before.answered {
+            return None;
         }
-        if known.sent.tag != asked.tag && !waited {
-            return fail("I4", "spoke when nothing was asked of it".to_owned());
+        self.last_match_tainted = known.heard.tainted;
+        if known.heard.tainted || known.heard.question == asked.content {
+            return None;
         }
-        None
+        let what =
+            format!("request {} got the reply to request {}", asked.tag, known.heard.answers);
+        Some(Violation { invariant: "I1", at: world.now(), what })
     }
 
     /// Whether what the host heard since it last spoke holds a frame that passes every check of

@@ -68,10 +68,9 @@ impl Report {
         self.violations.extend(other.violations.iter().cloned());
     }
 
-    fn violation(&mut self, violation: Violation) {
-        if self.violations.len() < VIOLATIONS_MAX {
-            self.violations.push(violation);
-        }
+    fn violations_of(&mut self, found: impl IntoIterator<Item = Violation>) {
+        let room = VIOLATIONS_MAX.saturating_sub(self.violations.len());
+        self.violations.extend(found.into_iter().take(room));
     }
 }
 

@@ -8,7 +8,7 @@ use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 
 use super::inert::Inert;
-use crate::check::Possible;
+use crate::check::{Possible, Violation};
 use crate::random::Random;
 use crate::world::{NodeId, World};
 
@@ -55,6 +55,8 @@ pub struct Axis {
     inert: Vec<(Inert, Possible)>,
     /// Position reported minus position true, while it is known to be constant.
     offset: Option<f64>,
+    /// What the drive had executed when the last verb ended; `None` while one is open.
+    settled: Option<u64>,
     /// The drive may have done something that nobody asked for.
     pub spoiled: bool,
 }
@@ -68,7 +70,7 @@ impl Axis {
     ) -> Self {
         let inert = inert.iter().map(|i| (*i, Possible::ANY)).collect();
         let open = Vec::new();
-        Self { index, drive, profile, open, inert, offset: None, spoiled: false }
+        Self { index, drive, profile, open, inert, offset: None, settled: None, spoiled: false }
     }
 
     /// What is true of the drive now.
@@ -81,6 +83,16 @@ impl Axis {
         self.inert.iter_mut().for_each(|(_, possible)| *possible = Possible::ANY);
         self.open.iter_mut().for_each(|open| open.doubtful = true);
         self.offset = None;
+        self.settled = None;
+    }
+
+    /// What was asked long ago must not reach the drive any more.
+    pub fn idle(&mut self, world: &mut World) -> Option<Violation> {
+        let settled = self.settled?;
+        let executed = self.truth(world).unrepeatable;
+        self.settled = Some(executed);
+        let what = format!("{} started a motion that nobody waited for", self.profile.name);
+        (executed != settled).then_some(Violation { invariant: "I4", at: world.now(), what })
     }
 
     /// Something to ask, or `None` when what was drawn is under way already.
@@ -152,6 +164,9 @@ impl Axis {
             if let What::Do(Verb::Home) = what {
                 self.offset = None;
             }
+            if let What::Do(_) = what {
+                self.settled = None;
+            }
             let since = world.now();
             self.open.push(Open { ticket, what, since, before, doubtful: false });
         }
@@ -170,6 +185,9 @@ impl Axis {
             return Err(("I3", format!("{ticket:?} ended twice or was never asked: {outcome:?}")));
         };
         let open = self.open.swap_remove(at);
+        if self.open.iter().all(|open| !matches!(open.what, What::Do(_))) {
+            self.settled = Some(self.truth(world).unrepeatable);
+        }
         match (open.what, outcome) {
             (What::Read(n), Outcome::Done(raw)) => self.read(n, raw, open.doubtful),
             (What::Write(n, raw), outcome) => {

@@ -29,7 +29,6 @@ pub struct Client {
     open_max: usize,
     /// Nothing but the splitting of bytes goes wrong here: every question must be answered.
     pub sound: bool,
-    waited: bool,
     /// From here on every question must be answered.
     calm_at: Instant,
 }
@@ -52,7 +51,6 @@ impl Client {
             think_us: random.pick(&[500, 5_000, 50_000]),
             open_max: random.between(1, 6) as usize,
             sound: false,
-            waited: false,
             calm_at: Instant::FAR,
             random,
         }
@@ -64,7 +62,7 @@ impl Client {
     }
 
     /// Asks something, and decides when to ask next.
-    pub fn ask(&mut self, world: &mut World) {
+    pub fn ask(&mut self, world: &mut World, report: &mut Report) {
         let now = world.now();
         self.next_at = now.plus_ns(1 + self.random.below(self.think_us * 1_000));
         let open: usize = self.axes.iter().map(|axis| axis.open.len()).sum();
@@ -72,6 +70,7 @@ impl Client {
             return;
         }
         let which = self.random.below(self.axes.len() as u64) as usize;
+        report.violations_of(self.axes[which].idle(world));
         let drawn = self.axes[which].draw(&mut self.random);
         let calm = now >= self.calm_at;
         let what = match drawn {
@@ -81,23 +80,19 @@ impl Client {
         if let Some(what) = what {
             self.tickets += 1;
             let ticket = Ticket(self.tickets);
-            self.waited |= self.axes[which].ask(world, self.host, ticket, what, &mut self.random);
+            self.axes[which].ask(world, self.host, ticket, what, &mut self.random);
         }
     }
 
     /// Checks everything after an event that touched this host.
     pub fn after(&mut self, world: &mut World, report: &mut Report) {
         self.notice_spoiling(world);
-        let had = self.waited;
         while let Some((ticket, outcome)) =
             world.look(self.host, |n, _| n.axes().and_then(|axes| axes.poll_outcome()))
         {
             self.ended(world, report, ticket, outcome);
         }
-        self.waited = self.axes.iter().any(|axis| !axis.open.is_empty());
-        if let Some(violation) = self.watch.after(world, had || self.waited) {
-            report.violation(violation);
-        }
+        report.violations_of(self.watch.after(world));
     }
 
     /// A drive that answers a changed request took it as good: it may have done anything.
@@ -123,7 +118,7 @@ impl Client {
         let at = world.now();
         let Some(axis) = owner else {
             let what = format!("{ticket:?} ended twice or was never asked: {outcome:?}");
-            return report.violation(Violation { invariant: "I3", at, what });
+            return report.violations_of([Violation { invariant: "I3", at, what }]);
         };
         let open = axis.open.iter().find(|o| o.ticket == ticket).copied();
         if let Err((invariant, what)) = axis.ended(world, self.host, ticket, outcome) {
@@ -133,7 +128,7 @@ impl Client {
                 axis.forget();
             } else {
                 let what = format!("{name} {:?}: {what}", axis.index);
-                report.violation(Violation { invariant, at, what });
+                report.violations_of([Violation { invariant, at, what }]);
             }
         }
         let must_work = self.sound || open.is_some_and(|o| o.since >= self.calm_at);
@@ -143,7 +138,7 @@ impl Client {
             let what =
                 format!("{} {:?}: {open:?} ended as {outcome:?}", axis.profile.name, axis.index);
             let invariant = if self.sound { "I9" } else { "I11" };
-            report.violation(Violation { invariant, at, what });
+            report.violations_of([Violation { invariant, at, what }]);
         }
     }
 
@@ -155,7 +150,7 @@ impl Client {
             });
             if armed == Some(true) {
                 let what = format!("{} is armed after the link was lost", axis.profile.name);
-                report.violation(Violation { invariant: "I6", at: world.now(), what });
+                report.violations_of([Violation { invariant: "I6", at: world.now(), what }]);
             }
         }
     }
@@ -167,10 +162,13 @@ impl Client {
             world.look(self.host, |n, _| n.axes().map(|a| a.counters()));
         report.requests += counters.unwrap_or_default().sent;
         report.made.add(&world.made(self.wire));
+        for axis in &mut self.axes {
+            report.violations_of(axis.idle(world));
+        }
         for open in self.axes.iter().flat_map(|axis| &axis.open) {
             if open.since.plus_ms(PATIENCE_MS) < now {
                 let what = format!("{open:?} never ended");
-                report.violation(Violation { invariant: "I11", at: now, what });
+                report.violations_of([Violation { invariant: "I11", at: now, what }]);
             }
         }
     }

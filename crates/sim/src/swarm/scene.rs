@@ -123,7 +123,7 @@ impl Scene {
 
     fn ask(&mut self, now: Instant) {
         for client in self.clients.iter_mut().filter(|c| c.next_at <= now) {
-            client.ask(&mut self.world);
+            client.ask(&mut self.world, &mut self.report);
             client.after(&mut self.world, &mut self.report);
         }
     }
