@@ -34,15 +34,17 @@ pub struct Serial {
     pub timed: bool,
     /// The host's adapter hears its own bytes (half duplex).
     pub echo: bool,
+    /// Every station is as good as set to this baud rate; each to its own if `None`.
+    pub baud: Option<u32>,
 }
 
 impl Serial {
     /// RS-232 with byte timing.
-    pub const RS232: Self = Self { duplex: Duplex::Full, timed: true, echo: false };
+    pub const RS232: Self = Self { duplex: Duplex::Full, timed: true, echo: false, baud: None };
     /// RS-485 with byte timing, without echo.
-    pub const RS485: Self = Self { duplex: Duplex::Half, timed: true, echo: false };
+    pub const RS485: Self = Self { duplex: Duplex::Half, timed: true, echo: false, baud: None };
     /// A pty or TCP connection: no timing, no baud rate.
-    pub const UNTIMED: Self = Self { duplex: Duplex::Full, timed: false, echo: false };
+    pub const UNTIMED: Self = Self { duplex: Duplex::Full, timed: false, echo: false, baud: None };
 }
 
 /// What the world knows of a transmission and no station sees.
@@ -201,6 +203,7 @@ impl SerialWire {
     ) {
         let (wire, from) = place;
         let label = self.label(from, tag, bytes);
+        let line = SerialLine { baud: self.set.baud.unwrap_or(line.baud), ..line };
         let character_ns = if self.set.timed { line.characters_ns(1) } else { 0 };
         let reply = !self.plugs[from].head;
         let begin = now.max(self.plugs[from].busy_until).plus_ns(self.lateness(reply));
@@ -249,6 +252,7 @@ impl SerialWire {
     ) -> bool {
         heard.clear();
         let plug = &self.plugs[to];
+        let line = SerialLine { baud: self.set.baud.unwrap_or(line.baud), ..line };
         let line = match self.faults.host_baud {
             0 => line,
             baud if plug.head => SerialLine { baud, ..line },

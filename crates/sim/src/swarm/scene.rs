@@ -174,7 +174,7 @@ impl Scene {
         let bus = count > 1 || random.chance(Ppm(500_000));
         let echo = bus && random.chance(Ppm(300_000));
         let duplex = if bus { Duplex::Half } else { Duplex::Full };
-        let wire = self.world.serial(Serial { duplex, timed: true, echo });
+        let wire = self.world.serial(Serial { duplex, timed: true, echo, baud: None });
         let (mut axes, mut served) = (Vec::new(), Vec::new());
         for n in 0..count {
             // Odd steps leave room for host addresses between the drives'.
