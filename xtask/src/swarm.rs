@@ -109,6 +109,7 @@ fn print(total: &Report, order: Order, took: f64) {
         "wire collisions  {:>12}  wrong values that passed every check",
         total.wire_collisions
     );
+    println!("  and requests   {:>12}  changed on the way, and answered", total.requests_collided);
     println!("violations       {:>12}", total.violations.len());
     let rate = lived / took.max(1e-9);
     let (jobs, a_core) = (order.jobs, rate / order.jobs as f64);

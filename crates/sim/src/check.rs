@@ -5,11 +5,14 @@
 //! believes something else broke an invariant; unless the bytes it believed were changed on the way
 //! and still passed every check of their protocol: that is a *wire collision*, and only counted.
 
+use std::collections::HashSet;
+
 use polepair_core::explain::{Cut, Direction, Dissector};
 use polepair_core::proto;
 use polepair_core::station::Counters;
 use polepair_core::time::Instant;
 
+use crate::random::History;
 use crate::serial_line::Label;
 use crate::world::{NodeId, WireId, World};
 
@@ -37,6 +40,8 @@ pub struct Watch {
     dissector: Option<&'static dyn Dissector>,
     sent: Label,
     counters: Counters,
+    /// The contents of all requests so far, as hashes.
+    asked: HashSet<u64>,
     /// The reply that was matched last was changed on the wire, or answers a changed request.
     pub(crate) last_match_tainted: bool,
 }
@@ -57,6 +62,7 @@ impl Watch {
             dissector: proto::dissector(protocol),
             sent: Label::default(),
             counters: Counters::default(),
+            asked: HashSet::new(),
             last_match_tainted: false,
         }
     }
@@ -67,6 +73,9 @@ impl Watch {
         let before = std::mem::replace(&mut self.counters, counters);
         let known = world.knowledge(self.wire, self.host);
         let asked = std::mem::replace(&mut self.sent, known.sent);
+        if asked.tag != known.sent.tag {
+            self.asked.insert(known.sent.content);
+        }
         if counters.answered == before.answered {
             return None;
         }
@@ -79,19 +88,41 @@ impl Watch {
         Some(Violation { invariant: "I1", at: world.now(), what })
     }
 
-    /// Whether what the host heard since it last spoke holds a frame that passes every check of
-    /// its protocol: then a wrong value is a wire collision.
+    /// Whether what the host heard lately holds a frame that passes every check of its protocol:
+    /// then a wrong value is a wire collision.
     #[must_use]
     pub fn collided(&self, world: &World) -> bool {
-        let heard = world.heard_by_host(self.wire);
-        self.dissector.is_some_and(|d| heard.iter().any(|bytes| holds_a_frame(d, bytes)))
+        let (bytes, fresh) = world.heard(self.wire, self.host);
+        let frames = self.dissector.map(|d| frames(d, bytes, fresh, Direction::ToHost));
+        frames.is_some_and(|mut frames| frames.next().is_some())
+    }
+
+    /// Whether what `drive` heard lately holds a frame that passes every check of its protocol and
+    /// that the host never sent: the drive may have done what nobody asked for.
+    #[must_use]
+    pub fn misled(&self, world: &World, drive: NodeId) -> bool {
+        let (bytes, fresh) = world.heard(self.wire, drive);
+        let Some(dissector) = self.dissector else { return true };
+        frames(dissector, bytes, fresh, Direction::ToDrive).any(|frame| {
+            let mut content = History::default();
+            content.note_bytes(frame);
+            !self.asked.contains(&content.value())
+        })
     }
 }
 
-/// Whether a frame that passes its check begins anywhere in `bytes`.
-fn holds_a_frame(dissector: &dyn Dissector, bytes: &[u8]) -> bool {
-    (0..bytes.len()).any(|from| {
-        matches!(dissector.cut(&bytes[from..], Some(Direction::ToHost), true), Cut::Frame(_))
+/// Every frame that passes its check, wherever it begins, and ends behind `fresh`.
+fn frames<'a>(
+    dissector: &'static dyn Dissector,
+    bytes: &'a [u8],
+    fresh: usize,
+    direction: Direction,
+) -> impl Iterator<Item = &'a [u8]> {
+    (0..bytes.len()).filter_map(move |from| {
+        match dissector.cut(&bytes[from..], Some(direction), true) {
+            Cut::Frame(len) if from + len > fresh => Some(&bytes[from..from + len]),
+            _ => None,
+        }
     })
 }
 

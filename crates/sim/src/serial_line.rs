@@ -12,8 +12,8 @@ use crate::fault::{Faults, Made};
 use crate::random::{History, Random};
 use crate::uart;
 
-/// Bytes that are kept of what a host heard since it last spoke.
-const TO_HOST_MAX: usize = 1024;
+/// Bytes that are kept of what a station heard.
+const MEMORY_MAX: usize = 1200;
 
 /// How the stations on a serial wire hear each other.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -64,7 +64,7 @@ pub struct Label {
 }
 
 /// One end of a serial wire as the world sees it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Plug {
     /// The commanding end: drives answer it, and its adapter may echo.
     pub(crate) head: bool,
@@ -77,6 +77,34 @@ pub(crate) struct Plug {
     /// What it heard last; tainted if anything was since it last sent.
     pub(crate) heard: Label,
     taint: bool,
+    pub(crate) memory: Memory,
+}
+
+/// The last bytes that a station heard, and where among them it spoke.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Memory {
+    pub(crate) bytes: Vec<u8>,
+    spoke: [usize; 2],
+}
+
+impl Memory {
+    fn hear(&mut self, heard: &[u8]) {
+        if self.bytes.len() + heard.len() > MEMORY_MAX {
+            let old = self.bytes.len().saturating_sub(MEMORY_MAX / 2);
+            self.bytes.drain(..old);
+            self.spoke = self.spoke.map(|at| at.saturating_sub(old));
+        }
+        self.bytes.extend_from_slice(heard);
+    }
+
+    fn speak(&mut self) {
+        self.spoke = [self.spoke[1], self.bytes.len()];
+    }
+
+    /// Where those bytes begin that were heard between the last two times it spoke, or since.
+    pub(crate) const fn fresh(&self) -> usize {
+        self.spoke[0]
+    }
 }
 
 /// Bytes under way.
@@ -151,10 +179,6 @@ pub(crate) struct SerialWire {
     pub(crate) faults: Faults,
     pub(crate) made: Made,
     pub(crate) down: bool,
-    /// What the head heard since it last spoke.
-    pub(crate) to_host: Vec<u8>,
-    /// The same of the time before.
-    pub(crate) to_host_before: Vec<u8>,
     random: Random,
     flying: Vec<usize>,
     scratch: Vec<u8>,
@@ -168,8 +192,6 @@ impl SerialWire {
             faults: Faults::NONE,
             made: Made::default(),
             down: false,
-            to_host: Vec::new(),
-            to_host_before: Vec::new(),
             random,
             flying: Vec::new(),
             scratch: Vec::new(),
@@ -185,6 +207,7 @@ impl SerialWire {
             sent: Label::default(),
             heard: Label::default(),
             taint: false,
+            memory: Memory::default(),
         });
         self.plugs.len() - 1
     }
@@ -272,9 +295,7 @@ impl SerialWire {
         };
         let changed = *heard != chunk.bytes;
         let plug = &mut self.plugs[to];
-        if plug.head && self.to_host.len() < TO_HOST_MAX {
-            self.to_host.extend_from_slice(heard);
-        }
+        plug.memory.hear(heard);
         plug.taint |= changed || chunk.label.tainted;
         plug.heard = Label { tainted: plug.taint, ..chunk.label };
         broken
@@ -293,10 +314,7 @@ impl SerialWire {
         };
         plug.taint = false;
         plug.sent = label;
-        if plug.head {
-            std::mem::swap(&mut self.to_host, &mut self.to_host_before);
-            self.to_host.clear();
-        }
+        plug.memory.speak();
         label
     }
 

@@ -42,6 +42,8 @@ pub struct Report {
     pub unknown: u64,
     /// Wrong values, or matches, whose bytes passed every check of the protocol.
     pub wire_collisions: u64,
+    /// Requests that were changed on the way, passed every check, and were answered by a drive.
+    pub requests_collided: u64,
     /// The faults made.
     pub made: Made,
     /// Supplies cut and given back.
@@ -62,6 +64,7 @@ impl Report {
         self.not_done += other.not_done;
         self.unknown += other.unknown;
         self.wire_collisions += other.wire_collisions;
+        self.requests_collided += other.requests_collided;
         self.made.add(&other.made);
         self.resets += other.resets;
         self.cuts += other.cuts;

@@ -202,13 +202,18 @@ impl World {
         }
     }
 
-    /// What the host's end of a serial wire heard since the host last spoke, and what it heard
-    /// between its last two transmissions.
+    /// The last bytes that a node heard on a serial wire, and how many of them, from the first on,
+    /// it had heard before the last but one time it spoke.
     #[must_use]
-    pub fn heard_by_host(&self, wire: WireId) -> [&[u8]; 2] {
-        match &self.wires[wire.0].kind {
-            Kind::Serial(serial) => [&serial.to_host, &serial.to_host_before],
-            Kind::Can(_) => [&[], &[]],
+    pub fn heard(&self, wire: WireId, node: NodeId) -> (&[u8], usize) {
+        let wire = &self.wires[wire.0];
+        let at = wire.plugs.iter().position(|p| matches!(p, Party::Node(n, _) if *n == node.0));
+        match (&wire.kind, at) {
+            (Kind::Serial(serial), Some(at)) => {
+                let memory = &serial.plugs[at].memory;
+                (&memory.bytes, memory.fresh())
+            }
+            _ => (&[], 0),
         }
     }
 

@@ -57,6 +57,8 @@ pub struct Axis {
     offset: Option<f64>,
     /// What the drive had executed when the last verb ended; `None` while one is open.
     settled: Option<u64>,
+    /// The drive's last transmission that was looked at.
+    pub judged: u32,
     /// The drive may have done something that nobody asked for.
     pub spoiled: bool,
 }
@@ -70,7 +72,17 @@ impl Axis {
     ) -> Self {
         let inert = inert.iter().map(|i| (*i, Possible::ANY)).collect();
         let open = Vec::new();
-        Self { index, drive, profile, open, inert, offset: None, settled: None, spoiled: false }
+        Self {
+            index,
+            drive,
+            profile,
+            open,
+            inert,
+            offset: None,
+            settled: None,
+            judged: 0,
+            spoiled: false,
+        }
     }
 
     /// What is true of the drive now.

@@ -86,7 +86,7 @@ impl Client {
 
     /// Checks everything after an event that touched this host.
     pub fn after(&mut self, world: &mut World, report: &mut Report) {
-        self.notice_spoiling(world);
+        self.notice_spoiling(world, report);
         while let Some((ticket, outcome)) =
             world.look(self.host, |n, _| n.axes().and_then(|axes| axes.poll_outcome()))
         {
@@ -95,14 +95,17 @@ impl Client {
         report.violations_of(self.watch.after(world));
     }
 
-    /// A drive that answers a changed request took it as good: it may have done anything.
-    fn notice_spoiling(&mut self, world: &World) {
+    /// A drive that answers after bytes were changed may have taken them for a request.
+    fn notice_spoiling(&mut self, world: &World, report: &mut Report) {
         for axis in &mut self.axes {
-            let known = world.knowledge(self.wire, axis.drive);
-            if known.sent.tainted && !axis.spoiled {
-                axis.spoiled = true;
+            let sent = world.knowledge(self.wire, axis.drive).sent;
+            if sent.tag == axis.judged {
+                continue;
             }
-            if known.sent.tainted {
+            axis.judged = sent.tag;
+            if sent.tainted && self.watch.misled(world, axis.drive) {
+                report.requests_collided += 1;
+                axis.spoiled = true;
                 axis.forget();
             }
         }
