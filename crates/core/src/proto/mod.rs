@@ -74,4 +74,6 @@ pub trait Visitor {
 /// Shows every protocol with a host to `visitor`.
 pub fn visit(visitor: &mut impl Visitor) {
     visitor.protocol::<tmcl::Tmcl>();
+    visitor.protocol::<modbus::Rtu>();
+    visitor.protocol::<modbus::Ascii>();
 }

@@ -8,8 +8,8 @@
 use super::ascii::{self, Collector, Fed};
 use super::rtu::{self, ADU_MAX, ADU_MIN};
 use super::wire::{
-    BROADCAST, Exception, Function, PDU_MAX, READ_WORDS_MAX, ReplyPdu, RequestPdu, Space, Span,
-    WRITE_WORDS_MAX, words,
+    BROADCAST, Exception, Format, Function, PDU_MAX, READ_WORDS_MAX, ReplyPdu, RequestPdu, Space,
+    Span, WRITE_WORDS_MAX, words,
 };
 use crate::error::WireError;
 use crate::medium::SerialLine;
@@ -23,15 +23,6 @@ const BUFFER_MAX: usize = 2 * ADU_MAX;
 const STALE_MS: u32 = 50;
 /// A function without a known length is looked for at most over so many bytes.
 const UNKNOWN_MAX: usize = 32;
-
-/// How bytes are put on the wire.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Format {
-    /// Binary with CRC.
-    Rtu,
-    /// Hexadecimal characters with LRC.
-    Ascii,
-}
 
 /// How a drive now speaks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

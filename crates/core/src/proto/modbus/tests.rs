@@ -1,5 +1,8 @@
 extern crate std;
 
+mod pair;
+mod world;
+
 use super::rtu;
 
 #[test]

@@ -24,6 +24,15 @@ pub const EXCEPTION_BIT: u8 = 0x80;
 
 const COIL_ON: u16 = 0xFF00;
 
+/// How bytes are put on the wire.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Format {
+    /// Binary with CRC.
+    Rtu,
+    /// Hexadecimal characters with LRC.
+    Ascii,
+}
+
 /// An address space of a station. The numbers are those of a profile's `space`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Space {

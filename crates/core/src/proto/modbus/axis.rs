@@ -1,0 +1,227 @@
+//! One axis on Modbus, driven from its profile alone.
+//!
+//! Profile spaces: 0 holding registers, 1 coils, 2 discrete inputs, 3 input registers. In plans,
+//! `send FUNCTION INDEX VALUE`: functions 05, 06 and 10 write the value at the index, 01 to 04 read
+//! so many from it.
+
+use super::request::{Answer, Ask, COILS_MAX, Request, WORDS_MAX};
+use super::text::{self, Said};
+use super::wire::{BROADCAST, Function, Space};
+use crate::axis::Driver;
+use crate::error::{Failure, Unsupported};
+use crate::profile::{AxisKind, Encoding, Parameter, Profile, Watchdog};
+use crate::station::Class;
+
+/// What is known of a Modbus drive of which nothing is known.
+pub static GENERIC: Profile = Profile {
+    name: "modbus",
+    family: "modbus",
+    protocol: "modbus",
+    title: "Modbus device",
+    source: "MODBUS Application Protocol Specification V1.1b3",
+    axis: AxisKind::Rotary,
+    parameters: &[],
+    faults: &[],
+    signals: &[],
+    plans: &[],
+    identity: None,
+    ram: None,
+    watchdog: Watchdog::None,
+    reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
+    caution: "Nothing is known of this drive: registers can be read and written by number only.",
+};
+
+/// The driver of one station.
+#[derive(Clone, Copy, Debug)]
+pub struct Axis {
+    profile: &'static Profile,
+    unit: u8,
+}
+
+impl Axis {
+    /// The station `address`, which is a product of `profile`. Only the low byte counts.
+    #[must_use]
+    pub const fn new(profile: &'static Profile, address: u32) -> Self {
+        Self { profile, unit: address as u8 }
+    }
+
+    fn request(&self, ask: Ask, class: Class) -> Result<Request, Unsupported> {
+        if self.unit == BROADCAST && ask.function().reads().is_some() {
+            return Err(Unsupported::Forbidden("a broadcast brings no answer: it cannot read"));
+        }
+        Ok(Request { unit: self.unit, ask, class })
+    }
+}
+
+impl Driver for Axis {
+    type Request = Request;
+    type Answer = Answer;
+
+    fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    fn address(&self) -> u32 {
+        u32::from(self.unit)
+    }
+
+    fn read(&self, parameter: &Parameter) -> Result<Request, Unsupported> {
+        let space = Space::of_number(parameter.space).ok_or(Unsupported::NoSuchParameter)?;
+        let count = if space.is_bits() { 1 } else { registers(parameter.encoding) };
+        self.request(Ask::Read { space, start: parameter.index, count }, Class::Idempotent)
+    }
+
+    fn write(&self, parameter: &Parameter, raw: i64, class: Class) -> Result<Request, Unsupported> {
+        match Space::of_number(parameter.space) {
+            Some(Space::Coil) => {
+                self.request(Ask::WriteCoil { address: parameter.index, on: raw != 0 }, class)
+            }
+            Some(Space::Holding) => {
+                let pair = encode(parameter.encoding, raw).ok_or(Unsupported::BadArgument)?;
+                let ask = match registers(parameter.encoding) {
+                    1 => Ask::WriteRegister { address: parameter.index, value: pair[0] },
+                    _ => two(parameter.index, pair),
+                };
+                self.request(ask, class)
+            }
+            Some(Space::Discrete | Space::Input) => {
+                Err(Unsupported::Forbidden("inputs can only be read"))
+            }
+            None => Err(Unsupported::NoSuchParameter),
+        }
+    }
+
+    fn send(&self, function: u8, index: u16, value: i64) -> Result<Request, Unsupported> {
+        let word = || {
+            let right = (-32_768..=65_535).contains(&value);
+            if right { Ok(value as u16) } else { Err(Unsupported::BadArgument) }
+        };
+        let function = Function::of_code(function);
+        if let Some(space) = function.reads() {
+            let most = if space.is_bits() { COILS_MAX } else { space.read_max() };
+            let count = word()?;
+            if !(1..=most).contains(&count) {
+                return Err(Unsupported::BadArgument);
+            }
+            return self.request(Ask::Read { space, start: index, count }, Class::Idempotent);
+        }
+        let ask = match function {
+            Function::WriteCoil => Ask::WriteCoil { address: index, on: value != 0 },
+            Function::WriteRegister => Ask::WriteRegister { address: index, value: word()? },
+            Function::WriteRegisters => {
+                let mut words = [0; WORDS_MAX];
+                words[0] = word()?;
+                Ask::WriteRegisters { start: index, count: 1, words }
+            }
+            _ => return Err(Unsupported::Forbidden("no such Modbus function in plans")),
+        };
+        self.request(ask, Class::Never)
+    }
+
+    fn parse(&self, text: &str) -> Result<Request, Unsupported> {
+        let said = text::parse(text, Some(self.profile)).map_err(|_| Unsupported::BadText)?;
+        let ask = ask_of(&said).ok_or(Unsupported::BadText)?;
+        let reads = said.function.reads().is_some();
+        self.request(ask, if reads { Class::Idempotent } else { Class::Never })
+    }
+
+    fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
+        let reads = answer.function.reads();
+        match (parameter, reads) {
+            (Some(_), Some(space)) if space.is_bits() => Ok(i64::from(answer.words[0] & 1)),
+            (Some(parameter), Some(_)) => {
+                if answer.count != registers(parameter.encoding) {
+                    return Err(Failure::Misbehaved);
+                }
+                Ok(decode(parameter.encoding, [answer.words[0], answer.words[1]]))
+            }
+            (Some(parameter), None) if answer.function == Function::WriteRegister => {
+                Ok(decode(parameter.encoding, [answer.words[0], 0]))
+            }
+            _ => Ok(answer.raw()),
+        }
+    }
+}
+
+/// Registers that an encoding takes.
+#[must_use]
+pub const fn registers(encoding: Encoding) -> u16 {
+    match encoding {
+        Encoding::Bit | Encoding::U16 | Encoding::I16 => 1,
+        Encoding::U32 | Encoding::I32 | Encoding::I32LowFirst | Encoding::TensAndThousandths => 2,
+    }
+}
+
+/// The raw value in one or two registers, in the order of their addresses.
+#[must_use]
+pub const fn decode(encoding: Encoding, words: [u16; 2]) -> i64 {
+    let [first, second] = words;
+    let (high, low) = (first as i64, second as i64);
+    match encoding {
+        Encoding::Bit => (first != 0) as i64,
+        Encoding::U16 => high,
+        Encoding::I16 => first as i16 as i64,
+        Encoding::U32 => high << 16 | low,
+        Encoding::I32 => (high << 16 | low) as i32 as i64,
+        Encoding::I32LowFirst => (low << 16 | high) as i32 as i64,
+        // TS manual V2 §2.6: tens and above in the first register, the ones digit and three
+        // decimals in the second; both signed [I].
+        Encoding::TensAndThousandths => first as i16 as i64 * 10_000 + second as i16 as i64,
+    }
+}
+
+/// The registers of a raw value, in the order of their addresses; `None` when it does not fit.
+#[must_use]
+pub const fn encode(encoding: Encoding, raw: i64) -> Option<[u16; 2]> {
+    let (least, most) = match encoding {
+        Encoding::Bit => (0, 1),
+        Encoding::U16 => (0, 0xFFFF),
+        Encoding::I16 => (i16::MIN as i64, i16::MAX as i64),
+        Encoding::U32 => (0, u32::MAX as i64),
+        Encoding::I32 | Encoding::I32LowFirst => (i32::MIN as i64, i32::MAX as i64),
+        Encoding::TensAndThousandths => (-327_689_999, 327_679_999),
+    };
+    if raw < least || raw > most {
+        return None;
+    }
+    let (high, low) = ((raw >> 16) as u16, raw as u16);
+    Some(match encoding {
+        Encoding::Bit | Encoding::U16 | Encoding::I16 => [low, 0],
+        Encoding::U32 | Encoding::I32 => [high, low],
+        Encoding::I32LowFirst => [low, high],
+        Encoding::TensAndThousandths => [(raw / 10_000) as u16, (raw % 10_000) as u16],
+    })
+}
+
+fn two(start: u16, pair: [u16; 2]) -> Ask {
+    let mut words = [0; WORDS_MAX];
+    words[..2].copy_from_slice(&pair);
+    Ask::WriteRegisters { start, count: 2, words }
+}
+
+/// The request of a text; `None` when it carries more than a request holds.
+fn ask_of(said: &Said) -> Option<Ask> {
+    let (start, count) = (said.start, said.count);
+    if let Some(space) = said.function.reads() {
+        return Some(Ask::Read { space, start, count });
+    }
+    match said.function {
+        Function::WriteCoil => Some(Ask::WriteCoil { address: start, on: said.words[0] != 0 }),
+        Function::WriteRegister => {
+            Some(Ask::WriteRegister { address: start, value: said.words[0] })
+        }
+        Function::WriteCoils => {
+            let mut bits = [0; COILS_MAX as usize / 8];
+            for (at, &word) in said.words.iter().enumerate().take(usize::from(count)) {
+                bits[at / 8] |= (word as u8 & 1) << (at % 8);
+            }
+            Some(Ask::WriteCoils { start, count, bits })
+        }
+        _ if usize::from(count) > WORDS_MAX => None,
+        _ => {
+            let mut words = [0; WORDS_MAX];
+            words.copy_from_slice(&said.words[..WORDS_MAX]);
+            Some(Ask::WriteRegisters { start, count: count as u8, words })
+        }
+    }
+}

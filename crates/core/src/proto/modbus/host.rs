@@ -1,0 +1,517 @@
+//! The commanding end: one request outstanding, every echo that the protocol offers compared.
+//!
+//! A reply to a read repeats no address, so a late one looks like the answer to the next request.
+//! Therefore the host keeps a ledger of what it is still owed. After silence the line is in
+//! quarantine: a probe, a read with a function code that is not owed, is sent; drives answer in
+//! order, so when the probe is answered (even refused) nothing older can still come. Without an
+//! answer the quarantine lasts three times the timeout. A late reply that arrives meanwhile can only
+//! be the one waited for, and is taken as such. Only what is harmless to repeat is sent again, and
+//! only after the quarantine.
+
+mod receive;
+
+use super::ascii::{self, Collector};
+use super::request::{Answer, Ask, Request, WORDS_MAX};
+use super::rtu::{self, ADU_MAX};
+use super::wire::{BROADCAST, Exception, Format, Function, Space};
+use crate::error::Failure;
+use crate::medium::{SerialLine, Stream};
+use crate::proto::HostOptions;
+use crate::station::{self, Class, Counters, LineEvent, Station, Ticket, Timed, To};
+use crate::time::Instant;
+
+/// Times that one request is put on the wire at most.
+pub const ATTEMPTS_MAX: u8 = 3;
+/// Time allowed for a reply when nothing else is said, ms; the time that the bytes take on the wire
+/// comes on top.
+pub const REPLY_TIMEOUT_MS: u32 = 100;
+/// As [`HostOptions::gap_us`]: 3.5 characters whatever the baud rate, instead of the standard's fixed
+/// 1.75 ms above 19200 baud.
+pub const GAP_TRUE_CHARACTERS: u32 = u32::MAX;
+/// Silence after a broadcast, and before another station is spoken to on a timed line: more than
+/// the 10 ms that the TS drive takes for the end of a frame (TS manual V2 §2.3). It hears its
+/// neighbours' replies too, so a shorter pause would make one bad frame of them and its request [I].
+pub const STATION_GAP_US: u32 = 10_500;
+
+const QUARANTINE_TIMEOUTS: u64 = 3;
+const RECEIVE_MAX: usize = 2 * ADU_MAX;
+const OWED_MAX: usize = 8;
+const EVENTS_MAX: usize = 4;
+const JUNK_MAX: usize = 32;
+/// A reply equal to the last one but to another question, so soon after it on a wire without
+/// timing, may be that one's duplicate: it is held back, at least for as long.
+const SUSPECT_NS: u64 = 1_000_000;
+
+type Event = (To, Result<Answer, Failure>);
+
+/// The commanding end of a line.
+#[derive(Clone, Debug)]
+pub struct Host {
+    format: Format,
+    line: SerialLine,
+    timeout_ns: u64,
+    gap_us: Option<u32>,
+    echo: Echo,
+    /// Cleared when replies come faster than the baud rate allows: the wire is none.
+    timed: bool,
+
+    current: Option<Current>,
+    sending: Option<Sending>,
+    /// Deadline of what was sent last, and whether the line is in quarantine until then.
+    deadline: Option<Instant>,
+    quarantine: bool,
+    owed: [Owed; OWED_MAX],
+    owed_len: usize,
+
+    sent: [u8; ascii::FRAME_MAX],
+    sent_len: usize,
+    sent_at: Instant,
+    sent_unit: Option<u8>,
+    /// How long what was sent last takes on the wire.
+    sent_ns: u64,
+    /// Since the last frame was sent: its echo came; bytes came; bytes thrown away.
+    echo_seen: bool,
+    /// A reply to what was sent last came sooner than its bytes can travel, and was left alone.
+    early: bool,
+    heard: bool,
+    junk: [u8; JUNK_MAX],
+    junk_len: usize,
+    /// A station that answered the last request it got.
+    alive: Option<u8>,
+
+    received: [u8; RECEIVE_MAX],
+    received_len: usize,
+    characters: Collector,
+    active_at: Option<Instant>,
+
+    payload: [u8; ADU_MAX],
+    payload_len: usize,
+    answered: Option<Answered>,
+    held: Option<(Instant, Answer)>,
+    events: [Option<Event>; EVENTS_MAX],
+    counters: Counters,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Current {
+    ticket: Ticket,
+    request: Request,
+    attempts: u8,
+    since: Instant,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Sending {
+    Request,
+    Probe,
+}
+
+/// Whether we hear our own bytes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Echo {
+    /// The user said so.
+    Always,
+    /// The last exchange that could tell had an echo.
+    Learnt,
+    /// It had none, or there was no such exchange yet.
+    Unknown,
+}
+
+/// A reply that may still come.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Owed {
+    unit: u8,
+    function: u8,
+    /// Address and value or count that a write's reply repeats; the byte count of a read's.
+    echo: (u16, u16),
+    role: Role,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Role {
+    Request,
+    Probe,
+    /// Its ticket was closed for a stop.
+    Abandoned,
+}
+
+/// The exchange before: what was asked, what came and when.
+#[derive(Clone, Copy, Debug)]
+struct Answered {
+    at: Instant,
+    latency_ns: u64,
+    answer: Answer,
+}
+
+const NOTHING_OWED: Owed = Owed { unit: 0, function: 0, echo: (0, 0), role: Role::Abandoned };
+
+impl Host {
+    /// A host that sends `format`.
+    #[must_use]
+    pub fn new(format: Format, options: &HostOptions) -> Self {
+        let timeout_ms = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        Self {
+            format,
+            line: SerialLine::n81(options.baud),
+            timeout_ns: u64::from(timeout_ms.max(1)) * 1_000_000,
+            gap_us: options.gap_us,
+            echo: if options.echo { Echo::Always } else { Echo::Unknown },
+            timed: options.baud != 0,
+            current: None,
+            sending: None,
+            deadline: None,
+            quarantine: false,
+            owed: [NOTHING_OWED; OWED_MAX],
+            owed_len: 0,
+            sent: [0; ascii::FRAME_MAX],
+            sent_len: 0,
+            sent_at: Instant::ZERO,
+            sent_unit: None,
+            sent_ns: 0,
+            echo_seen: false,
+            early: false,
+            heard: false,
+            junk: [0; JUNK_MAX],
+            junk_len: 0,
+            alive: None,
+            received: [0; RECEIVE_MAX],
+            received_len: 0,
+            characters: Collector::default(),
+            active_at: None,
+            payload: [0; ADU_MAX],
+            payload_len: 0,
+            answered: None,
+            held: None,
+            events: [None; EVENTS_MAX],
+            counters: Counters::default(),
+        }
+    }
+
+    /// The data of the last read that was answered, as it lay in the reply: big-endian words, or
+    /// bits eight to a byte. Stands until the next request is submitted.
+    #[must_use]
+    pub fn payload(&self) -> &[u8] {
+        &self.payload[..self.payload_len]
+    }
+
+    fn owed(&self) -> &[Owed] {
+        &self.owed[..self.owed_len]
+    }
+
+    fn end(&mut self, result: Result<Answer, Failure>) {
+        let Some(current) = self.current.take() else { return };
+        match result {
+            Ok(_) | Err(Failure::Refused { .. }) => self.counters.answered += 1,
+            Err(Failure::Silent) => self.counters.silent += 1,
+            Err(_) => {}
+        }
+        self.alive = match result {
+            Err(Failure::Silent) => None,
+            _ => Some(current.request.unit),
+        };
+        if self.sending == Some(Sending::Request) {
+            self.sending = None;
+        }
+        if let Some(free) = self.events.iter_mut().find(|event| event.is_none()) {
+            *free = Some((To::Ticket(current.ticket), result));
+        }
+    }
+
+    /// Nothing is outstanding and nothing can still come.
+    fn settle(&mut self) {
+        self.quarantine = false;
+        self.deadline = None;
+        self.owed_len = 0;
+        self.held = None;
+        if self.sending == Some(Sending::Probe) {
+            self.sending = None;
+        }
+    }
+
+    /// When the next frame may go out: after the silence that the line needs, but no later than a
+    /// timeout after it was asked for, however much the line babbles.
+    fn send_at(&self) -> Instant {
+        let Some(active) = self.active_at else { return Instant::ZERO };
+        let quiet = active.plus_ns(self.gap_ns(self.next_unit()));
+        let patience = self.timeout_ns.max(2 * u64::from(STATION_GAP_US) * 1000);
+        match (self.sending, self.current) {
+            (Some(Sending::Request), Some(current)) => quiet.min(current.since.plus_ns(patience)),
+            _ => quiet.min(self.deadline.unwrap_or(Instant::FAR)),
+        }
+    }
+
+    fn next_unit(&self) -> Option<u8> {
+        match self.sending {
+            Some(Sending::Request) => self.current.map(|current| current.request.unit),
+            _ => self.sent_unit,
+        }
+    }
+
+    fn gap_ns(&self, unit: Option<u8>) -> u64 {
+        let timed = self.timed && self.format == Format::Rtu;
+        let gap = match self.gap_us {
+            Some(GAP_TRUE_CHARACTERS) => rtu::true_silence_ns(&self.line),
+            Some(us) => u64::from(us) * 1000,
+            None if timed => rtu::silence_ns(&self.line),
+            None => 0,
+        };
+        let station = u64::from(STATION_GAP_US) * 1000;
+        let other = self.sent_unit.is_some() && unit != self.sent_unit;
+        if self.sent_unit == Some(BROADCAST) || (other && timed && self.gap_us.is_none()) {
+            gap.max(station)
+        } else {
+            gap
+        }
+    }
+
+    /// The request that the next frame carries.
+    fn next_request(&self) -> Option<(Request, Role)> {
+        match self.sending? {
+            Sending::Request => self.current.map(|current| (current.request, Role::Request)),
+            Sending::Probe => self.probe().map(|probe| (probe, Role::Probe)),
+        }
+    }
+
+    /// A read of one bit or register with a function code that is not owed.
+    fn probe(&self) -> Option<Request> {
+        let unit = self.sent_unit.filter(|&unit| unit != BROADCAST)?;
+        let spaces = [Space::Holding, Space::Coil, Space::Input, Space::Discrete];
+        let free = |space: &Space| {
+            let code = space.read().code();
+            !self.owed().iter().any(|owed| owed.function == code)
+        };
+        let space = spaces.into_iter().find(free)?;
+        let ask = Ask::Read { space, start: 0, count: 1 };
+        Some(Request { unit, ask, class: Class::Idempotent })
+    }
+
+    fn note_sent(&mut self, now: Instant, request: &Request, role: Role) {
+        let reply_len = request.ask.pdu(|pdu| pdu.reply_len()).unwrap_or(0) + 3;
+        let reply_len = match self.format {
+            Format::Rtu => reply_len,
+            Format::Ascii => 2 * reply_len + 1,
+        };
+        let reply = self.line.characters_ns(reply_len as u32);
+        let gone = self.line.characters_ns(self.sent_len as u32);
+        self.sent_at = now;
+        self.sent_unit = Some(request.unit);
+        self.active_at = Some(now.plus_ns(gone));
+        self.sent_ns = gone;
+        self.echo_seen = false;
+        self.early &= role == Role::Probe;
+        self.heard &= role == Role::Probe;
+        self.junk_len = 0;
+        self.skip(self.received_len);
+        self.junk_len = 0;
+        self.characters.clear();
+        self.counters.sent += 1;
+        if request.unit == BROADCAST {
+            let count = request.ask.echo().1;
+            self.end(Ok(answer_to(request, count)));
+            self.settle();
+            return;
+        }
+        let timeouts = if self.quarantine { QUARANTINE_TIMEOUTS - 1 } else { 1 };
+        self.deadline = Some(now.plus_ns(gone + reply + timeouts * self.timeout_ns));
+        self.owe(request, role);
+    }
+
+    fn owe(&mut self, request: &Request, role: Role) {
+        let function = request.ask.function();
+        let echo = match request.ask {
+            Ask::Read { space, count, .. } => (0, space.reply_bytes(count) as u16),
+            _ => request.ask.echo(),
+        };
+        if self.owed_len < OWED_MAX {
+            let owed = Owed { unit: request.unit, function: function.code(), echo, role };
+            self.owed[self.owed_len] = owed;
+            self.owed_len += 1;
+        }
+    }
+
+    fn late(&mut self, now: Instant) {
+        if self.quarantine {
+            return self.give_up(now);
+        }
+        self.quarantine = true;
+        if self.owed_len < OWED_MAX && self.probe().is_some() {
+            self.sending = Some(Sending::Probe);
+        }
+        let more = (QUARANTINE_TIMEOUTS - 1) * self.timeout_ns;
+        self.deadline = self.deadline.map(|deadline| deadline.plus_ns(more));
+    }
+
+    /// The quarantine ran out: nothing can still come.
+    fn give_up(&mut self, now: Instant) {
+        let worth = self.heard || self.current.is_some_and(|c| self.alive == Some(c.request.unit));
+        self.settle();
+        if worth {
+            self.lost(now);
+        } else {
+            self.end(Err(Failure::Silent));
+        }
+    }
+
+    /// The request or its reply was lost, and the line is clean.
+    fn lost(&mut self, now: Instant) {
+        self.timed &= !self.early;
+        let Some(current) = &mut self.current else { return };
+        let harmless = matches!(current.request.class, Class::Idempotent | Class::Stop);
+        if harmless && current.attempts < ATTEMPTS_MAX && self.owed_len == 0 {
+            current.attempts += 1;
+            current.since = now;
+            self.counters.resent += 1;
+            self.sending = Some(Sending::Request);
+            self.quarantine = false;
+            self.deadline = None;
+        } else {
+            self.end(Err(Failure::Silent));
+        }
+    }
+}
+
+fn answer_to(request: &Request, count: u16) -> Answer {
+    let function = request.ask.function();
+    let single = matches!(function, Function::WriteCoil | Function::WriteRegister);
+    let (start, _) = request.ask.echo();
+    let count = if single { 1 } else { count };
+    let mut words = [0; WORDS_MAX];
+    match request.ask {
+        Ask::WriteCoil { on, .. } => words[0] = u16::from(on),
+        Ask::WriteRegister { value, .. } => words[0] = value,
+        _ => {}
+    }
+    Answer { unit: request.unit, function, start, count, words }
+}
+
+impl Timed for Host {
+    fn handle_timeout(&mut self, now: Instant) {
+        if self.deadline.is_none_or(|deadline| now < deadline)
+            || self.sending == Some(Sending::Request)
+        {
+            return;
+        }
+        match self.held.take() {
+            Some((at, answer)) => {
+                let latency_ns = now.0.saturating_sub(self.sent_at.0);
+                self.answered = Some(Answered { at, latency_ns, answer });
+                self.settle();
+                self.end(Ok(answer));
+            }
+            None => self.late(now),
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        match self.sending {
+            Some(_) => Some(self.send_at()),
+            None => self.deadline,
+        }
+    }
+}
+
+impl Station<Stream> for Host {
+    fn handle_input(&mut self, now: Instant, unit: &[u8]) {
+        self.active_at = Some(self.active_at.map_or(now, |active| active.max(now)));
+        self.heard = true;
+        if self.format == Format::Ascii {
+            return self.work_ascii(now, unit);
+        }
+        let mut rest = unit;
+        while !rest.is_empty() {
+            if self.received_len == RECEIVE_MAX {
+                self.skip(1);
+            }
+            let room = (RECEIVE_MAX - self.received_len).min(rest.len());
+            let (head, tail) = rest.split_at(room);
+            self.received[self.received_len..self.received_len + room].copy_from_slice(head);
+            self.received_len += room;
+            self.work_rtu(now);
+            rest = tail;
+        }
+    }
+
+    fn handle_line(&mut self, _now: Instant, event: LineEvent) {
+        if matches!(event, LineEvent::Down) {
+            self.end(Err(Failure::LinkDown));
+        }
+        if matches!(event, LineEvent::Down | LineEvent::Up) && self.current.is_none() {
+            self.settle();
+            self.sending = None;
+            self.received_len = 0;
+            self.characters.clear();
+            self.sent_unit = None;
+            self.alive = None;
+        }
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        self.sending?;
+        if now < self.send_at() {
+            return None;
+        }
+        let (request, role) = self.next_request()?;
+        self.sending = None;
+        self.sent_len = request.emit(self.format, &mut self.sent);
+        self.note_sent(now, &request, role);
+        out.get_mut(..self.sent_len)?.copy_from_slice(&self.sent[..self.sent_len]);
+        Some(self.sent_len)
+    }
+
+    fn line(&self) -> SerialLine {
+        self.line
+    }
+}
+
+impl station::Host<Stream> for Host {
+    type Request = Request;
+    type Answer = Answer;
+
+    fn submit(&mut self, now: Instant, ticket: Ticket, request: Request) -> Result<(), Request> {
+        let stop = station::Request::is_stop(&request);
+        let full = self.events.iter().filter(|event| event.is_none()).count() < 2;
+        let busy = self.current.is_some() || self.quarantine;
+        if full || (busy && !(stop && self.quarantine)) {
+            return Err(request);
+        }
+        self.end(Err(Failure::Silent));
+        for owed in &mut self.owed[..self.owed_len] {
+            if owed.role == Role::Request {
+                owed.role = Role::Abandoned;
+            }
+        }
+        self.held = None;
+        self.payload_len = 0;
+        self.current = Some(Current { ticket, request, attempts: 1, since: now });
+        if request.unit == BROADCAST && request.ask.function().reads().is_some() {
+            // Nobody answers a broadcast (MSL 2.1): a read of it is silence without a byte sent.
+            self.end(Err(Failure::Silent));
+        } else {
+            self.sending = Some(Sending::Request);
+        }
+        Ok(())
+    }
+
+    fn poll_event(&mut self) -> Option<Event> {
+        let first = self.events[0].take();
+        self.events.rotate_left(1);
+        first
+    }
+
+    fn emit(&self, request: &Request, out: &mut [u8]) -> usize {
+        request.emit(self.format, out)
+    }
+
+    fn counters(&self) -> Counters {
+        self.counters
+    }
+}
+
+/// What an exception says, for [`Failure::Refused`]'s code.
+#[must_use]
+pub fn exception_text(code: u32) -> Option<&'static str> {
+    match Exception::of_code(u8::try_from(code).ok()?) {
+        Exception::Unknown(_) => None,
+        exception => Some(exception.text()),
+    }
+}

@@ -1,0 +1,176 @@
+//! What the commanding end is asked for and what it brings back, as small values.
+
+use super::wire::{Format, Function, RequestPdu, Space, WRITE_BITS_MAX};
+use super::{ascii, rtu};
+use crate::station::{self, Class};
+
+/// Registers that a request or an answer carries inline.
+pub const WORDS_MAX: usize = 16;
+/// Coils that a request writes.
+pub const COILS_MAX: u16 = 256;
+
+const _: () = assert!(COILS_MAX <= WRITE_BITS_MAX);
+
+/// One request to one station, or to all.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Request {
+    /// Station address; 0 is every station, which none answers.
+    pub unit: u8,
+    /// What it asks.
+    pub ask: Ask,
+    /// Whether it may be resent, and whether it is a stop: the driver says so.
+    pub class: Class,
+}
+
+/// What a request asks.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Ask {
+    /// 01 to 04.
+    Read {
+        /// Where.
+        space: Space,
+        /// First address.
+        start: u16,
+        /// How many.
+        count: u16,
+    },
+    /// 05.
+    WriteCoil {
+        /// Which.
+        address: u16,
+        /// On or off.
+        on: bool,
+    },
+    /// 06.
+    WriteRegister {
+        /// Which.
+        address: u16,
+        /// Its new value.
+        value: u16,
+    },
+    /// 0F.
+    WriteCoils {
+        /// First address.
+        start: u16,
+        /// How many, at most [`COILS_MAX`].
+        count: u16,
+        /// Eight to a byte, lowest address in bit 0.
+        bits: [u8; COILS_MAX as usize / 8],
+    },
+    /// 10.
+    WriteRegisters {
+        /// First address.
+        start: u16,
+        /// How many of `words` count, at most [`WORDS_MAX`].
+        count: u8,
+        /// The values.
+        words: [u16; WORDS_MAX],
+    },
+}
+
+impl Ask {
+    /// Its function.
+    #[must_use]
+    pub const fn function(&self) -> Function {
+        match *self {
+            Self::Read { space, .. } => space.read(),
+            Self::WriteCoil { .. } => Function::WriteCoil,
+            Self::WriteRegister { .. } => Function::WriteRegister,
+            Self::WriteCoils { .. } => Function::WriteCoils,
+            Self::WriteRegisters { .. } => Function::WriteRegisters,
+        }
+    }
+
+    /// Hands the PDU to `with`.
+    #[inline]
+    pub fn pdu<T>(&self, with: impl FnOnce(RequestPdu<'_>) -> T) -> T {
+        match *self {
+            Self::Read { space, start, count } => with(RequestPdu::Read { space, start, count }),
+            Self::WriteCoil { address, on } => with(RequestPdu::WriteCoil { address, on }),
+            Self::WriteRegister { address, value } => {
+                with(RequestPdu::WriteRegister { address, value })
+            }
+            Self::WriteCoils { start, count, ref bits } => {
+                let count = count.min(COILS_MAX);
+                let bits = &bits[..usize::from(count).div_ceil(8)];
+                with(RequestPdu::WriteCoils { start, count, bits })
+            }
+            Self::WriteRegisters { start, count, ref words } => {
+                let mut data = [0; 2 * WORDS_MAX];
+                for (pair, word) in data.as_chunks_mut::<2>().0.iter_mut().zip(words) {
+                    *pair = word.to_be_bytes();
+                }
+                let len = 2 * usize::from(count).min(WORDS_MAX);
+                with(RequestPdu::WriteRegisters { start, words: &data[..len] })
+            }
+        }
+    }
+
+    /// First address and what a good answer repeats with it: the value, or the count.
+    #[must_use]
+    pub const fn echo(&self) -> (u16, u16) {
+        match *self {
+            Self::Read { start, count, .. } => (start, count),
+            Self::WriteCoil { address, on } => (address, if on { 0xFF00 } else { 0 }),
+            Self::WriteRegister { address, value } => (address, value),
+            Self::WriteCoils { start, count, .. } => (start, count),
+            Self::WriteRegisters { start, count, .. } => (start, count as u16),
+        }
+    }
+}
+
+impl Request {
+    /// Writes the frame and returns its length.
+    #[inline]
+    pub fn emit(&self, format: Format, out: &mut [u8]) -> usize {
+        self.ask.pdu(|pdu| match format {
+            Format::Rtu => rtu::emit(self.unit, out, |out| pdu.emit(out)),
+            Format::Ascii => ascii::emit(self.unit, out, |out| pdu.emit(out)),
+        })
+    }
+}
+
+impl station::Request for Request {
+    fn class(&self) -> Class {
+        self.class
+    }
+}
+
+/// What a station answered to a request that it did not refuse.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Answer {
+    /// Station address.
+    pub unit: u8,
+    /// Function.
+    pub function: Function,
+    /// First address asked.
+    pub start: u16,
+    /// Bits or registers read or written.
+    pub count: u16,
+    /// What was read, up to [`WORDS_MAX`] words; bits lie sixteen to a word, the lowest address in
+    /// bit 0. The value that a single write repeated, 0 or 1 for a coil. Longer reads: see
+    /// [`Host::payload`](super::host::Host::payload).
+    pub words: [u16; WORDS_MAX],
+}
+
+impl Answer {
+    /// The answer as one number, the first register highest, as far as 64 bits reach; bits with the
+    /// lowest address in bit 0; the value written, or how many.
+    #[must_use]
+    pub fn raw(&self) -> i64 {
+        match self.function.reads() {
+            Some(space) if space.is_bits() => {
+                let len = usize::from(self.count).div_ceil(16).min(4);
+                self.words[..len].iter().rev().fold(0, |raw, &word| raw << 16 | i64::from(word))
+            }
+            Some(_) => {
+                let len = usize::from(self.count).min(4);
+                self.words[..len].iter().fold(0, |raw, &word| raw << 16 | i64::from(word))
+            }
+            None if matches!(self.function, Function::WriteCoil | Function::WriteRegister) => {
+                i64::from(self.words[0])
+            }
+            None => i64::from(self.count),
+        }
+    }
+}

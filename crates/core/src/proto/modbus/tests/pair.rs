@@ -1,0 +1,190 @@
+//! Host and device on one wire, with and without faults.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec;
+use std::vec::Vec;
+
+use super::world::{UNTIMED, World};
+use crate::error::Failure;
+use crate::proto::HostOptions;
+use crate::proto::modbus::device::Framing;
+use crate::proto::modbus::request::{Ask, WORDS_MAX};
+use crate::proto::modbus::wire::{Format, Space};
+use crate::station::{Class, Host as _};
+
+const MS: u64 = 1_000_000;
+
+fn formats() -> [Format; 2] {
+    [Format::Rtu, Format::Ascii]
+}
+
+#[test]
+fn every_function_round_trips() {
+    for format in formats() {
+        for piece in [1, 2, 3, 1000] {
+            let mut world = World::plain(format);
+            world.piece = piece;
+            assert_eq!(world.read(3, 2).unwrap().words[..2], [771, 1028]);
+            assert_eq!(world.write(5, 0xFF38).unwrap().words[0], 0xFF38);
+            assert_eq!(world.drive.registers[&5], 0xFF38);
+            let mut words = [0; WORDS_MAX];
+            words[..3].copy_from_slice(&[7, 8, 9]);
+            let ask = Ask::WriteRegisters { start: 0x30, count: 3, words };
+            assert_eq!(world.ask(1, ask, Class::Never).unwrap().count, 3);
+            assert_eq!(world.drive.writes.last().unwrap(), &(0x30, vec![7, 8, 9]));
+            let coil = Ask::WriteCoil { address: 3, on: true };
+            assert_eq!(world.ask(1, coil, Class::Confirm).unwrap().words[0], 1);
+            let mut bits = [0; 32];
+            bits[0] = 0b10;
+            let coils = Ask::WriteCoils { start: 4, count: 2, bits };
+            assert_eq!(world.ask(1, coils, Class::Confirm).unwrap().count, 2);
+            for space in [Space::Coil, Space::Discrete] {
+                let read = Ask::Read { space, start: 0, count: 10 };
+                let answer = world.ask(1, read, Class::Idempotent).unwrap();
+                assert_eq!(answer.words[0], 0b10_1101);
+                assert_eq!(answer.raw(), 0b10_1101);
+            }
+            let input = Ask::Read { space: Space::Input, start: 1, count: 4 };
+            assert_eq!(world.ask(1, input, Class::Idempotent).unwrap().raw(), 0x101_0202_0303_0404);
+            let counters = world.host.counters();
+            assert_eq!((counters.late, counters.foreign, counters.corrupt), (0, 0, 0));
+        }
+    }
+}
+
+#[test]
+fn the_longest_frames_round_trip() {
+    let mut world = World::plain(Format::Rtu);
+    let answer = world.read(0, 125).unwrap();
+    assert_eq!(answer.count, 125);
+    assert_eq!(world.host.payload().len(), 250);
+    assert_eq!(world.host.payload()[248..], (124_u16 * 257).to_be_bytes());
+}
+
+#[test]
+fn exceptions_are_the_drives_own_words() {
+    for format in formats() {
+        let mut world = World::plain(format);
+        assert_eq!(world.read(0x4000, 1), Err(Failure::Refused { code: 2 }));
+        assert_eq!(world.read(0, 0), Err(Failure::Refused { code: 3 }));
+        assert_eq!(world.read(0, 126), Err(Failure::Refused { code: 3 }));
+        assert_eq!(world.read(0xFFFF, 2), Err(Failure::Refused { code: 2 }));
+        let most = if format == Format::Ascii { 12 } else { 125 };
+        assert!(world.read(0, most).is_ok());
+        assert_eq!(world.read(0, most + 1), Err(Failure::Refused { code: 3 }));
+    }
+}
+
+#[test]
+fn a_read_of_one_output_brings_them_all() {
+    let mut world = World::plain(Format::Rtu);
+    world.drive.whole_byte = true;
+    let read = Ask::Read { space: Space::Coil, start: 0, count: 1 };
+    let answer = world.ask(1, read, Class::Idempotent).unwrap();
+    assert_eq!(answer.words[0], 0b0101);
+}
+
+#[test]
+fn silence_alone_ends_a_frame_of_the_true_drive() {
+    let options = HostOptions { baud: 115_200, ..UNTIMED };
+    let mut world = World::new(Format::Rtu, Framing::TS, &options);
+    let before = world.now;
+    assert_eq!(world.read(3, 1).unwrap().words[0], 771);
+    assert!(world.now.since(before).as_nanos() > 10_000_000);
+    assert_eq!(world.write(3, 1).unwrap().words[0], 1);
+
+    let mut world = World::new(Format::Rtu, Framing::TS, &options);
+    let frame = [0x01, 0x06, 0x00, 0x33, 0x00, 0xC8, 0x78, 0x53];
+    world.inject_to_drive(&frame);
+    world.now = world.now.plus_ms(9);
+    world.inject_to_drive(&frame);
+    world.rest();
+    assert_eq!(world.drive.writes.len(), 0, "two requests within 10 ms are one bad frame");
+    assert_eq!(world.end.heard().corrupt, 1);
+    world.inject_to_drive(&frame);
+    world.rest();
+    assert_eq!(world.drive.writes.len(), 1);
+}
+
+#[test]
+fn a_broadcast_is_obeyed_in_silence_and_followed_by_a_pause() {
+    for (format, framing, baud) in [
+        (Format::Rtu, Framing::TS, 115_200),
+        (Format::Rtu, Framing::Length, 0),
+        (Format::Ascii, Framing::Length, 9600),
+    ] {
+        let mut world = World::new(format, framing, &HostOptions { baud, ..UNTIMED });
+        let ask = Ask::WriteRegister { address: 7, value: 70 };
+        world.ask(0, ask, Class::Never).unwrap();
+        assert_eq!(world.read(7, 1).unwrap().words[0], 70, "{format:?} {framing:?} {baud}");
+        assert_eq!(world.drive.writes.len(), 1);
+        assert_eq!(world.replies, 1);
+        assert_eq!(world.host.counters().resent, 0);
+    }
+}
+
+/// Runs sixty reads of six registers and every tenth a write with a fault on reply `at`; never a
+/// wrong value, nothing executed twice, at most one error.
+fn single_fault(mut world: World, at: usize, (name, fault): Case) -> usize {
+    world.fault = Box::new(move |n, bytes| if n == at { fault(bytes) } else { vec![(0, bytes)] });
+    let mut errors = 0;
+    for n in 0..60_u16 {
+        let start = n % 6 * 3;
+        match world.read(start, 2) {
+            Ok(answer) => {
+                assert_eq!(answer.words[0], start * 257, "{name}: wrong value as good, read {n}");
+            }
+            Err(_) => errors += 1,
+        }
+        if n % 10 == 3 {
+            let writes = world.drive.writes.len();
+            errors += usize::from(world.write(0x100, n).is_err());
+            assert!(world.drive.writes.len() <= writes + 1, "{name}: executed twice");
+        }
+    }
+    assert!(errors <= 1, "{name}: {errors} errors");
+    errors
+}
+
+type Case = (&'static str, fn(Vec<u8>) -> Vec<(u64, Vec<u8>)>);
+
+const CASES: [Case; 11] = [
+    ("none", |bytes| vec![(0, bytes)]),
+    ("late by 50 ms past the timeout", |bytes| vec![(150 * MS, bytes)]),
+    ("late by 2 ms past the timeout", |bytes| vec![(102 * MS, bytes)]),
+    ("late by 250 ms", |bytes| vec![(250 * MS, bytes)]),
+    ("lost", |_| vec![]),
+    ("noise byte before", |bytes| vec![(0, [vec![0x55], bytes].concat())]),
+    ("noise that looks like a head", |bytes| vec![(0, [vec![0x01, 0x03, 0x40], bytes].concat())]),
+    ("duplicated", |bytes| vec![(0, [bytes.clone(), bytes].concat())]),
+    ("duplicated in two pieces", |bytes| vec![(0, bytes.clone()), (2000, bytes)]),
+    ("flipped bit", |mut bytes| {
+        bytes[4] ^= 0x10;
+        vec![(0, bytes)]
+    }),
+    ("cut short", |bytes| vec![(0, bytes[..bytes.len() - 1].to_vec())]),
+];
+
+#[test]
+fn one_fault_costs_at_most_one_error() {
+    for format in formats() {
+        for case in CASES {
+            for (baud, at) in [(0, 5), (0, 6), (115_200, 5), (115_200, 6)] {
+                let options = HostOptions { baud, ..UNTIMED };
+                let world = World::new(format, Framing::Length, &options);
+                single_fault(world, at, case);
+                let world = World::new(format, Framing::TS, &options);
+                single_fault(world, at, case);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_read_survives_every_single_fault() {
+    for case in CASES {
+        assert_eq!(single_fault(World::plain(Format::Rtu), 6, case), 0, "{}", case.0);
+    }
+}

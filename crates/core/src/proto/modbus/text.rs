@@ -1,0 +1,313 @@
+//! The protocol's language as people type it: `read Dn_00`, `write 0x30 5 5`, `coils 0 4`.
+//!
+//! Numbers are decimal or, with `0x`, hexadecimal; `=` and `,` are spaces. A register is a number, a
+//! name or symbol of the profile, or `Fn_hex` and `Dn_hex` (TS manual V2 §2.2: Fn_n lies at n, Dn_n
+//! at 1000h + n).
+
+use super::axis::{self, registers};
+use super::wire::{Function, READ_WORDS_MAX, Space, WRITE_WORDS_MAX};
+use crate::explain::TextError;
+use crate::profile::{Parameter, Profile};
+
+const TOKENS_MAX: usize = WRITE_WORDS_MAX as usize + 12;
+
+/// What a text asks.
+#[derive(Clone, Copy, Debug)]
+pub struct Said {
+    /// The function.
+    pub function: Function,
+    /// First address.
+    pub start: u16,
+    /// Bits or registers.
+    pub count: u16,
+    /// What is written, one coil or register each.
+    pub words: [u16; READ_WORDS_MAX as usize],
+}
+
+/// Phrases that begin a text, the longer before those they begin with.
+const PHRASES: [(&str, Verb); 27] = [
+    ("read holding registers", Verb::Read(Space::Holding)),
+    ("read holding register", Verb::Read(Space::Holding)),
+    ("read input registers", Verb::Read(Space::Input)),
+    ("read input register", Verb::Read(Space::Input)),
+    ("read discrete inputs", Verb::Read(Space::Discrete)),
+    ("read discrete input", Verb::Read(Space::Discrete)),
+    ("read registers", Verb::Read(Space::Holding)),
+    ("read register", Verb::Read(Space::Holding)),
+    ("read coils", Verb::Read(Space::Coil)),
+    ("read coil", Verb::Read(Space::Coil)),
+    ("read inputs", Verb::Read(Space::Discrete)),
+    ("input registers", Verb::Read(Space::Input)),
+    ("registers", Verb::Read(Space::Holding)),
+    ("coils", Verb::Read(Space::Coil)),
+    ("inputs", Verb::Read(Space::Discrete)),
+    ("read", Verb::ReadNamed),
+    ("write multiple registers", Verb::Write(Function::WriteRegisters)),
+    ("write multiple coils", Verb::Write(Function::WriteCoils)),
+    ("write single register", Verb::Write(Function::WriteRegister)),
+    ("write single coil", Verb::Write(Function::WriteCoil)),
+    ("write registers", Verb::Write(Function::WriteRegisters)),
+    ("write register", Verb::Write(Function::WriteRegister)),
+    ("write coils", Verb::Write(Function::WriteCoils)),
+    ("write coil", Verb::Write(Function::WriteCoil)),
+    ("write", Verb::WriteNamed),
+    ("set", Verb::WriteNamed),
+    ("coil", Verb::Write(Function::WriteCoil)),
+];
+
+#[derive(Clone, Copy)]
+enum Verb {
+    Read(Space),
+    ReadNamed,
+    Write(Function),
+    WriteNamed,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Token<'a> {
+    at: usize,
+    text: &'a str,
+}
+
+struct Target {
+    space: Space,
+    start: u16,
+    parameter: Option<&'static Parameter>,
+}
+
+/// Reads a text.
+///
+/// # Errors
+/// [`TextError`] with the place and what was expected there.
+pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<Said, TextError> {
+    let mut store = [Token::default(); TOKENS_MAX];
+    let tokens = split(text, &mut store)?;
+    let Some((verb, words)) = PHRASES.iter().find_map(|(phrase, verb)| {
+        let count = phrase.split(' ').count();
+        let same = tokens.len() >= count
+            && phrase.split(' ').zip(tokens).all(|(word, t)| t.text.eq_ignore_ascii_case(word));
+        same.then_some((*verb, count))
+    }) else {
+        let at = text.len() - text.trim_start().len();
+        return Err(TextError { at, expected: "read, write, coils, inputs or registers" });
+    };
+    let rest = &tokens[words..];
+    match verb {
+        Verb::Read(space) => read(text, rest, Some(space), profile),
+        Verb::ReadNamed => read(text, rest, None, profile),
+        Verb::Write(function) => write(text, rest, Some(function), profile),
+        Verb::WriteNamed => write(text, rest, None, profile),
+    }
+}
+
+fn split<'a, 't>(
+    text: &'t str,
+    store: &'a mut [Token<'t>; TOKENS_MAX],
+) -> Result<&'a [Token<'t>], TextError> {
+    let mut count = 0;
+    for word in text.split(|c: char| c.is_whitespace() || c == '=' || c == ',') {
+        if word.is_empty() {
+            continue;
+        }
+        let at = word.as_ptr() as usize - text.as_ptr() as usize;
+        if count == TOKENS_MAX {
+            return Err(TextError { at, expected: "at most 123 values" });
+        }
+        store[count] = Token { at, text: word };
+        count += 1;
+    }
+    Ok(&store[..count])
+}
+
+/// A number, decimal or with `0x` hexadecimal, with or without sign.
+fn number(text: &str) -> Option<i64> {
+    let (sign, digits) = match text.strip_prefix('-') {
+        Some(digits) => (-1, digits),
+        None => (1, text.strip_prefix('+').unwrap_or(text)),
+    };
+    let hex = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X"));
+    let (digits, radix) = hex.map_or((digits, 10), |hex| (hex, 16));
+    if digits.starts_with(['+', '-']) {
+        return None;
+    }
+    i64::from_str_radix(digits, radix).ok().map(|magnitude| sign * magnitude)
+}
+
+/// The register that the first tokens mean, and the tokens behind it.
+fn target<'a, 't>(
+    text: &str,
+    tokens: &'a [Token<'t>],
+    space: Option<Space>,
+    profile: Option<&'static Profile>,
+) -> Result<(Target, &'a [Token<'t>]), TextError> {
+    let missing = TextError { at: text.len(), expected: "a register: a number or a name" };
+    let first = tokens.first().ok_or(missing)?;
+    if let Some(value) = number(first.text) {
+        let expected = "a register address, 0 to 0xFFFF";
+        let start = u16::try_from(value).map_err(|_| TextError { at: first.at, expected })?;
+        let space = space.unwrap_or(Space::Holding);
+        return Ok((Target { space, start, parameter: None }, &tokens[1..]));
+    }
+    let plain = tokens.iter().rposition(|token| number(token.text).is_none()).unwrap_or(0) + 1;
+    for count in plain..=tokens.len() {
+        let last = tokens[count - 1];
+        let name = &text[first.at..last.at + last.text.len()];
+        if let Some(found) = named(name, profile) {
+            return Ok((found, &tokens[count..]));
+        }
+    }
+    match by_symbol(first.text) {
+        Some(start) => {
+            let space = space.unwrap_or(Space::Holding);
+            Ok((Target { space, start, parameter: None }, &tokens[1..]))
+        }
+        None => Err(TextError { at: first.at, expected: "a register: a number or a known name" }),
+    }
+}
+
+fn named(name: &str, profile: Option<&'static Profile>) -> Option<Target> {
+    let profile = profile?;
+    let parameter = profile.parameter(profile.find(name)?)?;
+    let space = Space::of_number(parameter.space)?;
+    Some(Target { space, start: parameter.index, parameter: Some(parameter) })
+}
+
+/// `Fn_33` is register 33h, `Dn_12` is 1012h (TS manual V2 §2.2).
+fn by_symbol(text: &str) -> Option<u16> {
+    let (head, digits) = text.split_at_checked(2)?;
+    let digits = digits.strip_prefix('_').unwrap_or(digits);
+    let number = u16::from_str_radix(digits, 16).ok()?;
+    match head {
+        _ if head.eq_ignore_ascii_case("Fn") && number < 0x1000 => Some(number),
+        _ if head.eq_ignore_ascii_case("Dn") && number < 0x1000 => Some(0x1000 + number),
+        _ => None,
+    }
+}
+
+fn read(
+    text: &str,
+    tokens: &[Token<'_>],
+    space: Option<Space>,
+    profile: Option<&'static Profile>,
+) -> Result<Said, TextError> {
+    let (target, rest) = target(text, tokens, space, profile)?;
+    let count = match rest {
+        [] => target.parameter.map_or(1, |parameter| registers(parameter.encoding)),
+        [count] => {
+            let most = i64::from(target.space.read_max());
+            let value = number(count.text).filter(|value| (1..=most).contains(value));
+            let expected = "how many: 1 to 125 registers, or 1 to 2000 bits";
+            value.ok_or(TextError { at: count.at, expected })? as u16
+        }
+        [_, extra, ..] => return Err(TextError { at: extra.at, expected: "the end of the text" }),
+    };
+    let start = fits(target.start, count, tokens)?;
+    Ok(Said { function: target.space.read(), start, count, words: [0; READ_WORDS_MAX as usize] })
+}
+
+fn write(
+    text: &str,
+    tokens: &[Token<'_>],
+    function: Option<Function>,
+    profile: Option<&'static Profile>,
+) -> Result<Said, TextError> {
+    let coils = matches!(function, Some(Function::WriteCoil | Function::WriteCoils));
+    let space = if coils { Space::Coil } else { Space::Holding };
+    // What is no number behind the address can only be the word of a coil's state.
+    let states = tokens.iter().rev().take_while(|token| state(token.text).is_some()).count();
+    let worded = tokens.iter().any(|token| number(token.text).is_none() && is_word(token.text));
+    let cut = if worded { tokens.len() - states.min(tokens.len().saturating_sub(1)) } else { 0 };
+    let (target, values) = match worded {
+        true => {
+            let (target, _) = target(text, &tokens[..cut], Some(space), profile)?;
+            (target, &tokens[cut..])
+        }
+        false => target(text, tokens, Some(space), profile)?,
+    };
+    if values.is_empty() {
+        return Err(TextError { at: text.len(), expected: "a value" });
+    }
+    match target.space {
+        Space::Holding => write_registers(&target, values, tokens, function),
+        Space::Coil => write_coils(&target, values, tokens, function),
+        Space::Discrete | Space::Input => {
+            Err(TextError { at: tokens[0].at, expected: "a register that can be written" })
+        }
+    }
+}
+
+fn is_word(text: &str) -> bool {
+    text.eq_ignore_ascii_case("on") || text.eq_ignore_ascii_case("off")
+}
+
+/// The state of a coil, in a word or as 0 or 1.
+fn state(text: &str) -> Option<u16> {
+    match text {
+        _ if text.eq_ignore_ascii_case("on") => Some(1),
+        _ if text.eq_ignore_ascii_case("off") => Some(0),
+        "0" => Some(0),
+        "1" => Some(1),
+        _ => None,
+    }
+}
+
+fn write_registers(
+    target: &Target,
+    values: &[Token<'_>],
+    tokens: &[Token<'_>],
+    function: Option<Function>,
+) -> Result<Said, TextError> {
+    let mut words = [0; READ_WORDS_MAX as usize];
+    let mut count = values.len();
+    match (values, target.parameter) {
+        ([value], Some(parameter)) => {
+            let expected = "a value in the parameter's range";
+            let wrong = TextError { at: value.at, expected };
+            let raw = number(value.text).ok_or(wrong)?;
+            let pair = axis::encode(parameter.encoding, raw).ok_or(wrong)?;
+            count = usize::from(registers(parameter.encoding));
+            words[..count].copy_from_slice(&pair[..count]);
+        }
+        _ => {
+            for (word, value) in words.iter_mut().zip(values) {
+                let expected = "a value, -32768 to 65535";
+                *word = number(value.text)
+                    .filter(|value| (-32_768..=65_535).contains(value))
+                    .ok_or(TextError { at: value.at, expected })? as u16;
+            }
+        }
+    }
+    let most = if function == Some(Function::WriteRegister) { 1 } else { WRITE_WORDS_MAX as usize };
+    if count > most {
+        let at = values.get(most).unwrap_or(&values[0]).at;
+        return Err(TextError { at, expected: "fewer values" });
+    }
+    let single = if count == 1 { Function::WriteRegister } else { Function::WriteRegisters };
+    let start = fits(target.start, count as u16, tokens)?;
+    Ok(Said { function: function.unwrap_or(single), start, count: count as u16, words })
+}
+
+fn write_coils(
+    target: &Target,
+    values: &[Token<'_>],
+    tokens: &[Token<'_>],
+    function: Option<Function>,
+) -> Result<Said, TextError> {
+    let mut words = [0; READ_WORDS_MAX as usize];
+    let count = values.len();
+    if count > words.len() || (function == Some(Function::WriteCoil) && count > 1) {
+        return Err(TextError { at: values[1].at, expected: "fewer coils" });
+    }
+    for (word, value) in words.iter_mut().zip(values) {
+        *word = state(value.text).ok_or(TextError { at: value.at, expected: "on, off, 1 or 0" })?;
+    }
+    let single = if count == 1 { Function::WriteCoil } else { Function::WriteCoils };
+    let start = fits(target.start, count as u16, tokens)?;
+    Ok(Said { function: function.unwrap_or(single), start, count: count as u16, words })
+}
+
+fn fits(start: u16, count: u16, tokens: &[Token<'_>]) -> Result<u16, TextError> {
+    let end = start.checked_add(count.max(1) - 1);
+    let expected = "addresses up to 0xFFFF";
+    end.map(|_| start).ok_or(TextError { at: tokens[0].at, expected })
+}
