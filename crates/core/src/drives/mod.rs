@@ -1,6 +1,7 @@
 //! The drive families. This is the one list of them: nothing outside names one.
 
 pub mod bench;
+pub mod syntron_ts;
 
 use crate::medium::Stream;
 use crate::profile::Profile;
@@ -47,11 +48,13 @@ pub trait Visitor {
 
 /// Shows every family to `visitor`.
 pub fn visit(visitor: &mut impl Visitor) {
-    let _ = visitor;
+    visitor.family::<syntron_ts::SyntronTs>();
 }
 
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    &[]
+    static ALL: [&Profile; 2] =
+        [&syntron_ts::profile::SYNTRON_TS, &syntron_ts::profile::SYNTRON_DS102];
+    &ALL
 }

@@ -5,7 +5,7 @@ use crate::axis::Verb;
 use crate::plan::{Argument, Compare, Operand, Plan, Step, Test};
 use crate::profile::{
     Access, Ask, AxisKind, Certainty, Encoding, Fault, Identity, Parameter, ParameterId,
-    Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
+    Persistence, Profile, RamMode, Scale, Severity, Signal, SignalSource, Watchdog,
 };
 use crate::units::Unit;
 
@@ -5019,8 +5019,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_1",
-        symbol: "Fn_1",
+        name: "unnamed Fn_01",
+        symbol: "Fn_01",
         section: "2.2",
         index: 0x0001,
         encoding: Encoding::U16,
@@ -5033,8 +5033,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_2",
-        symbol: "Fn_2",
+        name: "unnamed Fn_02",
+        symbol: "Fn_02",
         section: "2.2",
         index: 0x0002,
         encoding: Encoding::U16,
@@ -5047,8 +5047,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_3",
-        symbol: "Fn_3",
+        name: "unnamed Fn_03",
+        symbol: "Fn_03",
         section: "2.2",
         index: 0x0003,
         encoding: Encoding::U16,
@@ -5061,8 +5061,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_4",
-        symbol: "Fn_4",
+        name: "unnamed Fn_04",
+        symbol: "Fn_04",
         section: "2.2",
         index: 0x0004,
         encoding: Encoding::U16,
@@ -5075,8 +5075,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_6",
-        symbol: "Fn_6",
+        name: "unnamed Fn_06",
+        symbol: "Fn_06",
         section: "2.2",
         index: 0x0006,
         encoding: Encoding::U16,
@@ -5089,8 +5089,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_7",
-        symbol: "Fn_7",
+        name: "unnamed Fn_07",
+        symbol: "Fn_07",
         section: "2.2",
         index: 0x0007,
         encoding: Encoding::U16,
@@ -5103,8 +5103,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_8",
-        symbol: "Fn_8",
+        name: "unnamed Fn_08",
+        symbol: "Fn_08",
         section: "2.2",
         index: 0x0008,
         encoding: Encoding::U16,
@@ -5117,8 +5117,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_9",
-        symbol: "Fn_9",
+        name: "unnamed Fn_09",
+        symbol: "Fn_09",
         section: "2.2",
         index: 0x0009,
         encoding: Encoding::U16,
@@ -5131,8 +5131,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_A",
-        symbol: "Fn_A",
+        name: "unnamed Fn_0A",
+        symbol: "Fn_0A",
         section: "2.2",
         index: 0x000a,
         encoding: Encoding::U16,
@@ -5145,8 +5145,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_B",
-        symbol: "Fn_B",
+        name: "unnamed Fn_0B",
+        symbol: "Fn_0B",
         section: "2.2",
         index: 0x000b,
         encoding: Encoding::U16,
@@ -5159,8 +5159,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_C",
-        symbol: "Fn_C",
+        name: "unnamed Fn_0C",
+        symbol: "Fn_0C",
         section: "2.2",
         index: 0x000c,
         encoding: Encoding::U16,
@@ -5173,8 +5173,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_D",
-        symbol: "Fn_D",
+        name: "unnamed Fn_0D",
+        symbol: "Fn_0D",
         section: "2.2",
         index: 0x000d,
         encoding: Encoding::U16,
@@ -5187,8 +5187,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_E",
-        symbol: "Fn_E",
+        name: "unnamed Fn_0E",
+        symbol: "Fn_0E",
         section: "2.2",
         index: 0x000e,
         encoding: Encoding::U16,
@@ -5201,8 +5201,8 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
         ..P
     },
     Parameter {
-        name: "unnamed Fn_F",
-        symbol: "Fn_F",
+        name: "unnamed Fn_0F",
+        symbol: "Fn_0F",
         section: "2.2",
         index: 0x000f,
         encoding: Encoding::U16,
@@ -12309,7 +12309,7 @@ pub static SYNTRON_DS102: Profile = Profile {
         equals: 0x0,
         firmware: 0x0,
     }),
-    ram: None,
+    ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }),
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not.",
@@ -12567,7 +12567,7 @@ pub static SYNTRON_TS: Profile = Profile {
         equals: 0x0,
         firmware: 0x0,
     }),
-    ram: None,
+    ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }),
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not.",

@@ -1,0 +1,267 @@
+//! The TS on a serial line: the Modbus end of a [`Drive`], and the bench around it.
+
+use super::alarm::Alarm;
+use super::drive::{Drive, Refusal};
+use super::options::Options;
+use super::panel::Key;
+use super::registers::{DN_BASE, fns};
+use crate::drives::bench::{Act, Bench, Truth};
+use crate::medium::{SerialLine, Stream};
+use crate::profile::Profile;
+use crate::proto::modbus::device::{Firmware, Framing, SerialEnd, Wire};
+use crate::proto::modbus::wire::{Exception, Format, Function, Space};
+use crate::station::{LineEvent, Station, Timed};
+use crate::time::{Instant, earliest};
+
+/// Words of an ASCII frame at most (TS manual V2 §2.4).
+const ASCII_WORDS_MAX: u16 = 12;
+/// Words of an RTU frame at most, by the standard.
+const READ_WORDS_MAX: u16 = 125;
+/// The same for writing.
+const WRITE_WORDS_MAX: u16 = 123;
+/// Baud rates by Fn_3C (§2.2, 192000 and 512000 as printed).
+const BAUDS: [u32; 7] = [2400, 9600, 38_400, 57_600, 115_200, 192_000, 512_000];
+
+/// A simulated TS on its serial line.
+#[derive(Debug)]
+pub struct Device {
+    end: SerialEnd,
+    modbus: Modbus,
+}
+
+/// The drive with what its Modbus side last took from Fn_3A, Fn_3C and Fn_3D.
+#[derive(Debug)]
+struct Modbus {
+    drive: Drive,
+    address: u8,
+    wire: Wire,
+}
+
+impl Device {
+    /// A drive that just got power.
+    #[must_use]
+    pub fn new(profile: &'static Profile, options: Options) -> Self {
+        let framing = match options.gap_ms {
+            0 => Framing::Length,
+            ms => Framing::Silence { us: ms.saturating_mul(1000) },
+        };
+        let wire = Wire { format: Format::Rtu, line: SerialLine::n81(0) };
+        let mut modbus = Modbus { drive: Drive::new(profile, options), address: 1, wire };
+        modbus.take_settings();
+        Self { end: SerialEnd::new(framing), modbus }
+    }
+
+    /// The drive behind the line.
+    #[must_use]
+    pub const fn drive(&self) -> &Drive {
+        &self.modbus.drive
+    }
+}
+
+impl Timed for Device {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.modbus.drive.advance(now);
+        self.end.handle_timeout(now, &mut self.modbus);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        earliest(self.end.poll_timeout(), self.modbus.drive.due())
+    }
+}
+
+impl Station<Stream> for Device {
+    fn handle_input(&mut self, now: Instant, unit: &[u8]) {
+        self.modbus.drive.advance(now);
+        self.end.handle_input(now, unit, &mut self.modbus);
+    }
+
+    fn handle_line(&mut self, _now: Instant, event: LineEvent) {
+        self.end.handle_line(event);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        self.end.poll_transmit(now, out)
+    }
+
+    fn line(&self) -> SerialLine {
+        self.modbus.wire.line
+    }
+}
+
+impl Modbus {
+    /// Address, baud rate and framing as the registers now are.
+    fn take_settings(&mut self) {
+        let registers = self.drive.registers();
+        let at = usize::from(registers.value(fns::BAUD));
+        let baud = if self.drive.options().untimed { 0 } else { BAUDS[at.min(BAUDS.len() - 1)] };
+        let format = match registers.value(fns::FORMAT) & 0xFF {
+            2 | 102 => Format::Ascii,
+            _ => Format::Rtu,
+        };
+        self.address = registers.value(fns::ADDRESS) as u8;
+        self.wire = Wire { format, line: SerialLine::n81(baud) };
+    }
+}
+
+impl Firmware for Modbus {
+    fn address(&self) -> u8 {
+        self.address
+    }
+
+    fn wire(&self) -> Wire {
+        self.wire
+    }
+
+    fn supports(&self, function: Function) -> bool {
+        matches!(function.code(), 0x01 | 0x02 | 0x03 | 0x06 | 0x10)
+    }
+
+    fn words_max(&self, function: Function, format: Format) -> u16 {
+        match format {
+            Format::Ascii => ASCII_WORDS_MAX,
+            Format::Rtu if function.reads().is_some() => READ_WORDS_MAX,
+            Format::Rtu => WRITE_WORDS_MAX,
+        }
+    }
+
+    fn whole_byte(&self) -> bool {
+        true
+    }
+
+    fn read_bits(
+        &mut self,
+        now: Instant,
+        space: Space,
+        start: u16,
+        count: u16,
+        out: &mut [u8],
+    ) -> Result<(), Exception> {
+        self.drive.advance(now);
+        let (lines, there) = match space {
+            Space::Coil => (self.drive.outputs(), 4),
+            _ => (self.drive.inputs(), 8),
+        };
+        let [first, ..] = out else { return Err(Exception::IllegalValue) };
+        if start >= there || count > 8 {
+            return Err(Exception::IllegalAddress);
+        }
+        *first = lines >> start & (0xFF >> (8 - count));
+        Ok(())
+    }
+
+    fn read_words(
+        &mut self,
+        now: Instant,
+        _space: Space,
+        start: u16,
+        out: &mut [u16],
+    ) -> Result<(), Exception> {
+        self.drive.advance(now);
+        for (address, word) in (start..).zip(out) {
+            let value = match address.checked_sub(DN_BASE) {
+                Some(number) => self.drive.dn_value(number),
+                None => self.drive.fn_value(address),
+            };
+            *word = value.ok_or(Exception::IllegalAddress)?;
+        }
+        Ok(())
+    }
+
+    fn write_bit(&mut self, _now: Instant, _address: u16, _on: bool) -> Result<(), Exception> {
+        Err(Exception::IllegalFunction)
+    }
+
+    fn write_words(
+        &mut self,
+        now: Instant,
+        _function: Function,
+        start: u16,
+        words: &[u16],
+    ) -> Result<(), Exception> {
+        self.drive.advance(now);
+        self.drive.write(start, words).map_err(|refusal| match refusal {
+            Refusal::Address => Exception::IllegalAddress,
+            Refusal::Value => Exception::IllegalValue,
+            Refusal::Failure => Exception::DeviceFailure,
+        })?;
+        if self.drive.options().at_once {
+            self.take_settings();
+        }
+        Ok(())
+    }
+}
+
+impl Bench for Device {
+    fn truth(&mut self, now: Instant) -> Truth {
+        let drive = &mut self.modbus.drive;
+        drive.advance(now);
+        let motor = drive.shaft().motor();
+        Truth {
+            position: motor.position(),
+            velocity: motor.velocity(),
+            current: motor.current(),
+            torque: motor.torque(),
+            winding: drive.shaft().winding(),
+            enabled: drive.shaft().powered(),
+            fault: u32::from(drive.alarm().0),
+            flash_writes: drive.registers().wear(),
+            unrepeatable: drive.unrepeatable(),
+        }
+    }
+
+    fn act(&mut self, now: Instant, act: Act) -> bool {
+        let drive = &mut self.modbus.drive;
+        drive.advance(now);
+        match act {
+            Act::Load(torque) => drive.shaft_mut().load = torque,
+            Act::Jam(jammed) => drive.shaft_mut().jam(jammed),
+            Act::Supply(volts) => drive.shaft_mut().supply = volts,
+            Act::Ambient(celsius) => drive.shaft_mut().set_ambient(celsius),
+            Act::Input(number, on) => {
+                let at = usize::from(number).wrapping_sub(1);
+                let Some(line) = drive.lines_mut().driven.get_mut(at) else { return false };
+                *line = on;
+            }
+            Act::Analog(0, volts) => drive.set_analog(volts),
+            Act::Switch { which, at } => return switch(drive, which, at),
+            Act::EncoderBroken(broken) => drive.shaft_mut().break_encoder(broken),
+            Act::HallBroken(broken) => drive.shaft_mut().hall_broken = broken,
+            Act::Fault(code) => match u16::try_from(code) {
+                Ok(code) => drive.raise(Alarm(code)),
+                Err(_) => return false,
+            },
+            Act::PowerCycle => {
+                drive.power_cycle();
+                self.modbus.take_settings();
+                self.end.clear();
+            }
+            Act::Key(number, down) => match Key::of_number(number) {
+                Some(key) => drive.key(now, key, down),
+                None => return false,
+            },
+            _ => return false,
+        }
+        true
+    }
+
+    fn panel(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        self.modbus.drive.advance(now);
+        Some(self.modbus.drive.show(now, out))
+    }
+
+    fn notice(&mut self) -> Option<&'static str> {
+        self.modbus.drive.take_notice()
+    }
+}
+
+fn switch(drive: &mut Drive, which: u8, at: f64) -> bool {
+    let lines = drive.lines_mut();
+    let place = match which {
+        0 => &mut lines.home_at,
+        1 => &mut lines.forward_at,
+        2 => &mut lines.reverse_at,
+        _ => return false,
+    };
+    *place = (!at.is_nan()).then_some(at);
+    true
+}

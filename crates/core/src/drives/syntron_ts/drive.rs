@@ -1,0 +1,633 @@
+//! The TS as a drive, whatever line it is on: registers, modes, power, alarms, time.
+//!
+//! Nothing here knows Modbus; a CANopen end can be put beside the Modbus one ([`super::device`]).
+
+use core::f64::consts::TAU;
+
+use super::alarm::Alarm;
+use super::io::{Lines, Purpose, collide};
+use super::motion::{Motion, Scene, ramp};
+use super::options::{Options, Variant};
+use super::panel::{Code, Key, Panel, View, Wish};
+use super::paths::s_time_fits;
+use super::registers::{DN_COUNT, FN_COUNT, Registers, dns, fns, limits};
+use super::shaft::Shaft;
+use crate::plant::Ticks;
+use crate::profile::Profile;
+use crate::time::Instant;
+
+/// Internal speed mode.
+pub const MODE_SPEED: u16 = 1;
+/// Jog from the panel.
+pub const MODE_JOG: u16 = 3;
+/// Internal position mode.
+pub const MODE_POSITION: u16 = 14;
+/// CANopen mode.
+pub const MODE_CANOPEN: u16 = 20;
+/// What opens the locked registers (TS manual V2 §1.4.1).
+const PASSWORD: u16 = 9876;
+/// Speed of jogging, rpm `[I]`.
+const JOG_RPM: f64 = 200.0;
+/// Speed of an analog input in mode 0, rpm/V `[I]`.
+const RPM_PER_VOLT: f64 = 300.0;
+/// Torque of an analog input in mode 4, share of the rated one per V `[I]`.
+const TORQUE_PER_VOLT: f64 = 0.1;
+/// Top speed of the set-point where no path gives one, rpm.
+const TOP_RPM: f64 = 6000.0;
+/// Version that Dn_08 tells (DS102).
+const VERSION: u16 = 0x0102;
+
+/// Why a register access is refused.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Refusal {
+    /// There is no such register, or it cannot be written.
+    Address,
+    /// The value is not allowed.
+    Value,
+    /// Not now: locked by the password or open on the panel.
+    Failure,
+}
+
+/// A powered drive with its motor and panel.
+#[derive(Debug)]
+pub struct Drive {
+    core: Core,
+    panel: Panel,
+}
+
+/// Everything but the panel, which looks at it.
+#[derive(Debug)]
+struct Core {
+    profile: &'static Profile,
+    options: Options,
+    registers: Registers,
+    shaft: Shaft,
+    motion: Motion,
+    lines: Lines,
+    alarm: Alarm,
+    ticks: Ticks,
+    now: Instant,
+    jogging: bool,
+    jog: f64,
+    analog: f64,
+    was: [bool; 4],
+    unrepeatable: u64,
+    notice: Option<&'static str>,
+}
+
+impl Drive {
+    /// A drive that just got power for the first time.
+    #[must_use]
+    pub fn new(profile: &'static Profile, options: Options) -> Self {
+        let mut registers = Registers::factory(profile);
+        registers.preset(fns::ADDRESS, u16::from(options.address));
+        registers.preset(fns::FORMAT, if options.ascii { 2 } else { 1 });
+        if options.ds102 {
+            registers.preset(fns::RATED_CURRENT, (super::shaft::RATED_CURRENT * 100.0) as u16);
+        }
+        let mut core = Core {
+            profile,
+            options,
+            registers,
+            shaft: Shaft::default(),
+            motion: Motion::new(0.0),
+            lines: options.lines,
+            alarm: Alarm::NONE,
+            ticks: Ticks::new(Instant::ZERO),
+            now: Instant::ZERO,
+            jogging: false,
+            jog: 0.0,
+            analog: 0.0,
+            was: [false; 4],
+            unrepeatable: 0,
+            notice: None,
+        };
+        core.boot();
+        Self { core, panel: Panel::default() }
+    }
+
+    /// Lets time pass up to `now`.
+    pub fn advance(&mut self, now: Instant) {
+        self.core.advance(now);
+        if let Some(wish) = self.panel.tick(now, &self.core) {
+            self.fulfil(wish);
+        }
+    }
+
+    /// When it next wants [`advance`](Self::advance) though nobody asks it anything.
+    #[must_use]
+    pub fn due(&self) -> Option<Instant> {
+        let moving = (!self.core.shaft.resting()).then(|| self.core.now.plus_ms(WAKE_MS));
+        crate::time::earliest(self.panel.due(), moving)
+    }
+
+    /// The registers as they now are.
+    #[must_use]
+    pub const fn registers(&self) -> &Registers {
+        &self.core.registers
+    }
+
+    /// The motor.
+    #[must_use]
+    pub const fn shaft(&self) -> &Shaft {
+        &self.core.shaft
+    }
+
+    /// The motor, for what acts on it from outside.
+    pub const fn shaft_mut(&mut self) -> &mut Shaft {
+        &mut self.core.shaft
+    }
+
+    /// The input lines and switches, for what acts on them from outside.
+    pub const fn lines_mut(&mut self) -> &mut Lines {
+        &mut self.core.lines
+    }
+
+    /// How it was made.
+    #[must_use]
+    pub const fn options(&self) -> &Options {
+        &self.core.options
+    }
+
+    /// The alarm.
+    #[must_use]
+    pub const fn alarm(&self) -> Alarm {
+        self.core.alarm
+    }
+
+    /// Path starts and homings that were triggered so far.
+    #[must_use]
+    pub fn unrepeatable(&self) -> u64 {
+        self.core.unrepeatable + self.core.motion.unrepeatable()
+    }
+
+    /// The shaft position of coordinate 0, rad.
+    #[must_use]
+    pub const fn origin(&self) -> f64 {
+        self.core.motion.origin()
+    }
+
+    /// What happened since the last call.
+    pub const fn take_notice(&mut self) -> Option<&'static str> {
+        self.core.notice.take()
+    }
+
+    /// Reads Fn_nnn.
+    #[must_use]
+    pub fn fn_value(&self, number: u16) -> Option<u16> {
+        (usize::from(number) < FN_COUNT).then(|| self.core.registers.value(number))
+    }
+
+    /// Reads Dn_nn.
+    #[must_use]
+    pub fn dn_value(&self, number: u16) -> Option<u16> {
+        (number < DN_COUNT).then(|| self.core.reading(number))
+    }
+
+    /// The inputs, the first in bit 0.
+    #[must_use]
+    pub fn inputs(&self) -> u8 {
+        self.core.lines.bits(self.core.shaft.motor().position())
+    }
+
+    /// The outputs, the first in bit 0 `[I]`: ready, alarm, path done, powered.
+    #[must_use]
+    pub fn outputs(&self) -> u8 {
+        let core = &self.core;
+        let lines = [
+            !core.alarm.is_some(),
+            core.alarm.is_some(),
+            !core.motion.busy(),
+            core.shaft.powered(),
+        ];
+        lines.iter().enumerate().fold(0, |bits, (at, on)| bits | u8::from(*on) << at)
+    }
+
+    /// Writes Fn registers over the line, all or none.
+    ///
+    /// # Errors
+    /// Why nothing was written.
+    pub fn write(&mut self, start: u16, values: &[u16]) -> Result<(), Refusal> {
+        for (number, value) in (start..).zip(values) {
+            self.check(number, *value)?;
+        }
+        self.core.check_s_times(start, values)?;
+        for (number, value) in (start..).zip(values) {
+            let before = self.core.registers.value(number);
+            self.core.registers.write(number, *value);
+            self.core.written(number, before, *value);
+        }
+        Ok(())
+    }
+
+    /// Raises an alarm from outside.
+    pub fn raise(&mut self, alarm: Alarm) {
+        self.core.raise(alarm);
+    }
+
+    /// An analog input in volts.
+    pub fn set_analog(&mut self, volts: f64) {
+        self.core.analog = volts;
+        self.core.follow_analog();
+    }
+
+    /// A key of the panel goes down or up.
+    pub fn key(&mut self, now: Instant, key: Key, down: bool) {
+        if let Some(wish) = self.panel.key(now, key, down, &self.core) {
+            self.fulfil(wish);
+        }
+        self.core.jog = self.panel.jog();
+        self.core.follow_jog();
+    }
+
+    /// What the panel shows. Returns how many characters.
+    pub fn show(&self, now: Instant, out: &mut [u8]) -> usize {
+        self.panel.show(now, &self.core, out)
+    }
+
+    /// Power off and on.
+    pub fn power_cycle(&mut self) {
+        self.panel = Panel::default();
+        self.core.registers.power_cycle();
+        self.core.boot();
+    }
+
+    fn fulfil(&mut self, wish: Wish) {
+        match wish {
+            Wish::Save(number, value) => self.save(number, value as u16),
+            Wish::ToggleJog => self.core.toggle_jog(),
+            Wish::ClearAlarm => self.core.clear_alarm(),
+        }
+    }
+
+    /// Saved at the panel: kept in flash whatever Fn_99 says, that is for the line only `[I]`.
+    fn save(&mut self, number: u16, value: u16) {
+        let allowed = self.core.check_value(number, value).is_ok()
+            && self.core.check_s_times(number, &[value]).is_ok();
+        if allowed {
+            let before = self.core.registers.value(number);
+            self.core.registers.keep(number, value);
+            self.core.written(number, before, value);
+        }
+    }
+
+    fn check(&self, number: u16, value: u16) -> Result<(), Refusal> {
+        self.core.check_value(number, value)?;
+        let unlocked = self.core.registers.value(fns::PASSWORD) == PASSWORD;
+        if self.core.options.locked(number) && !unlocked {
+            return Err(Refusal::Failure);
+        }
+        // The panel goes first (§1.4.2), but never keeps the line from stopping the motor.
+        let stops = matches!((number, value), (fns::SPEED | fns::ENABLE, 0) | (fns::PATH_STOP, 1));
+        let open = self.panel.editing() == Some(number);
+        if open && !stops { Err(Refusal::Failure) } else { Ok(()) }
+    }
+}
+
+/// A drive that is not at rest is looked at so often, ms, so that nobody waits for a long past.
+const WAKE_MS: u32 = 50;
+
+impl Core {
+    fn boot(&mut self) {
+        self.shaft.release();
+        self.shaft.forget();
+        self.unrepeatable += self.motion.unrepeatable();
+        self.motion = Motion::new(self.shaft.position());
+        self.alarm = Alarm::NONE;
+        self.jogging = false;
+        self.was = [false; 4];
+        if collide(&self.lines.purposes) {
+            self.raise(Alarm::ID);
+        }
+        if self.registers.value(fns::ENABLE) == 1 {
+            self.power();
+        }
+    }
+
+    fn mode(&self) -> u16 {
+        self.registers.value(fns::MODE)
+    }
+
+    fn advance(&mut self, now: Instant) {
+        let from = self.ticks.at();
+        let ticks = self.ticks.until(now);
+        self.now = now.max(self.now);
+        if self.shaft.resting() && !self.wired_changes() {
+            self.shaft.rest(ticks);
+            self.watch();
+            return;
+        }
+        for tick in 1..=ticks {
+            self.tick(from.plus_ns(tick * crate::plant::TICK_NS));
+        }
+    }
+
+    fn tick(&mut self, now: Instant) {
+        self.follow_inputs(now);
+        match self.mode() {
+            _ if !self.shaft.powered() => {}
+            MODE_POSITION => self.with_motion(now, Motion::tick),
+            _ => self.hold_at_limits(),
+        }
+        self.shaft.tick();
+        self.watch();
+    }
+
+    fn watch(&mut self) {
+        if let Some(alarm) = self.motion.take_alarm() {
+            self.raise(alarm);
+        }
+        if let Some(alarm) = self.shaft.trouble(self.motion.feels_for_stop()) {
+            self.raise(alarm);
+        }
+    }
+
+    fn with_motion(&mut self, now: Instant, act: impl FnOnce(&mut Motion, &mut Scene<'_>)) {
+        let position = self.shaft.motor().position();
+        let closed = |purpose| self.lines.closed(purpose, position);
+        let mut scene = Scene {
+            now,
+            home: closed(Purpose::Home),
+            home_at: self.lines.home_at,
+            forward_limit: closed(Purpose::ForwardLimit),
+            reverse_limit: closed(Purpose::ReverseLimit),
+            shaft: &mut self.shaft,
+            registers: &self.registers,
+        };
+        act(&mut self.motion, &mut scene);
+    }
+
+    /// Outside internal position mode a limit switch only keeps the motor from going on `[I]`.
+    fn hold_at_limits(&mut self) {
+        let position = self.shaft.motor().position();
+        let speed = self.shaft.setpoint().velocity;
+        let forward = speed > 0.0 && self.lines.closed(Purpose::ForwardLimit, position);
+        let reverse = speed < 0.0 && self.lines.closed(Purpose::ReverseLimit, position);
+        if forward || reverse {
+            self.shaft.halt();
+            self.shaft.manner(ramp(TOP_RPM * TAU / 60.0));
+        } else {
+            self.shaft.settle();
+        }
+    }
+
+    /// Inputs with an effect of their own, by the purposes of `was`.
+    fn wired(&self) -> [bool; 4] {
+        const ACTING: [Purpose; 4] =
+            [Purpose::ServoOn, Purpose::AlarmClear, Purpose::PathTrigger, Purpose::HomingTrigger];
+        ACTING.map(|purpose| self.lines.closed(purpose, 0.0))
+    }
+
+    fn wired_changes(&self) -> bool {
+        self.wired() != self.was
+    }
+
+    fn follow_inputs(&mut self, now: Instant) {
+        let wired = self.wired();
+        let was = core::mem::replace(&mut self.was, wired);
+        let rises = |at: usize| wired[at] && !was[at];
+        if rises(1) {
+            self.clear_alarm();
+        }
+        if rises(0) {
+            self.power();
+        } else if was[0] && !wired[0] && !self.enabled_by_register() {
+            self.release();
+        }
+        let by_inputs = self.registers.value(fns::TRIGGER_SOURCE) == 0;
+        if by_inputs && self.runs_paths() {
+            if rises(2) {
+                self.with_motion(now, Motion::trigger);
+            }
+            if rises(3) {
+                self.with_motion(now, Motion::trigger_homing);
+            }
+        }
+    }
+
+    fn runs_paths(&self) -> bool {
+        self.mode() == MODE_POSITION && self.shaft.powered()
+    }
+
+    /// Fn_38 powers the motor in the two internal modes.
+    fn enabled_by_register(&self) -> bool {
+        matches!(self.mode(), MODE_SPEED | MODE_POSITION) && self.registers.value(fns::ENABLE) == 1
+    }
+
+    /// Powers the motor if the mode, the alarm and the bus let it. It holds where it is, then does
+    /// what the mode says.
+    fn power(&mut self) {
+        let by_register = self.registers.value(fns::ENABLE) == 1;
+        let internal = matches!(self.mode(), MODE_SPEED | MODE_POSITION);
+        let wired = self.lines.closed(Purpose::ServoOn, 0.0);
+        let wanted = (by_register && internal) || wired || self.jogging;
+        if self.shaft.powered() || !wanted {
+            return;
+        }
+        if self.alarm.is_some() {
+            self.registers.set(fns::ENABLE, 0);
+            return;
+        }
+        if !self.shaft.bus_ready() {
+            return self.raise(Alarm::DE);
+        }
+        self.shaft.power();
+        self.shaft.manner(ramp(TOP_RPM * TAU / 60.0));
+        match self.mode() {
+            MODE_SPEED => self.follow_speed(),
+            MODE_POSITION => self.with_motion(self.now, Motion::powered),
+            _ => self.follow_analog(),
+        }
+    }
+
+    fn release(&mut self) {
+        self.shaft.release();
+        self.motion.released();
+    }
+
+    /// An alarm takes the power off, and Fn_38 with it, so that clearing it starts nothing `[I]`.
+    fn raise(&mut self, alarm: Alarm) {
+        if self.alarm.is_some() || !alarm.is_some() {
+            return;
+        }
+        self.alarm = alarm;
+        self.release();
+        self.jogging = false;
+        self.registers.set(fns::ENABLE, 0);
+        let known = self.profile.faults.iter().find(|f| f.code == u32::from(alarm.0));
+        self.notice = Some(known.map_or("alarm", |fault| fault.name));
+    }
+
+    fn clear_alarm(&mut self) {
+        self.alarm = Alarm::NONE;
+        self.shaft.forget();
+        if collide(&self.lines.purposes) {
+            self.raise(Alarm::ID);
+        }
+    }
+
+    fn toggle_jog(&mut self) {
+        self.jogging = !self.jogging;
+        if self.jogging {
+            self.power()
+        } else {
+            self.release()
+        }
+        self.jogging &= self.shaft.powered();
+    }
+
+    fn follow_speed(&mut self) {
+        let rpm = f64::from(self.registers.signed(fns::SPEED));
+        self.shaft.turn(rpm * TAU / 60.0);
+    }
+
+    fn follow_jog(&mut self) {
+        if self.jogging && self.mode() == MODE_JOG {
+            self.shaft.turn(self.jog * JOG_RPM * TAU / 60.0);
+        }
+    }
+
+    /// Modes 0 and 4 follow the analog input; pulses and mixed modes are at rest.
+    fn follow_analog(&mut self) {
+        match self.mode() {
+            _ if !self.shaft.powered() => {}
+            0 => self.shaft.turn(self.analog * RPM_PER_VOLT * TAU / 60.0),
+            4 => self.shaft.push(self.analog * TORQUE_PER_VOLT),
+            _ => {}
+        }
+    }
+
+    fn reading(&self, number: u16) -> u16 {
+        let ds102 = self.options.ds102;
+        let counts = self.shaft.counts(self.motion.origin());
+        let rounded = |value: f64| libm::round(value) as i16 as u16;
+        match number {
+            dns::SPEED => rounded(self.shaft.rpm()),
+            dns::ALARM => self.alarm.0,
+            dns::PATH_STATE => u16::from(self.motion.busy()),
+            dns::POSITION_LOW => counts as u16,
+            dns::POSITION_HIGH => (counts >> 16) as u16,
+            dns::LOAD if ds102 => rounded(self.shaft.load_share() * 1000.0),
+            dns::VERSION if ds102 => VERSION,
+            dns::TEMPERATURE if ds102 => rounded(self.shaft.temperature()),
+            _ => 0,
+        }
+    }
+
+    fn check_value(&self, number: u16, value: u16) -> Result<(), Refusal> {
+        if usize::from(number) >= FN_COUNT {
+            return Err(Refusal::Address);
+        }
+        let (min, max, signed) = limits(self.profile, number);
+        let meant = if signed { i64::from(value as i16) } else { i64::from(value) };
+        let fits = (min..=max).contains(&meant);
+        let listed = match number {
+            fns::FORMAT => self.options.accepts_format(value),
+            fns::MODE => self.options.variant.has_mode(value),
+            _ => true,
+        };
+        if fits && listed { Ok(()) } else { Err(Refusal::Value) }
+    }
+
+    /// Ta/2 must be greater than Ts (§2.6.1), by the values that the write would leave `[I]`.
+    fn check_s_times(&self, start: u16, values: &[u16]) -> Result<(), Refusal> {
+        let after = |number: u16| {
+            let written = number.checked_sub(start).and_then(|at| values.get(usize::from(at)));
+            written.copied().unwrap_or_else(|| self.registers.value(number))
+        };
+        let touched = |number: u16| {
+            number.checked_sub(start).is_some_and(|at| usize::from(at) < values.len())
+        };
+        let clash = (0..32).any(|path| {
+            let (ta, ts) = (fns::PATHS + 8 * path + 4, fns::S_TIMES + path);
+            (touched(ta) || touched(ts)) && !s_time_fits(after(ta), after(ts))
+        });
+        if clash { Err(Refusal::Value) } else { Ok(()) }
+    }
+
+    /// What a write sets going.
+    fn written(&mut self, number: u16, before: u16, value: u16) {
+        let rises = before == 0 && value == 1;
+        let by_registers = self.registers.value(fns::TRIGGER_SOURCE) == 1;
+        match number {
+            fns::MODE if before != value => self.change_mode(),
+            fns::ENABLE if value == 1 => self.power(),
+            fns::ENABLE if !self.lines.closed(Purpose::ServoOn, 0.0) => self.release(),
+            fns::SPEED if self.mode() == MODE_SPEED && self.shaft.powered() => self.follow_speed(),
+            fns::PATH_TRIGGER if rises && by_registers && self.runs_paths() => {
+                self.with_motion(self.now, Motion::trigger);
+            }
+            fns::HOMING_TRIGGER if rises && by_registers && self.runs_paths() => {
+                self.with_motion(self.now, Motion::trigger_homing);
+            }
+            fns::PATH_STOP if value == 1 && self.runs_paths() => {
+                self.with_motion(self.now, Motion::stop);
+            }
+            fns::CLEAR if value == 1 && self.options.ds102 => self.clear_alarm(),
+            0x2A..=0x2C if self.options.ds102 => self.follow_current_limit(),
+            _ => {}
+        }
+        self.watch();
+    }
+
+    /// A new mode starts unpowered `[I]`.
+    fn change_mode(&mut self) {
+        self.release();
+        self.jogging = false;
+        self.registers.set(fns::ENABLE, 0);
+    }
+
+    /// Fn_2A = 1 limits the current to a share of the rated peak value (DS102).
+    fn follow_current_limit(&mut self) {
+        let peak = super::shaft::RATED_CURRENT * core::f64::consts::SQRT_2;
+        let share = f64::from(self.registers.signed(0x2B).unsigned_abs()) / 100.0;
+        let limited = self.registers.value(0x2A) == 1;
+        self.shaft.limit_current(if limited { share * peak } else { f64::INFINITY });
+    }
+}
+
+impl View for Core {
+    fn value(&self, code: Code) -> i32 {
+        let (word, signed) = match code {
+            Code::Fn(number) => (self.registers.value(number), limits(self.profile, number).2),
+            Code::Dn(number) => {
+                let signed = matches!(number, dns::SPEED | dns::LOAD | dns::TEMPERATURE);
+                (self.reading(number), signed)
+            }
+        };
+        if signed { i32::from(word as i16) } else { i32::from(word) }
+    }
+
+    fn limits(&self, number: u16) -> (i32, i32) {
+        let (min, max, _) = limits(self.profile, number);
+        (min as i32, max as i32)
+    }
+
+    fn rpm(&self) -> i32 {
+        libm::round(self.shaft.rpm()) as i32
+    }
+
+    fn alarm(&self) -> Alarm {
+        self.alarm
+    }
+
+    fn powered(&self) -> bool {
+        self.shaft.powered()
+    }
+
+    fn jog_mode(&self) -> bool {
+        self.mode() == MODE_JOG
+    }
+}
+
+impl Variant {
+    /// Whether Fn_00 may be set to that mode: a drive without the option refuses it `[I]`.
+    #[must_use]
+    pub const fn has_mode(self, mode: u16) -> bool {
+        match mode {
+            MODE_POSITION => matches!(self, Self::Position | Self::All),
+            MODE_CANOPEN => matches!(self, Self::Canopen | Self::All),
+            _ => true,
+        }
+    }
+}

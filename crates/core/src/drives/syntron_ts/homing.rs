@@ -1,0 +1,105 @@
+//! The way of homing that Fn_200 chooses (TS manual V2 §2.6.1), decoded.
+//!
+//! The word is `D*10000 + C*1000 + B*100 + A`, decimal digits, A with two places `[I]`.
+
+/// What to do once the zero is found, digits A.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum After {
+    /// Overshoot, then come back onto the zero.
+    Align,
+    /// Run a path, 1 to 32.
+    Path(u8),
+    /// Stop at once where it is.
+    Stop,
+    /// A number that the manual does not name: taken as `Align` `[I]`.
+    Unknown(u8),
+}
+
+/// What the zero is, digit C.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Mark {
+    /// An edge of the home switch.
+    HomeSwitch,
+    /// The limit switch that lies in the direction of the search.
+    LimitSwitch,
+    /// The encoder's Z pulse.
+    ZPulse,
+    /// The torque limit: a mechanical stop.
+    Torque,
+}
+
+/// When homing starts, digit D.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Start {
+    /// Never.
+    Never,
+    /// As soon as the motor is powered.
+    AtEnable,
+    /// By the trigger, while the motor is powered.
+    ByTrigger,
+    /// A digit that the manual does not name: never.
+    Unknown(u8),
+}
+
+/// A way of homing.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Way {
+    /// What to do at the zero.
+    pub after: After,
+    /// Go on slowly to the next Z pulse; only where the mark is a switch.
+    pub z_search: bool,
+    /// What the zero is.
+    pub mark: Mark,
+    /// +1 forward (CCW), -1 reverse (CW).
+    pub direction: f64,
+    /// When it starts.
+    pub start: Start,
+}
+
+impl Way {
+    /// From Fn_200. `None` where digit C is not one of the eight ways.
+    #[must_use]
+    pub fn decode(word: u16) -> Option<Self> {
+        let (mark, direction) = mark(word / 1000 % 10)?;
+        let switch = matches!(mark, Mark::HomeSwitch | Mark::LimitSwitch);
+        Some(Self {
+            after: after((word % 100) as u8),
+            z_search: switch && word / 100 % 10 == 1,
+            mark,
+            direction,
+            start: start((word / 10_000) as u8),
+        })
+    }
+}
+
+const fn after(digits: u8) -> After {
+    match digits {
+        0 => After::Align,
+        1..=32 => After::Path(digits),
+        33 => After::Stop,
+        other => After::Unknown(other),
+    }
+}
+
+const fn mark(digit: u16) -> Option<(Mark, f64)> {
+    Some(match digit {
+        0 => (Mark::HomeSwitch, -1.0),
+        1 => (Mark::HomeSwitch, 1.0),
+        2 => (Mark::LimitSwitch, -1.0),
+        3 => (Mark::LimitSwitch, 1.0),
+        4 => (Mark::ZPulse, -1.0),
+        5 => (Mark::ZPulse, 1.0),
+        6 => (Mark::Torque, -1.0),
+        7 => (Mark::Torque, 1.0),
+        _ => return None,
+    })
+}
+
+const fn start(digit: u8) -> Start {
+    match digit {
+        0 => Start::Never,
+        1 => Start::AtEnable,
+        2 => Start::ByTrigger,
+        other => Start::Unknown(other),
+    }
+}

@@ -1,0 +1,123 @@
+//! How a simulated TS is made: its variant, its siblings' registers, what is open to interpretation.
+
+use super::io::{Lines, PURPOSES, Purpose};
+use crate::drives::DeviceOptions;
+
+/// Registers that a password may lock.
+const LOCKED_MAX: usize = 16;
+
+/// What was bought (TS manual V2 §1.1).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Variant {
+    /// Modbus with internal speed mode.
+    Standard,
+    /// The same with internal position mode.
+    Position,
+    /// CANopen.
+    Canopen,
+    /// Everything.
+    All,
+}
+
+/// How a drive is made.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Options {
+    /// What was bought.
+    pub variant: Variant,
+    /// It has the registers that only drivers of the DS102 name.
+    pub ds102: bool,
+    /// Address, baud rate and framing act at once rather than at the next power-on `[I]`.
+    pub at_once: bool,
+    /// Fn_3D takes 0x0101 and 0x0102 rather than decimal 101 and 102 `[I]`.
+    pub hex_format: bool,
+    /// Silence that ends a frame, ms; 0 goes by the length of frames.
+    pub gap_ms: u32,
+    /// The wire has no byte timing.
+    pub untimed: bool,
+    /// Station address from the factory.
+    pub address: u8,
+    /// ASCII from the factory.
+    pub ascii: bool,
+    /// Inputs and switches.
+    pub lines: Lines,
+    locked: [Option<u16>; LOCKED_MAX],
+}
+
+impl Options {
+    /// From what a rack or command line says.
+    ///
+    /// # Errors
+    /// The name of an unknown option, or the value that is none.
+    pub fn of<'a>(options: &DeviceOptions<'a>, ds102: bool) -> Result<Self, &'a str> {
+        let address = options.address.unwrap_or(1);
+        let mut made = Self {
+            variant: Variant::All,
+            ds102,
+            at_once: false,
+            hex_format: false,
+            gap_ms: if options.untimed { 0 } else { 10 },
+            untimed: options.untimed,
+            address: u8::try_from(address).ok().filter(|a| *a < 128).ok_or("address")?,
+            ascii: options.wire == "modbus-ascii",
+            lines: Lines {
+                purposes: PURPOSES,
+                driven: [false; 8],
+                // Half a turn behind, so that homing finds it `[I]`.
+                home_at: Some(-core::f64::consts::PI),
+                forward_at: None,
+                reverse_at: None,
+            },
+            locked: [None; LOCKED_MAX],
+        };
+        for (key, value) in options.extra {
+            made.set(key, value)?;
+        }
+        Ok(made)
+    }
+
+    /// Whether the password locks that register.
+    #[must_use]
+    pub fn locked(&self, number: u16) -> bool {
+        self.locked.contains(&Some(number))
+    }
+
+    /// Whether Fn_3D takes that value (TS manual V2 §2.2).
+    #[must_use]
+    pub const fn accepts_format(&self, value: u16) -> bool {
+        match value {
+            1 | 2 => true,
+            101 | 102 => !self.hex_format,
+            0x101 | 0x102 => self.hex_format,
+            _ => false,
+        }
+    }
+
+    fn set<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
+        match (key, value) {
+            ("variant", "standard") => self.variant = Variant::Standard,
+            ("variant", "position") => self.variant = Variant::Position,
+            ("variant", "canopen") => self.variant = Variant::Canopen,
+            ("variant", "all") => self.variant = Variant::All,
+            ("ds102", "0" | "1") => self.ds102 = value == "1",
+            ("settings", "at-once") => self.at_once = true,
+            ("settings", "power-cycle") => self.at_once = false,
+            ("format", "decimal") => self.hex_format = false,
+            ("format", "hex") => self.hex_format = true,
+            ("gap", _) => self.gap_ms = value.parse().map_err(|_| value)?,
+            ("inputs", _) => self.lines.purposes = Purpose::of_digits(value).ok_or(value)?,
+            ("locked", _) => self.lock(value)?,
+            ("variant" | "ds102" | "settings" | "format", _) => return Err(value),
+            _ => return Err(key),
+        }
+        Ok(())
+    }
+
+    /// Register numbers in hexadecimal, joined by plus signs.
+    fn lock<'a>(&mut self, list: &'a str) -> Result<(), &'a str> {
+        for (at, number) in list.split('+').enumerate() {
+            let number = u16::from_str_radix(number, 16).map_err(|_| number)?;
+            *self.locked.get_mut(at).ok_or(list)? = Some(number);
+        }
+        Ok(())
+    }
+}

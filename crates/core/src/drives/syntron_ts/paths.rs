@@ -1,0 +1,123 @@
+//! One of the 32 paths as its registers describe it (TS manual V2 §2.6.1).
+//!
+//! The manual's figures of the definition words are lost. Their digits are taken as decimal, A
+//! rightmost, B with two places: `C*1000 + B*10 + A` `[I]`; packed as BCD the homing word would not
+//! fit into 16 bits.
+
+/// Number of paths.
+pub const PATH_MAX: u8 = 32;
+
+/// Type of a path, digit A of definition word 1.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Kind {
+    /// Turn at a speed: for ever, or for a time counted from the trigger.
+    Speed,
+    /// Go and stop.
+    Single,
+    /// Go, wait, and go on with the next path.
+    Auto,
+    /// A digit that the manual does not name: the path does nothing.
+    Unknown(u8),
+}
+
+/// Where a path ends.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum End {
+    /// At the coordinate.
+    Coordinate,
+    /// At the last command's end plus the coordinate.
+    LastCommand,
+    /// At the present position plus the coordinate.
+    Feedback,
+}
+
+/// A path, decoded.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Path {
+    /// Type.
+    pub kind: Kind,
+    /// AutoLoadIndex: the next path, 1 to 32.
+    pub next: Option<u8>,
+    /// Where it ends.
+    pub end: End,
+    /// It may interrupt the path that runs.
+    pub interrupts: bool,
+    /// Coordinate in thousandths of the mechanics' unit.
+    pub thousandths: i32,
+    /// Motor speed, rpm.
+    pub rpm: u16,
+    /// Ta, ms from rest to `rpm`.
+    pub acceleration_ms: u16,
+    /// Td, ms from `rpm` to rest.
+    pub deceleration_ms: u16,
+    /// Delay, ms.
+    pub delay_ms: u16,
+    /// Ts, ms; 0 for a trapezoid.
+    pub s_ms: u16,
+}
+
+impl Path {
+    /// From its eight registers and its S-time.
+    #[must_use]
+    pub fn decode(words: [u16; 8], s_ms: u16) -> Self {
+        let [first, tens, rest, rpm, acceleration_ms, deceleration_ms, delay_ms, second] = words;
+        Self {
+            kind: kind(first),
+            next: auto_load(first).or(auto_load(second)),
+            end: end(first, second),
+            interrupts: second % 10 == 1,
+            thousandths: thousandths(tens, rest),
+            rpm,
+            acceleration_ms,
+            deceleration_ms,
+            delay_ms,
+            s_ms,
+        }
+    }
+
+    /// Turns of the motor that the coordinate means: travel × Fn_205 ÷ Fn_206. `None` when the
+    /// ratio has a zero in it.
+    #[must_use]
+    pub fn turns(&self, motor_turns: u16, travel: u16) -> Option<f64> {
+        let units = f64::from(self.thousandths) / 1000.0;
+        (motor_turns != 0 && travel != 0)
+            .then(|| units * f64::from(motor_turns) / f64::from(travel))
+    }
+}
+
+/// Whether an S-time fits an acceleration time: Ta/2 must be greater than Ts, or Ts is 0.
+#[must_use]
+pub const fn s_time_fits(acceleration_ms: u16, s_ms: u16) -> bool {
+    s_ms == 0 || (acceleration_ms as u32) > 2 * s_ms as u32
+}
+
+const fn kind(first: u16) -> Kind {
+    match first % 10 {
+        1 => Kind::Speed,
+        2 => Kind::Single,
+        3 => Kind::Auto,
+        other => Kind::Unknown(other as u8),
+    }
+}
+
+/// Digit pair B. Both words have one; the first that names a path counts `[I]`.
+fn auto_load(word: u16) -> Option<u8> {
+    let index = (word / 10 % 100) as u8;
+    (1..=PATH_MAX).contains(&index).then_some(index)
+}
+
+/// Digit C of both words: the first says absolute or relative, the second relative to what. A
+/// relative path whose second word says "the coordinate itself" goes from the last command's end
+/// `[I]`.
+const fn end(first: u16, second: u16) -> End {
+    match (first / 1000 % 10, second / 1000 % 10) {
+        (1, _) => End::Coordinate,
+        (_, 2) => End::Feedback,
+        _ => End::LastCommand,
+    }
+}
+
+/// Two signed words, tens and thousandths, added `[I]`.
+fn thousandths(tens: u16, rest: u16) -> i32 {
+    i32::from(tens as i16) * 10_000 + i32::from(rest as i16)
+}
