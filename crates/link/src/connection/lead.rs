@@ -78,7 +78,8 @@ pub(super) fn wait(
             release(shared, state);
             return waited;
         }
-        last_look = deadline == Instant::ZERO || state.link.now() >= deadline;
+        // By a time that may be stale: then the next round finds out, and does not wait.
+        last_look = deadline <= state.seen;
         state = match state.leader {
             Leader::Nobody => round(shared, state, Leader::Caller, deadline, &mut buffer),
             _ if last_look => state,
@@ -117,7 +118,7 @@ pub(super) fn round<'a>(
     until: Instant,
     buffer: &mut [u8; READ_MAX],
 ) -> Guard<'a> {
-    let until = until.min(state.sleep_until(state.link.now()));
+    let until = until.min(state.sleep_until());
     (state.leader, state.sleeps_until) = (leader, until);
     let link = Arc::clone(&state.link);
     let wakers = std::mem::take(&mut state.to_wake);
@@ -150,6 +151,7 @@ fn follow<'a>(
     drop(state);
     std::thread::park_timeout(left);
     let mut state = shared.lock();
+    state.seen = state.seen.max(state.link.now());
     state.slots.attend(ticket, None);
     state
 }
@@ -211,8 +213,9 @@ fn read_stale(state: &mut State) {
             return;
         }
     }
+    let Some(due) = state.due() else { return };
     let now = state.link.now();
-    if state.due().is_some_and(|due| due <= now) {
+    if due <= now {
         state.lane.handle_timeout(now);
         state.pump(now);
     }

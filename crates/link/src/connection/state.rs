@@ -36,6 +36,8 @@ pub(super) struct State {
     pub(super) keeper: Watch,
     /// Woken by the thread that releases the lock.
     pub(super) to_wake: Vec<task::Waker>,
+    /// The latest time known: clocks cost as much as the rest of a round.
+    pub(super) seen: Instant,
     line: SerialLine,
     out: [u8; STREAM_UNIT_MAX],
 }
@@ -71,6 +73,7 @@ impl State {
     pub(super) fn new(link: Arc<dyn Link<Stream>>, lane: Box<dyn AnyLane<Stream>>) -> Self {
         Self {
             line: lane.line(),
+            seen: link.now(),
             link,
             lane,
             slots: Slots::default(),
@@ -111,12 +114,13 @@ impl State {
     }
 
     /// Until when to sleep at most, for the lane's sake.
-    pub(super) fn sleep_until(&self, now: Instant) -> Instant {
-        self.due().map_or(Instant::FAR, |due| due.max(now.plus_ns(TICK_MIN_NS)))
+    pub(super) fn sleep_until(&self) -> Instant {
+        self.due().map_or(Instant::FAR, |due| due.max(self.seen.plus_ns(TICK_MIN_NS)))
     }
 
     /// Sends what the lane has to say and tells what it has found out.
     pub(super) fn pump(&mut self, now: Instant) {
+        self.seen = now;
         for _ in 0..PUMP_MAX {
             let told = self.tell();
             if !self.transmit(now) && !told {
