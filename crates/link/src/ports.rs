@@ -58,6 +58,7 @@ pub(crate) fn names() -> Vec<String> {
 }
 
 /// The name of `path` that survives replugging.
+#[cfg(unix)]
 pub(crate) fn stable_name(path: &str) -> Option<String> {
     system::stable_name(path)
 }

@@ -38,6 +38,8 @@ pub(super) struct State {
     pub(super) to_wake: Vec<task::Waker>,
     /// The latest time known: clocks cost as much as the rest of a round.
     pub(super) seen: Instant,
+    /// When somebody last read.
+    pub(super) read_at: Instant,
     line: SerialLine,
     out: [u8; STREAM_UNIT_MAX],
 }
@@ -74,6 +76,7 @@ impl State {
         Self {
             line: lane.line(),
             seen: link.now(),
+            read_at: Instant::ZERO,
             link,
             lane,
             slots: Slots::default(),
@@ -105,6 +108,7 @@ impl State {
             Ok(Received::TimedOut | Received::Woken) => self.link.now(),
             Err(error) => return self.lose(error),
         };
+        self.read_at = now;
         // After the input: what came in time counts as in time however late it is read. And also
         // after bytes, lest a babbling line stops the clock.
         if self.due().is_some_and(|due| due <= now) {

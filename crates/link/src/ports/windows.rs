@@ -4,10 +4,6 @@ pub(super) fn ports() -> Vec<Port> {
     serialport::available_ports().unwrap_or_default().into_iter().map(port).collect()
 }
 
-pub(super) fn stable_name(_path: &str) -> Option<String> {
-    None
-}
-
 fn port(found: serialport::SerialPortInfo) -> Port {
     let usb = match found.port_type {
         serialport::SerialPortType::UsbPort(usb) => Some(Usb {
