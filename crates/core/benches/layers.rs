@@ -1,0 +1,77 @@
+//! What the erased layers add to a codec: submit a read through `dyn`, take its outcome.
+//!
+//! Target (DESIGN.md, Speed): at most 25 ns more than encoding the request and decoding the reply.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use polepair_core::axis::AnyLane;
+use polepair_core::lane::Lane;
+use polepair_core::medium::Stream;
+use polepair_core::profile::ParameterId;
+use polepair_core::proto::tmcl::opcode::{Opcode, Status};
+use polepair_core::proto::tmcl::wire::{Reply, Request};
+use polepair_core::proto::tmcl::{Tmcl, axis::Axis};
+use polepair_core::proto::{HostOptions, Protocol};
+use polepair_core::station::{AxisIndex, Host, Station, Ticket};
+use polepair_core::time::Instant;
+
+const OPTIONS: HostOptions =
+    HostOptions { baud: 0, reply_timeout_ms: None, gap_us: Some(0), host: None, echo: false };
+const REPLY: Reply =
+    Reply { host: 2, module: 1, status: Status::Ok, opcode: Opcode::Gap, value: 123_456 };
+
+fn codec(c: &mut Criterion) {
+    let reply = REPLY.emit();
+    c.bench_function("codec alone", |b| {
+        b.iter(|| {
+            let (address, opcode) = (black_box(1), Opcode::Gap);
+            let request = Request { address, opcode, kind: 1, motor: 0, value: 0 };
+            black_box(request.emit());
+            black_box(Reply::parse(black_box(&reply)).unwrap())
+        });
+    });
+}
+
+fn host(c: &mut Criterion) {
+    let reply = REPLY.emit();
+    let mut host = Tmcl::host(&OPTIONS);
+    let profile = Tmcl::generic();
+    let driver = Axis::new(profile, 1);
+    let request = {
+        use polepair_core::axis::Driver;
+        driver.read(&profile.parameters[1]).unwrap()
+    };
+    let (mut out, mut now) = ([0; 520], 0);
+    c.bench_function("submit to event, host alone", |b| {
+        b.iter(|| {
+            now += 1_000_000;
+            let now = Instant(now);
+            host.submit(now, Ticket(1), black_box(request)).unwrap();
+            black_box(host.poll_transmit(now, &mut out));
+            host.handle_input(now, black_box(&reply));
+            black_box(host.poll_event().unwrap())
+        });
+    });
+}
+
+fn lane(c: &mut Criterion) {
+    let reply = REPLY.emit();
+    let driver = Box::new(Tmcl::driver(Tmcl::generic(), 1));
+    let mut lane: Box<dyn AnyLane<Stream>> =
+        Box::new(Lane::new(Tmcl::host(&OPTIONS), [driver as Box<_>]));
+    let (mut out, mut now) = ([0; 520], 0);
+    c.bench_function("submit to outcome, through the erased lane", |b| {
+        b.iter(|| {
+            now += 1_000_000;
+            let now = Instant(now);
+            lane.read(now, Ticket(7), AxisIndex(0), black_box(ParameterId(1))).unwrap();
+            black_box(lane.poll_transmit(now, &mut out));
+            lane.handle_input(now, black_box(&reply));
+            black_box(lane.poll_outcome().unwrap())
+        });
+    });
+}
+
+criterion_group!(benches, codec, host, lane);
+criterion_main!(benches);
