@@ -12,7 +12,7 @@ use crate::station::Host;
 /// Every protocol as decoders and encoders see it.
 #[must_use]
 pub fn dissectors() -> &'static [&'static dyn Dissector] {
-    &[&tmcl::TmclDissector]
+    &[&tmcl::TmclDissector, &modbus::RTU, &modbus::ASCII]
 }
 
 /// The dissector of that name.

@@ -6,6 +6,7 @@
 pub mod ascii;
 pub mod axis;
 pub mod device;
+pub mod explain;
 pub mod host;
 pub mod request;
 pub mod rtu;
@@ -21,8 +22,14 @@ use crate::medium::Stream;
 use crate::profile::Profile;
 
 pub use axis::Axis;
+pub use explain::ModbusDissector;
 pub use host::Host;
 pub use request::{Answer, Request};
+
+/// RTU in captures and the encoder.
+pub const RTU: ModbusDissector = ModbusDissector(wire::Format::Rtu);
+/// ASCII in captures and the encoder.
+pub const ASCII: ModbusDissector = ModbusDissector(wire::Format::Ascii);
 
 /// Modbus RTU.
 #[derive(Debug)]

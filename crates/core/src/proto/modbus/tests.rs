@@ -1,5 +1,6 @@
 extern crate std;
 
+mod codec;
 mod pair;
 mod world;
 

@@ -188,3 +188,67 @@ fn a_read_survives_every_single_fault() {
         assert_eq!(single_fault(World::plain(Format::Rtu), 6, case), 0, "{}", case.0);
     }
 }
+
+#[test]
+fn an_echo_is_never_the_reply() {
+    for format in formats() {
+        for (baud, known) in [(0, true), (0, false), (115_200, true), (115_200, false)] {
+            let options = HostOptions { baud, echo: known, ..UNTIMED };
+            let mut world = World::new(format, Framing::Length, &options);
+            world.echo = true;
+            for n in 0..20 {
+                assert_eq!(world.read(n, 2).unwrap().words[0], n * 257, "{format:?} {baud}");
+                assert_eq!(world.write(0x100 + n, n).unwrap().words[0], n);
+            }
+            assert!(world.host.counters().echoed >= 40, "{:?}", world.host.counters());
+            // The drive is gone: its host hears only itself.
+            world.drive.address = 99;
+            let writes = world.drive.writes.len();
+            assert_eq!(world.write(1, 1), Err(Failure::Silent), "{format:?} {baud} {known}");
+            assert_eq!(world.read(1, 1), Err(Failure::Silent));
+            assert_eq!(world.drive.writes.len(), writes);
+        }
+    }
+}
+
+#[test]
+fn a_stop_is_let_into_the_quarantine() {
+    let mut world = World::plain(Format::Rtu);
+    world.fault = Box::new(|n, bytes| vec![(if n == 1 { 250 * MS } else { 0 }, bytes)]);
+    let read = Ask::Read { space: Space::Holding, start: 3, count: 1 };
+    let request = |ask, class| crate::proto::modbus::Request { unit: 1, ask, class };
+    world
+        .host
+        .submit(world.now, crate::station::Ticket(90), request(read, Class::Idempotent))
+        .unwrap();
+    let start = world.now;
+    let stop = request(Ask::WriteRegister { address: 0x38, value: 0 }, Class::Stop);
+    assert!(world.host.submit(start, crate::station::Ticket(91), stop).is_err(), "one in flight");
+    while world.now < start.plus_ms(100) {
+        world.step();
+    }
+    world.host.submit(world.now, crate::station::Ticket(91), stop).unwrap();
+    let mut ended = Vec::new();
+    for _ in 0..100 {
+        while let Some((to, result)) = world.host.poll_event() {
+            ended.push((to, result.map(|answer| answer.words[0])));
+        }
+        world.step();
+    }
+    use crate::station::{Ticket, To};
+    assert_eq!(ended[0], (To::Ticket(Ticket(90)), Err(Failure::Silent)));
+    assert_eq!(ended[1], (To::Ticket(Ticket(91)), Ok(0)));
+    assert_eq!(ended.len(), 2);
+    assert_eq!(world.read(5, 1).unwrap().words[0], 5 * 257);
+}
+
+#[test]
+fn only_what_is_harmless_is_sent_again() {
+    let mut world = World::plain(Format::Rtu);
+    assert!(world.read(0, 1).is_ok());
+    world.fault = Box::new(|_, _| vec![]);
+    let before = world.host.counters();
+    assert_eq!(world.write(0x10, 7), Err(Failure::Silent));
+    assert_eq!(world.drive.writes.len(), 1, "executed once though three replies were lost");
+    assert_eq!(world.host.counters().resent, before.resent);
+}

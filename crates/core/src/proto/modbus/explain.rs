@@ -1,0 +1,521 @@
+//! Frames for people, and frames from text: the dissectors of both wire formats.
+//!
+//! Where frames end in a capture is decided by the check. Without a known direction a frame is
+//! tried as a request first, then as a reply.
+
+mod cut;
+mod say;
+
+use super::axis::decode;
+use super::axis::registers;
+use super::host::exception_text;
+use super::text;
+use super::wire::{Format, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, word};
+use super::{ascii, rtu};
+use crate::error::WireError;
+use crate::explain::{
+    Addressing, Context, Cut, Direction, Dissector, Encoded, Field, Sink, TextError, Value,
+};
+use crate::profile::{Encoding, Parameter, Profile};
+use say::{decimal, hexadecimal, scaled};
+
+/// Station that a text is encoded for when none is named: the factory's (TS manual V2 §2.2).
+const UNIT: u8 = 1;
+/// Registers of one reply that the line of text names; the fields have them all.
+const NAMED_MAX: usize = 4;
+
+/// Modbus RTU or ASCII in captures, dashboards and the encoder.
+#[derive(Clone, Copy, Debug)]
+pub struct ModbusDissector(pub Format);
+
+impl Dissector for ModbusDissector {
+    fn name(&self) -> &'static str {
+        match self.0 {
+            Format::Rtu => "modbus-rtu",
+            Format::Ascii => "modbus-ascii",
+        }
+    }
+
+    fn cut(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> Cut {
+        match self.0 {
+            Format::Rtu => cut::rtu(bytes, direction, ended),
+            Format::Ascii => cut::ascii(bytes, ended),
+        }
+    }
+
+    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
+        let mut store = [0; rtu::ADU_MAX];
+        match self.0 {
+            Format::Rtu => {
+                let opened = rtu::open(bytes);
+                let body = bytes.get(..bytes.len().saturating_sub(2)).unwrap_or_default();
+                let request = context.request.and_then(|request| rtu::open(request).ok());
+                let place = Place { format: Format::Rtu, check: 2 };
+                whole(place, body, bytes.len(), opened.err(), request, context, sink);
+            }
+            Format::Ascii => {
+                let mut asked = [0; rtu::ADU_MAX];
+                let request =
+                    context.request.and_then(|request| gathered(request, &mut asked).ok());
+                let request = request.and_then(|bytes| ascii::open(bytes).ok());
+                let (adu, error) = match gathered(bytes, &mut store) {
+                    Ok(adu) => (adu, ascii::open(adu).err()),
+                    Err(error) => (&[][..], Some(error)),
+                };
+                let body = adu.get(..adu.len().saturating_sub(1)).unwrap_or_default();
+                let place = Place { format: Format::Ascii, check: 1 };
+                whole(place, body, bytes.len(), error, request, context, sink);
+            }
+        }
+    }
+
+    fn encode(
+        &self,
+        text: &str,
+        addressing: &Addressing,
+        out: &mut [u8],
+    ) -> Result<Encoded, TextError> {
+        let said = text::parse(text, addressing.profile)?;
+        let expected = "a station address, 0 to 247";
+        let unit = addressing.axis.unwrap_or(u32::from(UNIT));
+        let unit = u8::try_from(unit).ok().filter(|&unit| unit <= 247);
+        let unit = unit.ok_or(TextError { at: 0, expected })?;
+        let mut data = [0; PDU_MAX];
+        let request = request_of(&said, &mut data);
+        let mut frame = [0; ascii::FRAME_MAX];
+        let len = match self.0 {
+            Format::Rtu => rtu::emit(unit, &mut frame, |out| request.emit(out)),
+            Format::Ascii => ascii::emit(unit, &mut frame, |out| request.emit(out)),
+        };
+        let expected = "a text whose frame fits the buffer";
+        let room = out.get_mut(..len).ok_or(TextError { at: text.len(), expected })?;
+        room.copy_from_slice(&frame[..len]);
+        let answer = request.reply_len().filter(|_| unit != 0).map(|pdu| match self.0 {
+            Format::Rtu => pdu + 3,
+            Format::Ascii => 2 * pdu + 7,
+        });
+        Ok(Encoded { len, id: None, answer })
+    }
+
+    fn code(&self, code: u32) -> Option<&'static str> {
+        exception_text(code)
+    }
+}
+
+/// The request PDU that a text means; its data is put into `data`.
+fn request_of<'a>(said: &text::Said, data: &'a mut [u8; PDU_MAX]) -> RequestPdu<'a> {
+    let (start, count) = (said.start, said.count);
+    if let Some(space) = said.function.reads() {
+        return RequestPdu::Read { space, start, count };
+    }
+    let values = &said.words[..usize::from(count)];
+    match said.function {
+        Function::WriteCoil => RequestPdu::WriteCoil { address: start, on: values[0] != 0 },
+        Function::WriteRegister => RequestPdu::WriteRegister { address: start, value: values[0] },
+        Function::WriteCoils => {
+            for (at, &value) in values.iter().enumerate() {
+                data[at / 8] |= (value as u8 & 1) << (at % 8);
+            }
+            RequestPdu::WriteCoils { start, count, bits: &data[..values.len().div_ceil(8)] }
+        }
+        _ => {
+            for (pair, value) in data.as_chunks_mut::<2>().0.iter_mut().zip(values) {
+                *pair = value.to_be_bytes();
+            }
+            RequestPdu::WriteRegisters { start, words: &data[..2 * values.len()] }
+        }
+    }
+}
+
+/// The bytes of an ASCII frame.
+fn gathered<'a>(
+    characters: &[u8],
+    store: &'a mut [u8; rtu::ADU_MAX],
+) -> Result<&'a [u8], WireError> {
+    let mut collector = ascii::Collector::default();
+    for (at, &character) in characters.iter().enumerate() {
+        match collector.feed(character) {
+            ascii::Fed::Goes => {}
+            ascii::Fed::Ended => {
+                let bytes = collector.bytes();
+                store[..bytes.len()].copy_from_slice(bytes);
+                return Ok(&store[..bytes.len()]);
+            }
+            ascii::Fed::Skipped(_) if character == ascii::START => {}
+            ascii::Fed::Skipped(_) => {
+                return Err(WireError::Unexpected { at: at as u16, found: character });
+            }
+        }
+    }
+    let found = characters.len() as u16;
+    Err(WireError::Short { need: found + 1, found })
+}
+
+/// Where the bytes of a frame lie on the wire.
+#[derive(Clone, Copy)]
+struct Place {
+    format: Format,
+    /// Bytes of the check.
+    check: usize,
+}
+
+impl Place {
+    fn at(self, byte: usize) -> u16 {
+        match self.format {
+            Format::Rtu => byte as u16,
+            Format::Ascii => (1 + 2 * byte) as u16,
+        }
+    }
+
+    fn field(
+        self,
+        sink: &mut dyn Sink,
+        name: &'static str,
+        bytes: core::ops::Range<usize>,
+        value: Value<'_>,
+        meaning: &'static str,
+    ) {
+        let (start, end) = (self.at(bytes.start), self.at(bytes.end));
+        sink.field(Field { name, start, end, value, meaning });
+    }
+}
+
+fn whole(
+    place: Place,
+    body: &[u8],
+    len: usize,
+    error: Option<WireError>,
+    request: Option<(u8, &[u8])>,
+    context: &Context<'_>,
+    sink: &mut dyn Sink,
+) {
+    let mut error = error;
+    if let [unit, pdu @ ..] = body
+        && !pdu.is_empty()
+    {
+        sink.axis(u32::from(*unit));
+        let everyone = if *unit == 0 { "broadcast" } else { "" };
+        place.field(sink, "address", 0..1, Value::Int(i64::from(*unit)), everyone);
+        let teller = Teller { place, profile: context.profile };
+        let asked = request.filter(|(asked, _)| asked == unit).map(|(_, pdu)| pdu);
+        let wrong = teller.pdu(pdu, context.direction, asked, sink);
+        error = error.or(wrong.map(shifted));
+        check(place, body, len, error, sink);
+    } else {
+        sink.kind("incomplete");
+        sink.text("no whole frame");
+    }
+    if let Some(error) = error {
+        sink.error(error);
+    }
+}
+
+/// The check as it stands in the frame.
+fn check(place: Place, body: &[u8], len: usize, error: Option<WireError>, sink: &mut dyn Sink) {
+    let (right, digits, name) = match place.format {
+        Format::Rtu => (u32::from(rtu::crc16(body).swap_bytes()), 4, "crc"),
+        Format::Ascii => (u32::from(ascii::lrc(body)), 2, "lrc"),
+    };
+    let (found, meaning) = match error {
+        Some(WireError::Checksum { found, .. }) => (found, "wrong"),
+        _ => (right, ""),
+    };
+    if usize::from(place.at(body.len() + place.check)) <= len {
+        let value = Value::Hex(u64::from(found), digits);
+        place.field(sink, name, body.len()..body.len() + place.check, value, meaning);
+    }
+}
+
+/// An offset in the PDU as one in the bytes of the frame.
+fn shifted(error: WireError) -> WireError {
+    match error {
+        WireError::Count { at, found } => WireError::Count { at: at + 1, found },
+        WireError::Unexpected { at, found } => WireError::Unexpected { at: at + 1, found },
+        other => other,
+    }
+}
+
+/// Tells a PDU in fields and words.
+struct Teller {
+    place: Place,
+    profile: Option<&'static Profile>,
+}
+
+impl Teller {
+    fn pdu(
+        &self,
+        pdu: &[u8],
+        direction: Option<Direction>,
+        asked: Option<&[u8]>,
+        sink: &mut dyn Sink,
+    ) -> Option<WireError> {
+        let function = Function::of_code(pdu[0] & 0x7F);
+        let refused = pdu[0] & 0x80 != 0;
+        sink.kind(if refused { "exception" } else { function.name() });
+        let code = Value::Hex(u64::from(pdu[0]), 2);
+        self.place.field(sink, "function", 1..2, code, function.name());
+        let request = RequestPdu::parse(pdu);
+        let reply = ReplyPdu::parse(pdu);
+        let as_reply = match direction {
+            Some(Direction::ToDrive) => false,
+            Some(Direction::ToHost) => true,
+            None => refused || (reply.is_ok() && (asked.is_some() || request.is_err())),
+        };
+        let told = match as_reply {
+            true => reply.map(|reply| self.reply(&reply, asked, sink)),
+            false => request.map(|request| self.request(&request, sink)),
+        };
+        told.err()
+    }
+
+    fn request(&self, request: &RequestPdu<'_>, sink: &mut dyn Sink) {
+        match *request {
+            RequestPdu::Read { space, start, count } => {
+                self.start_count(start, count, sink);
+                sink.text("read ");
+                self.name(space, start, count, sink);
+            }
+            RequestPdu::WriteCoil { address, on } => {
+                self.coil(address, on, sink);
+                sink.text("write ");
+                self.state(address, on, sink);
+            }
+            RequestPdu::WriteRegister { address, value } => {
+                self.single(address, value, sink);
+                sink.text("write ");
+                self.values(Space::Holding, address, &value.to_be_bytes(), sink);
+            }
+            RequestPdu::WriteCoils { start, count, bits } => {
+                self.start_count(start, count, sink);
+                self.counted(6, bits, Space::Coil, sink);
+                sink.text("write ");
+                self.name(Space::Coil, start, count, sink);
+                sink.text(" = ");
+                bits_text(bits, count, sink);
+            }
+            RequestPdu::WriteRegisters { start, words } => {
+                self.start_count(start, (words.len() / 2) as u16, sink);
+                self.counted(6, words, Space::Holding, sink);
+                sink.text("write ");
+                self.values(Space::Holding, start, words, sink);
+            }
+            RequestPdu::Unknown { function, data } => self.unknown(function, data, sink),
+        }
+    }
+
+    fn reply(&self, reply: &ReplyPdu<'_>, asked: Option<&[u8]>, sink: &mut dyn Sink) {
+        match *reply {
+            ReplyPdu::Read { space, data } => self.read(space, data, asked, sink),
+            ReplyPdu::WroteCoil { address, on } => {
+                self.coil(address, on, sink);
+                sink.text("written: ");
+                self.state(address, on, sink);
+            }
+            ReplyPdu::WroteRegister { address, value } => {
+                self.single(address, value, sink);
+                sink.text("written: ");
+                self.values(Space::Holding, address, &value.to_be_bytes(), sink);
+            }
+            ReplyPdu::Wrote { coils, start, count } => {
+                self.start_count(start, count, sink);
+                sink.text("written: ");
+                self.name(if coils { Space::Coil } else { Space::Holding }, start, count, sink);
+            }
+            ReplyPdu::Exception { function, exception } => {
+                let code = Value::Int(i64::from(exception.code()));
+                self.place.field(sink, "exception", 2..3, code, exception.text());
+                sink.text(Function::of_code(function).name());
+                sink.text(" refused: ");
+                sink.text(exception.text());
+            }
+            ReplyPdu::Unknown { function, data } => self.unknown(function, data, sink),
+        }
+    }
+
+    /// What was read, under the names of what was asked for.
+    fn read(&self, space: Space, data: &[u8], asked: Option<&[u8]>, sink: &mut dyn Sink) {
+        self.counted(2, data, space, sink);
+        let asked = asked.and_then(|pdu| RequestPdu::parse(pdu).ok());
+        match asked {
+            Some(RequestPdu::Read { space: wanted, start, count })
+                if wanted == space && data.len() == space.reply_bytes(count) =>
+            {
+                if space.is_bits() {
+                    // A TS drive answers a read of one line with all of them (TS manual V2 §2.3).
+                    let shown = if count == 1 { 8 } else { count };
+                    self.name(space, start, count, sink);
+                    sink.text(" = ");
+                    bits_text(data, shown, sink);
+                } else {
+                    self.values(space, start, data, sink);
+                }
+            }
+            _ if space.is_bits() => bits_text(data, 8 * data.len() as u16, sink),
+            _ => self.plain_values(data, sink),
+        }
+    }
+
+    fn start_count(&self, start: u16, count: u16, sink: &mut dyn Sink) {
+        self.address("start", start, sink);
+        self.place.field(sink, "count", 4..6, Value::Int(i64::from(count)), "");
+    }
+
+    fn address(&self, name: &'static str, address: u16, sink: &mut dyn Sink) {
+        let symbol = self.parameter(Space::Holding, address).map_or("", |p| p.symbol);
+        self.place.field(sink, name, 2..4, Value::Hex(u64::from(address), 4), symbol);
+    }
+
+    fn single(&self, address: u16, value: u16, sink: &mut dyn Sink) {
+        self.address("register", address, sink);
+        let parameter = self.parameter(Space::Holding, address);
+        let encoding = parameter.map_or(Encoding::U16, |p| p.encoding);
+        let raw =
+            if registers(encoding) == 1 { decode(encoding, [value, 0]) } else { i64::from(value) };
+        let meaning = parameter.map_or("", |p| meaning(p, raw));
+        self.place.field(sink, "value", 4..6, Value::Int(raw), meaning);
+    }
+
+    fn coil(&self, address: u16, on: bool, sink: &mut dyn Sink) {
+        let symbol = self.parameter(Space::Coil, address).map_or("", |p| p.symbol);
+        self.place.field(sink, "coil", 2..4, Value::Hex(u64::from(address), 4), symbol);
+        let word = if on { "on" } else { "off" };
+        self.place.field(sink, "value", 4..6, Value::Int(i64::from(on)), word);
+    }
+
+    /// Byte count at `at` (in the frame's bytes) and the data behind it.
+    fn counted(&self, at: usize, data: &[u8], space: Space, sink: &mut dyn Sink) {
+        let count = Value::Int(data.len() as i64);
+        self.place.field(sink, "byte_count", at..at + 1, count, "");
+        let bytes = at + 1..at + 1 + data.len();
+        match data {
+            _ if !space.is_bits() => {
+                self.place.field(sink, "values", bytes, Value::Words(data), "");
+            }
+            [bits] => {
+                self.place.field(sink, "bits", bytes, Value::Hex(u64::from(*bits), 2), "");
+            }
+            _ => {
+                for (n, bits) in data.iter().enumerate() {
+                    let value = Value::Hex(u64::from(*bits), 2);
+                    self.place.field(sink, "bits", at + 1 + n..at + 2 + n, value, "");
+                }
+            }
+        }
+    }
+
+    fn unknown(&self, function: u8, data: &[u8], sink: &mut dyn Sink) {
+        for (n, byte) in data.iter().enumerate() {
+            let value = Value::Hex(u64::from(*byte), 2);
+            self.place.field(sink, "data", 2 + n..3 + n, value, "");
+        }
+        sink.text("function ");
+        hexadecimal(u64::from(function), 2, sink);
+        sink.text(", ");
+        decimal(data.len() as i64, sink);
+        sink.text(" bytes of data");
+    }
+
+    fn parameter(&self, space: Space, address: u16) -> Option<&'static Parameter> {
+        let parameters = self.profile?.parameters;
+        parameters.iter().find(|p| p.space == space.number() && p.index == address)
+    }
+
+    /// `Fn_33 internal speed` or `holding register 0x0033`, and how many more.
+    fn name(&self, space: Space, start: u16, count: u16, sink: &mut dyn Sink) {
+        let mut covered = 1;
+        match self.parameter(space, start) {
+            Some(parameter) => {
+                sink.text(parameter.symbol);
+                sink.text(" ");
+                sink.text(parameter.name);
+                covered = if space.is_bits() { 1 } else { registers(parameter.encoding) };
+            }
+            None => {
+                sink.text(match space {
+                    Space::Holding => "register ",
+                    Space::Input => "input register ",
+                    Space::Coil => "coil ",
+                    Space::Discrete => "discrete input ",
+                });
+                hexadecimal(u64::from(start), 4, sink);
+            }
+        }
+        if count > covered {
+            sink.text(", ");
+            decimal(i64::from(count), sink);
+            sink.text(if space.is_bits() { " bits" } else { " registers" });
+        }
+    }
+
+    fn state(&self, address: u16, on: bool, sink: &mut dyn Sink) {
+        self.name(Space::Coil, address, 1, sink);
+        sink.text(if on { " = on" } else { " = off" });
+    }
+
+    /// `name = value unit` of each register, as far as a line goes.
+    fn values(&self, space: Space, start: u16, data: &[u8], sink: &mut dyn Sink) {
+        let count = data.len() / 2;
+        let mut at = 0;
+        for shown in 0..NAMED_MAX {
+            if at >= count {
+                return;
+            }
+            sink.text(if shown > 0 { ", " } else { "" });
+            let address = start.wrapping_add(at as u16);
+            let first = word(data, 2 * at);
+            let parameter = self.parameter(space, address);
+            let wide = parameter.map_or(1, |p| usize::from(registers(p.encoding)));
+            self.name(space, address, 1, sink);
+            sink.text(" = ");
+            match parameter {
+                Some(parameter) if at + wide <= count => {
+                    let second = if wide == 2 { word(data, 2 * at + 2) } else { 0 };
+                    let raw = decode(parameter.encoding, [first, second]);
+                    scaled(parameter, raw, sink);
+                    at += wide;
+                }
+                _ => {
+                    decimal(i64::from(first), sink);
+                    at += 1;
+                }
+            }
+        }
+        more(count - at, sink);
+    }
+
+    fn plain_values(&self, data: &[u8], sink: &mut dyn Sink) {
+        let count = data.len() / 2;
+        sink.text("values ");
+        for n in 0..count.min(NAMED_MAX) {
+            sink.text(if n > 0 { ", " } else { "" });
+            decimal(i64::from(word(data, 2 * n)), sink);
+        }
+        more(count.saturating_sub(NAMED_MAX), sink);
+    }
+}
+
+fn more(count: usize, sink: &mut dyn Sink) {
+    if count > 0 {
+        sink.text(" and ");
+        decimal(count as i64, sink);
+        sink.text(" more");
+    }
+}
+
+fn meaning(parameter: &'static Parameter, raw: i64) -> &'static str {
+    parameter.values.iter().find(|(value, _)| *value == raw).map_or("", |(_, name)| name)
+}
+
+/// Lines that are on, counted from 1 as the TS manual V2 §2.3 does.
+fn bits_text(bits: &[u8], count: u16, sink: &mut dyn Sink) {
+    let on = |at: &u16| bits.get(usize::from(at / 8)).is_some_and(|byte| byte >> (at % 8) & 1 == 1);
+    let mut any = false;
+    for at in (0..count).filter(on).take(16) {
+        sink.text(if any { " " } else { "on: " });
+        decimal(i64::from(at) + 1, sink);
+        any = true;
+    }
+    if !any {
+        sink.text("all off");
+    }
+}
