@@ -1,0 +1,96 @@
+//! A round trip allocates nothing once the connection runs.
+#![cfg(unix)]
+#![allow(unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use polepair_core::error::Outcome;
+use polepair_core::lane::Lane;
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::profile::ParameterId;
+use polepair_core::proto::tmcl::Tmcl;
+use polepair_core::proto::{HostOptions, Protocol};
+use polepair_core::station::AxisIndex;
+use polepair_core::time::Instant;
+use polepair_link::{Connection, Link, LinkError, Received, Waker, clock};
+
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+// SAFETY: both pass on to the system's allocator what they are given; the counter does not
+// allocate (a const-initialised `Cell` without a destructor).
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller keeps the promises of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: the caller keeps the promises of `dealloc`.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// A drive that is there at once: module 1 answers 123456 to whatever it is asked.
+struct Prompt(Waker, AtomicBool);
+
+impl Link<Stream> for Prompt {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+    fn send(&self, _unit: &[u8]) -> Result<(), LinkError> {
+        self.1.store(true, Ordering::Relaxed);
+        Ok(())
+    }
+    fn receive(&self, buffer: &mut [u8], _until: Instant) -> Result<Received, LinkError> {
+        if !self.1.swap(false, Ordering::Relaxed) {
+            return Ok(Received::TimedOut);
+        }
+        let mut reply = [2, 1, 100, 6, 0, 1, 0xE2, 0x40, 0];
+        reply[8] = reply[..8].iter().fold(0, |sum, byte| u8::wrapping_add(sum, *byte));
+        buffer[..9].copy_from_slice(&reply);
+        Ok(Received::Bytes { len: 9, at: clock::now() })
+    }
+    fn set_line(&self, _line: SerialLine) -> Result<(), LinkError> {
+        Ok(())
+    }
+    fn waker(&self) -> Waker {
+        self.0.clone()
+    }
+    fn describe(&self) -> String {
+        String::new()
+    }
+}
+
+#[test]
+fn a_round_trip_allocates_nothing() {
+    let options =
+        HostOptions { baud: 0, reply_timeout_ms: None, gap_us: Some(0), host: None, echo: false };
+    let driver = Tmcl::driver(Tmcl::generic(), 1);
+    let lane = Lane::<Stream, _>::new(Tmcl::host(&options), [Box::new(driver) as _]);
+    let link = Prompt(Waker::new().unwrap(), AtomicBool::new(false));
+    let connection = Connection::new(Box::new(link), Box::new(lane));
+    let ask = || {
+        let deadline = clock::now().plus_ms(1_000);
+        connection.ask(deadline, |axes, now, ticket| {
+            axes.read(now, ticket, AxisIndex(0), ParameterId(0))
+        })
+    };
+    assert_eq!(ask(), Ok(Some(Outcome::Done(123_456))));
+    let before = ALLOCATIONS.get();
+    for _ in 0..1_000 {
+        assert_eq!(ask(), Ok(Some(Outcome::Done(123_456))));
+    }
+    assert_eq!(ALLOCATIONS.get(), before);
+    drop(vec![1_u8; 10]);
+    assert_eq!(ALLOCATIONS.get(), before + 1, "the counter counts");
+}
