@@ -11,7 +11,7 @@ mod lead;
 mod slots;
 mod state;
 
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::task;
 
 use polepair_core::axis::Axes;
@@ -39,7 +39,11 @@ impl Connection {
     #[must_use]
     pub fn new(link: Box<dyn Link<Stream>>, lane: Box<dyn AnyLane<Stream>>) -> Self {
         let state = State::new(Arc::from(link), lane);
-        let shared = Shared { state: Mutex::new(state), keeper: keeper::Keeper::default() };
+        let shared = Shared {
+            state: Mutex::new(state),
+            keeper: keeper::Keeper::default(),
+            room: Condvar::new(),
+        };
         Self(Arc::new(Owner(Arc::new(shared))))
     }
 
@@ -61,15 +65,23 @@ impl Connection {
     }
 
     /// Submits a request and waits for its outcome, `None` at `deadline` or after an interrupt.
+    /// While many other requests are pending and the lane takes no more, it waits for its turn and
+    /// calls `request` again.
     ///
     /// # Errors
     /// As [`submit`](Self::submit).
     pub fn ask(
         &self,
         deadline: Instant,
-        request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+        mut request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<Option<Outcome>, Unsupported> {
-        Ok(match self.submit(request)?.wait(deadline) {
+        let mut pending = loop {
+            match self.submit(&mut request) {
+                Err(Unsupported::Busy) if lead::await_room(&self.0.0, deadline) => {}
+                submitted => break submitted?,
+            }
+        };
+        Ok(match pending.wait(deadline) {
             Waited::Ended(outcome) => Some(outcome),
             Waited::TimedOut | Waited::Interrupted => None,
         })
@@ -212,6 +224,8 @@ impl Drop for Owner {
 struct Shared {
     state: Mutex<State>,
     keeper: keeper::Keeper,
+    /// Told when a request ended while others wait for the lane to take theirs.
+    room: Condvar,
 }
 
 impl Shared {

@@ -11,7 +11,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use polepair_core::axis::{Command, Verb};
-use polepair_core::error::{Failure, Outcome};
+use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::profile::ParameterId;
 use polepair_core::station::AxisIndex;
@@ -118,13 +118,27 @@ fn two_hundred_threads_get_their_own_answers() {
             thread::spawn(move || {
                 for turn in 0..5 {
                     let value = thread * 1000 + turn;
-                    assert_eq!(put(&connection, value).wait(in_ms(60_000)), done(value + 1));
+                    let outcome = connection.ask(in_ms(60_000), |axes, now, ticket| {
+                        axes.write(now, ticket, AXIS, ParameterId(0), value.into(), false)
+                    });
+                    assert_eq!(outcome, Ok(Some(Outcome::Done(i64::from(value) + 1))));
                 }
             })
         })
         .collect();
     threads.into_iter().for_each(|thread| thread.join().unwrap());
     assert_eq!(drive.asked(), 1000);
+}
+
+#[test]
+fn busy_is_told_at_once_when_it_is_not_for_want_of_room() {
+    let (_drive, connection) = served(ToyDevice::answering_after(0));
+    let mut calls = 0;
+    let outcome = connection.ask(in_ms(60_000), |_, _, _| {
+        calls += 1;
+        Err(Unsupported::Busy)
+    });
+    assert_eq!((outcome, calls), (Err(Unsupported::Busy), 1));
 }
 
 #[test]

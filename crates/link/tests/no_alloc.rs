@@ -81,9 +81,8 @@ fn a_round_trip_allocates_nothing() {
     let connection = Connection::new(Box::new(link), Box::new(lane));
     let ask = || {
         let deadline = clock::now().plus_ms(1_000);
-        connection.ask(deadline, |axes, now, ticket| {
-            axes.read(now, ticket, AxisIndex(0), ParameterId(0))
-        })
+        connection
+            .ask(deadline, |axes, now, ticket| axes.read(now, ticket, AxisIndex(0), ParameterId(0)))
     };
     assert_eq!(ask(), Ok(Some(Outcome::Done(123_456))));
     let before = ALLOCATIONS.get();

@@ -22,6 +22,8 @@ const STALE_READS_MAX: usize = 64;
 /// comes as much later; the host tells that from an answer, or nobody can. So exchanges back to
 /// back save a system call.
 const FRESH_NS: u64 = 200_000;
+/// With fewer requests pending, a lane that says busy means something else.
+const CROWD_MIN: usize = 16;
 /// A follower looks again after this long, whatever happens to its leader.
 const PARK_MAX: Duration = Duration::from_millis(200);
 /// Pause between two attempts to open a lost link.
@@ -138,6 +140,9 @@ pub(super) fn round<'a>(
     if state.trouble.is_none() && Arc::ptr_eq(&link, &state.link) {
         state.digest(received, buffer);
     }
+    if state.crowd > 0 && std::mem::take(&mut state.freed) {
+        shared.room.notify_one();
+    }
     state
 }
 
@@ -162,6 +167,20 @@ fn follow<'a>(
     state
 }
 
+/// Waits until a request ended, so that the lane may take another. False when so few are pending
+/// that it is not for want of room that the lane refused, and at `deadline`.
+pub(super) fn await_room(shared: &Shared, deadline: Instant) -> bool {
+    let mut state = shared.lock();
+    let left = deadline.since(state.link.now()).min(PARK_MAX);
+    if left.is_zero() || state.slots.pending().count() < CROWD_MIN {
+        return false;
+    }
+    state.crowd += 1;
+    let waited = shared.room.wait_timeout(state, left);
+    waited.expect("a lane panicked on another thread").0.crowd -= 1;
+    true
+}
+
 /// Lets the next one lead.
 pub(super) fn hand_over(state: &State) {
     if state.leader == Leader::Nobody {
@@ -173,6 +192,9 @@ pub(super) fn hand_over(state: &State) {
 /// if the lane now wants time earlier, the keeper is nudged if nobody else sees to the lane, and
 /// wakers are woken.
 pub(super) fn release(shared: &Arc<Shared>, mut state: Guard<'_>) {
+    if state.crowd > 0 && std::mem::take(&mut state.freed) {
+        shared.room.notify_one();
+    }
     if state.leader == Leader::Nobody {
         if keeper::needed(&state) {
             keeper::nudge(shared, &mut state);

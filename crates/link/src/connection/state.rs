@@ -36,6 +36,10 @@ pub(super) struct State {
     pub(super) keeper: Watch,
     /// Woken by the thread that releases the lock.
     pub(super) to_wake: Vec<task::Waker>,
+    /// Threads that wait for the lane to have room.
+    pub(super) crowd: u32,
+    /// A request has ended since one of them was told.
+    pub(super) freed: bool,
     /// The latest time known: clocks cost as much as the rest of a round.
     pub(super) seen: Instant,
     /// When somebody last read.
@@ -77,6 +81,8 @@ impl State {
             line: lane.line(),
             seen: link.now(),
             read_at: Instant::ZERO,
+            crowd: 0,
+            freed: false,
             link,
             lane,
             slots: Slots::default(),
@@ -173,6 +179,7 @@ impl State {
     }
 
     pub(super) fn end(&mut self, ticket: Ticket, outcome: Outcome) {
+        self.freed = true;
         let waker = self.slots.end(ticket, outcome);
         self.to_wake.extend(waker);
     }

@@ -13,6 +13,8 @@ use polepair_core::time::{Instant, earliest};
 pub(super) const REPLY_TIMEOUT_MS: u32 = 150;
 /// Asked by a stop.
 pub(super) const STOP_VALUE: u32 = 0x5709_5709;
+/// A lane holds so many jobs, whatever the number of threads.
+const QUEUE_MAX: usize = 64;
 const BAUD: u32 = 115_200;
 
 #[derive(Clone, Copy)]
@@ -180,6 +182,9 @@ impl Axes for ToyLane {
         _keep: bool,
     ) -> Result<(), Unsupported> {
         let value = u32::try_from(raw).map_err(|_| Unsupported::BadArgument)?;
+        if self.queue.len() == QUEUE_MAX {
+            return Err(Unsupported::Busy);
+        }
         self.queue.push_back(Job { ticket, value, left: 0, at: now });
         Ok(())
     }
