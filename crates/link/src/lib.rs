@@ -7,6 +7,19 @@
 //!              serial · tcp · pty · Tapped (a trace) · whatever `sim` puts here
 //! ```
 //!
+//! ```
+//! use polepair_link::tcp::{TcpLink, TcpServer};
+//! use polepair_link::{Link, Received, clock};
+//!
+//! let drive = TcpServer::bind("0")?; // a free port of this machine
+//! let host = TcpLink::connect(&drive.address().to_string())?;
+//! host.send(&[1, 2, 3])?;
+//! let mut buffer = [0; 16];
+//! let received = drive.receive(&mut buffer, clock::now().plus_ms(1000))?;
+//! assert!(matches!(received, Received::Bytes { len: 3, .. }));
+//! # Ok::<(), polepair_link::LinkError>(())
+//! ```
+//!
 //! Nothing here knows a protocol. Only [`clock`] reads the time, only this crate sleeps or spawns.
 #![deny(unsafe_code)]
 

@@ -44,6 +44,15 @@ pub struct Usb {
 }
 
 /// Lists the adapters, by name.
+///
+/// ```
+/// for port in polepair_link::ports() {
+///     match &port.trouble {
+///         None => println!("{}", port.path),
+///         Some(trouble) => println!("{trouble}. {}", trouble.hint()),
+///     }
+/// }
+/// ```
 #[must_use]
 pub fn ports() -> Vec<Port> {
     let mut found = system::ports();

@@ -151,9 +151,9 @@ fn the_next_waiter_leads_when_the_leader_leaves() {
     thread::sleep(Duration::from_millis(20));
     assert_eq!(second.wait(in_ms(5000)), done(3));
     assert_eq!(leader.join().unwrap(), done(2));
-    // Without a hand-over it would have slept a follower's 200 ms first.
+    // Without a hand-over it would have slept a follower's 500 ms first.
     let took = clock::now().since(began);
-    assert!(took < Duration::from_millis(190), "{took:?}");
+    assert!(took < Duration::from_millis(400), "{took:?}");
 }
 
 #[test]
@@ -348,7 +348,7 @@ fn plugging_in_again_brings_the_line_up() {
 
 #[test]
 fn a_stop_overtakes_what_is_queued() {
-    let (_drive, link) = plugged(ToyDevice::answering_after(1));
+    let (_drive, link) = plugged(ToyDevice::answering_after(4));
     let stopped_at = Arc::new(Mutex::new(None));
     let seen = Arc::clone(&stopped_at);
     let tapped = Tapped::new(link, move |at, direction, bytes: &[u8]| {
@@ -374,8 +374,8 @@ fn a_stop_overtakes_what_is_queued() {
     assert_eq!(stop.wait(in_ms(5000)), done(STOP_VALUE + 1));
     let took = stopped_at.lock().unwrap().unwrap().since(began);
     println!("stop to wire while 32 threads poll: {took:?}");
-    // One exchange of 1 ms is under way; the other 31 would take as many.
-    assert!(took < Duration::from_millis(20), "{took:?}");
+    // One exchange of 4 ms is under way; the other 31 would take 124 ms.
+    assert!(took < Duration::from_millis(60), "{took:?}");
     pollers.into_iter().for_each(|thread| thread.join().unwrap());
 }
 

@@ -14,6 +14,8 @@ use super::state::{Leader, State, Watch};
 /// How often a watching keeper looks whether it is needed; also the quiet that it waits for before
 /// it leads in a caller's place.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
+/// How often it looks while the link is lost.
+const LOOK_FOR_LINK_EVERY: Duration = Duration::from_millis(50);
 /// After so many looks without need it sleeps.
 const IDLE_LOOKS_MAX: u32 = 100;
 /// How long it goes on leading for wakers (asyncio), so that their next request finds it there.
@@ -137,7 +139,9 @@ fn may_lead(state: &State, rounds_seen: u64, linger_until: Instant) -> bool {
 fn pause<'a>(shared: &'a Shared, mut state: Guard<'a>, idle_looks: &mut u32) -> Guard<'a> {
     let called = &shared.keeper.called;
     if *idle_looks < IDLE_LOOKS_MAX {
-        let waited = called.wait_timeout(state, LOOK_EVERY);
+        let lost = state.trouble.is_some();
+        let pause = if lost { LOOK_FOR_LINK_EVERY } else { LOOK_EVERY };
+        let waited = called.wait_timeout(state, pause);
         return waited.expect("a lane panicked on another thread").0;
     }
     *idle_looks = 0;

@@ -25,7 +25,7 @@ const FRESH_NS: u64 = 200_000;
 /// With fewer requests pending, a lane that says busy means something else.
 const CROWD_MIN: usize = 16;
 /// A follower looks again after this long, whatever happens to its leader.
-const PARK_MAX: Duration = Duration::from_millis(200);
+const PARK_MAX: Duration = Duration::from_millis(500);
 /// Pause between two attempts to open a lost link.
 pub(super) const REOPEN_EVERY_NS: u64 = 250_000_000;
 

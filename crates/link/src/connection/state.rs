@@ -108,6 +108,9 @@ impl State {
     pub(super) fn digest(&mut self, received: Result<Received, LinkError>, buffer: &[u8]) {
         let now = match received {
             Ok(Received::Bytes { len, at }) => {
+                // Only a link that carries something is well again: one that opens and is lost at
+                // once is not tried for ever.
+                self.retry.tried = 0;
                 self.lane.handle_input(at, &buffer[..len]);
                 at
             }
@@ -151,8 +154,7 @@ impl State {
         let now = self.link.now();
         if self.trouble.is_none() {
             self.trouble = Some(error);
-            self.retry = Retry { next: now.plus_ns(REOPEN_EVERY_NS), ..self.retry };
-            self.retry.tried = 0;
+            self.retry.next = now.plus_ns(REOPEN_EVERY_NS);
             // A leader may still be listening to the dead link.
             self.link.waker().wake();
             self.lane.handle_line(now, LineEvent::Down);
