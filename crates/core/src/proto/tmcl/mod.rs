@@ -21,3 +21,6 @@ pub use host::{CanHost, SerialHost};
 pub use opcode::{Opcode, Status};
 pub use session::{Answer, Ask};
 pub use wire::{Instruction, Reply, Request, VersionText};
+
+#[cfg(test)]
+mod tests;

@@ -10,12 +10,12 @@ use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
 use crate::error::Failure;
 use crate::station::{Class, Counters, LineEvent, Ticket, To};
-use crate::time::{Instant, earliest};
+use crate::time::Instant;
 
 /// Times an idempotent request is sent at most.
 pub const ATTEMPTS_MAX: u8 = 3;
 /// Probes sent into silence at most, in one quarantine.
-pub const PROBES_MAX: u8 = 2;
+pub const PROBES_MAX: u8 = 4;
 /// Modules in quarantine at a time at most; one more closes the line until one is out.
 pub const SUSPECTS_MAX: usize = 4;
 /// Events that wait to be taken at most; before that, nothing new is accepted.
@@ -249,8 +249,11 @@ impl Session {
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let pending = self.pending.as_ref().map(|p| if p.sent { p.deadline } else { p.not_before });
-        let suspects = self.suspects.iter().flatten().map(|suspect| suspect.until).min();
-        if self.suspicious { earliest(pending, suspects) } else { pending }
+        // While something is out, its own deadline comes first; a suspect is let go after it.
+        if pending.is_some() || !self.suspicious {
+            return pending;
+        }
+        self.suspects.iter().flatten().map(|suspect| suspect.until).min()
     }
 
     pub(super) fn handle_line(&mut self, now: Instant, event: LineEvent) {
@@ -315,7 +318,8 @@ impl Session {
 
     fn start(&mut self, now: Instant, ticket: Option<Ticket>, ask: Ask) {
         let mut ambiguous = 0;
-        if self.suspicious {
+        // After a lost MST another MST is the same request, and nothing but stops was sent since.
+        if self.suspicious && ask.request.opcode != Opcode::Mst {
             let opcode = ask.request.opcode.number();
             let of_module = |s: &&Suspect| s.module == ask.request.address;
             if let Some(suspect) = self.suspects.iter().flatten().find(of_module) {

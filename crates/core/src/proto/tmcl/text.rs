@@ -311,6 +311,11 @@ impl<'a> Words<'a> {
     fn fields(&mut self) -> Result<Fields<'a>, TextError> {
         let mut fields = [None; 3];
         let mut count = 0;
+        // A comma behind the name does no harm: `136, 0, 0`.
+        let comma = self.text[self.at..].trim_start().starts_with(',');
+        if comma {
+            self.at += self.text[self.at..].find(',').map_or(0, |at| at + 1);
+        }
         let rest = &self.text[self.at..];
         if rest.trim().is_empty() {
             return Ok((fields, 0));

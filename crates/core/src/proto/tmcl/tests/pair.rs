@@ -1,0 +1,572 @@
+//! Host and device on one hand-made wire, with every kind of single fault.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use super::Random;
+use crate::error::Failure;
+use crate::medium::{Frame, Stream};
+use crate::proto::HostOptions;
+use crate::proto::tmcl::device::CanEnd;
+use crate::proto::tmcl::device::{BadSum, Event, Firmware, Quirks, Response, SerialEnd};
+use crate::proto::tmcl::{Answer, Ask, CanHost, Instruction, Opcode, Request, SerialHost, Status};
+use crate::station::{Class, Host, Station, Ticket, Timed, To};
+use crate::time::{Instant, earliest};
+
+pub const MODULE: u8 = 1;
+
+/// A module with as much behind it as the tests look at.
+#[derive(Debug)]
+pub struct Bench {
+    pub address: u8,
+    pub pause: u8,
+    pub baud: u32,
+    pub ascii: Option<crate::proto::tmcl::device::Echo>,
+    pub done: Vec<Request>,
+    pub event: Option<i32>,
+}
+
+impl Default for Bench {
+    fn default() -> Self {
+        Self { address: MODULE, pause: 0, baud: 9600, ascii: None, done: Vec::new(), event: None }
+    }
+}
+
+impl Firmware for Bench {
+    fn address(&self) -> u8 {
+        self.address
+    }
+    fn host_address(&self) -> u8 {
+        2
+    }
+    fn reply_pause_ms(&self) -> u8 {
+        self.pause
+    }
+    fn baud(&self) -> u32 {
+        self.baud
+    }
+    fn can_id(&self) -> u16 {
+        self.address.into()
+    }
+    fn can_reply_id(&self) -> u16 {
+        2
+    }
+    fn can_bit_rate(&self) -> u32 {
+        250_000
+    }
+    fn ascii(&self) -> Option<crate::proto::tmcl::device::Echo> {
+        self.ascii
+    }
+    fn set_ascii(&mut self, on: bool) {
+        self.ascii = on.then_some(crate::proto::tmcl::device::Echo::None);
+    }
+    fn execute(&mut self, _: Instant, request: &Request) -> Response {
+        let unknown = Response::refused(Status::InvalidCommand, request);
+        if !request.opcode.only_reads() {
+            self.done.push(*request);
+        }
+        match (request.opcode, request.kind) {
+            (Opcode::Gap, 200..) => Response::refused(Status::WrongType, request),
+            (Opcode::Gap, kind) => Response::ok(i32::from(kind) * 1000 + 7),
+            (Opcode::Ggp, kind) => Response::ok(i32::from(kind) * 1000 + 9),
+            (Opcode::Sgp, 66) => {
+                self.address = request.value as u8;
+                Response::ok(request.value)
+            }
+            (Opcode::Sgp, 65) => {
+                self.baud = 115_200;
+                Response::ok(request.value)
+            }
+            (Opcode::Version, 0) => Response::Text(*b"170V1.14"),
+            (Opcode::Version, 1) => Response::ok(0x00AA_010E),
+            (Opcode::ReadMemory, _) => Response::Instruction(Instruction {
+                opcode: 5,
+                kind: 4,
+                motor: 0,
+                value: request.value,
+            }),
+            (Opcode::Boot, _) => Response::Silent,
+            (Opcode::Ror | Opcode::Rol | Opcode::Mst | Opcode::Mvp | Opcode::Sap, _)
+            | (Opcode::PositionReached | Opcode::EnterAscii, _) => Response::ok(request.value),
+            _ => unknown,
+        }
+    }
+    fn poll_event(&mut self, _: Instant) -> Option<Event> {
+        let value = self.event.take()?;
+        Some(Event { opcode: Opcode::PositionReached, value })
+    }
+}
+
+/// What becomes of a run of bytes: later by so many ms, these bytes.
+type Fault = Box<dyn FnMut(u32, &[u8]) -> Option<Vec<(u32, Vec<u8>)>>>;
+
+fn sound() -> Fault {
+    Box::new(|_, _| None)
+}
+
+pub struct Wire {
+    pub now: Instant,
+    pub host: SerialHost,
+    pub end: SerialEnd,
+    pub firmware: Bench,
+    baud: u32,
+    echo: bool,
+    to_host: Vec<(Instant, Vec<u8>)>,
+    to_drive: Vec<(Instant, Vec<u8>)>,
+    replies: Fault,
+    requests: Fault,
+    counts: [u32; 2],
+    tickets: u32,
+}
+
+impl Wire {
+    pub fn new(baud: u32, quirks: Quirks) -> Self {
+        let firmware = Bench::default();
+        let options =
+            HostOptions { baud, reply_timeout_ms: None, gap_us: None, host: None, echo: false };
+        Self {
+            now: Instant(1_000_000_000),
+            host: SerialHost::new(&options),
+            end: SerialEnd::new(quirks, &firmware),
+            firmware,
+            baud,
+            echo: false,
+            to_host: Vec::new(),
+            to_drive: Vec::new(),
+            replies: sound(),
+            requests: sound(),
+            counts: [0; 2],
+            tickets: 0,
+        }
+    }
+
+    fn on_wire_ns(&self, bytes: usize) -> u64 {
+        crate::medium::SerialLine::n81(self.baud).characters_ns(bytes as u32)
+    }
+
+    fn transmit(&mut self) {
+        let mut out = [0; 128];
+        while let Some(len) = self.host.poll_transmit(self.now, &mut out) {
+            let bytes = out[..len].to_vec();
+            if self.echo {
+                self.to_host.push((self.now.plus_ns(self.on_wire_ns(len)), bytes.clone()));
+            }
+            self.counts[0] += 1;
+            let parts = (self.requests)(self.counts[0], &bytes);
+            for (ms, bytes) in parts.unwrap_or_else(|| Vec::from([(0, bytes)])) {
+                let at = self.now.plus_ms(ms).plus_ns(self.on_wire_ns(bytes.len()));
+                self.to_drive.push((at, bytes));
+            }
+        }
+        while let Some(len) = self.end.poll_transmit(self.now, &mut out, &mut self.firmware) {
+            let bytes = out[..len].to_vec();
+            self.counts[1] += 1;
+            let parts = (self.replies)(self.counts[1], &bytes);
+            // A drive answers in order: nothing overtakes what is already on its way.
+            let mut last = self.to_host.iter().map(|(at, _)| *at).max().unwrap_or(self.now);
+            for (ms, bytes) in parts.unwrap_or_else(|| Vec::from([(0, bytes)])) {
+                let at = self.now.plus_ms(ms).plus_ns(self.on_wire_ns(bytes.len()));
+                last = last.max(at);
+                self.to_host.push((last, bytes));
+            }
+        }
+        self.to_host.sort_by_key(|(at, _)| *at);
+        self.to_drive.sort_by_key(|(at, _)| *at);
+    }
+
+    /// Goes on to the next thing that happens, but not beyond `until`.
+    pub fn step(&mut self, until: Instant) {
+        self.transmit();
+        let queued = earliest(
+            self.to_host.first().map(|(at, _)| *at),
+            self.to_drive.first().map(|(at, _)| *at),
+        );
+        let timers = earliest(self.host.poll_timeout(), self.end.poll_timeout());
+        let next = earliest(queued, timers).unwrap_or(until).clamp(self.now, until);
+        self.now = next.max(self.now);
+        while self.to_host.first().is_some_and(|(at, _)| *at <= self.now) {
+            let (_, bytes) = self.to_host.remove(0);
+            self.host.handle_input(self.now, &bytes);
+        }
+        while self.to_drive.first().is_some_and(|(at, _)| *at <= self.now) {
+            let (_, bytes) = self.to_drive.remove(0);
+            self.end.handle_input(self.now, &bytes, &mut self.firmware);
+        }
+        self.host.handle_timeout(self.now);
+        self.transmit();
+        if next == until {
+            self.now = until;
+        }
+    }
+
+    /// Asks and waits for the end, which must come within five seconds.
+    pub fn ask(&mut self, ask: Ask) -> Result<Answer, Failure> {
+        self.tickets += 1;
+        let ticket = Ticket(self.tickets);
+        let limit = self.now.plus_ms(5_000);
+        while self.host.submit(self.now, ticket, ask).is_err() {
+            assert!(self.now < limit, "the line never opened again: {:?}", self.host);
+            self.step(limit);
+        }
+        loop {
+            while let Some((to, result)) = self.host.poll_event() {
+                if to == To::Ticket(ticket) {
+                    return result;
+                }
+            }
+            assert!(self.now < limit, "no end: {:?}", self.host);
+            self.step(limit);
+        }
+    }
+
+    pub fn rest(&mut self, ms: u32) {
+        let until = self.now.plus_ms(ms);
+        while self.now < until {
+            self.step(until);
+        }
+    }
+
+    fn read(&mut self, parameter: u8) -> Result<i32, Failure> {
+        match self.ask(Ask::of(request(Opcode::Gap, parameter, 0)))? {
+            Answer::Reply(reply) => Ok(reply.value),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+pub fn request(opcode: Opcode, kind: u8, value: i32) -> Request {
+    Request { address: MODULE, opcode, kind, motor: 0, value }
+}
+
+/// Sixty reads of six parameters, as the peers are measured: wrong values and errors.
+fn sixty(wire: &mut Wire, rest_ms: u32) -> (u32, u32) {
+    let (mut wrong, mut errors) = (0, 0);
+    let mut random = Random(7);
+    for _ in 0..60 {
+        let parameter = [1, 4, 5, 7, 9, 11][random.below(6) as usize];
+        match wire.read(parameter) {
+            Ok(value) => wrong += u32::from(value != i32::from(parameter) * 1000 + 7),
+            Err(_) => errors += 1,
+        }
+        wire.rest(rest_ms);
+    }
+    (wrong, errors)
+}
+
+fn on(nth: u32, what: impl Fn(&[u8]) -> Vec<(u32, Vec<u8>)> + 'static) -> Fault {
+    Box::new(move |n, bytes| (n == nth).then(|| what(bytes)))
+}
+
+#[test]
+fn one_fault_gives_no_wrong_value_and_no_error() {
+    let cut = |bytes: &[u8], n: usize| bytes[..bytes.len() - n].to_vec();
+    let faults: Vec<(&str, Fault, Fault)> = Vec::from([
+        ("none", sound(), sound()),
+        ("late by 50 ms", on(5, |r| Vec::from([(150, r.to_vec())])), sound()),
+        ("lost", on(5, |_| Vec::new()), sound()),
+        ("noise before", on(5, |r| Vec::from([(0, [&[0x55], r].concat())])), sound()),
+        ("noise after", on(5, |r| Vec::from([(0, [r, &[0x55]].concat())])), sound()),
+        ("byte lost", on(5, move |r| Vec::from([(0, cut(r, 1))])), sound()),
+        ("first byte lost", on(5, |r| Vec::from([(0, r[1..].to_vec())])), sound()),
+        ("duplicated", on(5, |r| Vec::from([(0, [r, r].concat())])), sound()),
+        ("split", on(5, |r| Vec::from([(0, r[..4].to_vec()), (30, r[4..].to_vec())])), sound()),
+        ("request lost", sound(), on(5, |_| Vec::new())),
+        ("request with noise", sound(), on(5, |r| Vec::from([(0, [&[0x55], r].concat())]))),
+        ("request cut", sound(), on(5, move |r| Vec::from([(0, cut(r, 1))]))),
+        (
+            "request flipped",
+            sound(),
+            on(5, |r| {
+                let mut r = r.to_vec();
+                r[2] ^= 4;
+                Vec::from([(0, r)])
+            }),
+        ),
+        (
+            "four late",
+            Box::new(|n, r| (5..9).contains(&n).then(|| Vec::from([(150, r.to_vec())]))),
+            sound(),
+        ),
+    ]);
+    let mut faults = faults;
+    for (name, replies, requests) in faults.drain(..) {
+        let wire = &mut Wire::new(9600, Quirks::default());
+        (wire.replies, wire.requests) = (replies, requests);
+        assert_eq!(sixty(wire, 5), (0, 0), "{name} {:?}", wire.host.counters());
+    }
+}
+
+#[test]
+fn the_same_on_a_wire_without_timing_and_with_echo() {
+    for baud in [0, 115_200] {
+        for echo in [false, true] {
+            let late: Fault = Box::new(|n, r| (n % 7 == 5).then(|| Vec::from([(150, r.to_vec())])));
+            let twice = on(5, |r| Vec::from([(0, [r, r].concat())]));
+            for fault in [sound(), late, twice] {
+                let mut wire = Wire::new(baud, Quirks::default());
+                (wire.echo, wire.replies) = (echo, fault);
+                assert_eq!(sixty(&mut wire, 5), (0, 0), "{baud} {echo}");
+                let echoed = wire.host.counters().echoed;
+                assert!(if echo { echoed >= 9 * 60 } else { echoed == 0 }, "{echoed}");
+            }
+        }
+    }
+}
+
+#[test]
+fn always_just_too_late_is_never_wrong() {
+    let mut wire = Wire::new(0, Quirks::default());
+    wire.replies = Box::new(|n, r| (n >= 5).then(|| Vec::from([(102, r.to_vec())])));
+    let (wrong, _) = sixty(&mut wire, 0);
+    assert_eq!(wrong, 0);
+}
+
+#[test]
+fn a_module_that_only_counts_bytes_is_brought_back() {
+    for bad_sum in [BadSum::AnswerAlways, BadSum::AnswerIfMine, BadSum::Ignore] {
+        for extra in 1..9 {
+            let quirks = Quirks { bad_sum, byte_timeout_ms: None, ..Quirks::default() };
+            let mut wire = Wire::new(9600, quirks);
+            assert_eq!(wire.read(4), Ok(4007));
+            let junk = [0x55; 9];
+            wire.end.handle_input(wire.now, &junk[..extra], &mut wire.firmware);
+            let start = wire.now;
+            let mut errors = 0;
+            while wire.read(9) != Ok(9007) {
+                errors += 1;
+                assert!(errors < 8, "{bad_sum:?} {extra}: {:?}", wire.host);
+            }
+            let took = wire.now.since(start).as_millis();
+            assert!(took < 5_000, "{bad_sum:?} {extra}: {took} ms, {errors} errors");
+        }
+    }
+}
+
+#[test]
+fn a_relative_move_is_never_sent_twice() {
+    for (replies, requests) in [(on(2, |_| Vec::new()), sound()), (sound(), on(2, |_| Vec::new()))]
+    {
+        let mut wire = Wire::new(9600, Quirks::default());
+        (wire.replies, wire.requests) = (replies, requests);
+        assert_eq!(wire.read(1), Ok(1007));
+        let mvp = Ask::of(request(Opcode::Mvp, 1, 500));
+        assert_eq!(mvp.class, Class::Never);
+        assert_eq!(wire.ask(mvp), Err(Failure::Silent));
+        assert_eq!(wire.read(4), Ok(4007));
+        assert!(wire.firmware.done.len() <= 1, "{:?}", wire.firmware.done);
+        assert_eq!(wire.host.counters().silent, 1);
+    }
+}
+
+#[test]
+fn nothing_but_a_stop_is_let_into_quarantine() {
+    let mut wire = Wire::new(9600, Quirks::default());
+    wire.replies = Box::new(|n, _| (2..20).contains(&n).then(Vec::new));
+    assert_eq!(wire.read(1), Ok(1007));
+    let ror = request(Opcode::Ror, 0, 350);
+    assert_eq!(wire.ask(Ask::of(ror)), Err(Failure::Silent));
+    let read = Ask::of(request(Opcode::Gap, 1, 0));
+    assert_eq!(wire.host.submit(wire.now, Ticket(900), read), Err(read));
+    let mst = Ask::of(request(Opcode::Mst, 0, 0));
+    assert_eq!(wire.ask(mst), Err(Failure::Silent), "nobody answers the stop either");
+    assert!(wire.firmware.done.iter().filter(|r| r.opcode == Opcode::Mst).count() >= 2);
+    wire.replies = sound();
+    assert!(matches!(wire.ask(mst), Ok(Answer::Reply(reply)) if reply.opcode == Opcode::Mst));
+    assert_eq!(wire.read(5), Ok(5007));
+}
+
+#[test]
+fn a_stop_by_the_lost_opcode_is_not_answered_by_the_lost_reply() {
+    let mut wire = Wire::new(0, Quirks::default());
+    // The reply to ROR 350 comes 30 ms after its timeout, when the stop ROR 0 is out.
+    wire.replies = on(1, |r| Vec::from([(130, r.to_vec())]));
+    assert_eq!(wire.ask(Ask::of(request(Opcode::Ror, 0, 350))), Err(Failure::Silent));
+    wire.requests = on(2, |_| Vec::new());
+    let stop = Ask::of(request(Opcode::Ror, 0, 0));
+    assert_eq!(stop.class, Class::Stop);
+    wire.counts[0] = 1;
+    let answer = wire.ask(stop);
+    let executed = wire.firmware.done.iter().any(|r| r.value == 0);
+    assert!(answer.is_err() || executed, "{answer:?}");
+}
+
+#[test]
+fn special_replies() {
+    let mut wire = Wire::new(9600, Quirks::default());
+    let text = wire.ask(Ask::of(request(Opcode::Version, 0, 0)));
+    assert!(matches!(text, Ok(Answer::Text(v)) if v.text == *b"170V1.14"), "{text:?}");
+    let binary = wire.ask(Ask::of(request(Opcode::Version, 1, 0)));
+    assert!(matches!(binary, Ok(Answer::Reply(r)) if r.value == 0x00AA_010E), "{binary:?}");
+    let stored = wire.ask(Ask::of(request(Opcode::ReadMemory, 0, 17)));
+    let expected = Instruction { opcode: 5, kind: 4, motor: 0, value: 17 };
+    assert_eq!(stored, Ok(Answer::Instruction(expected)));
+    let boot = wire.ask(Ask::of(request(Opcode::Boot, 0x81, 0)));
+    assert_eq!(boot, Ok(Answer::NoReply));
+    let wrong = wire.ask(Ask::of(request(Opcode::Gap, 253, 0)));
+    assert_eq!(wrong, Err(Failure::Refused { code: 3 }));
+    assert_eq!(wire.host.counters().silent, 0);
+}
+
+#[test]
+fn the_position_event_comes_unasked() {
+    let mut wire = Wire::new(9600, Quirks::default());
+    wire.firmware.event = Some(1);
+    assert_eq!(wire.read(1), Ok(1007), "nobody ordered the event");
+    wire.rest(50);
+    assert_eq!(wire.firmware.event, Some(1));
+    wire.ask(Ask::of(request(Opcode::PositionReached, 0, 1))).unwrap();
+    wire.rest(50);
+    let event = wire.host.poll_event();
+    let Some((To::Address(1), Ok(Answer::Event(reply)))) = event else { panic!("{event:?}") };
+    assert_eq!((reply.status, reply.value), (Status::Event, 1));
+}
+
+#[test]
+fn a_change_of_address_or_baud_answers_from_the_old_one() {
+    let mut wire = Wire::new(9600, Quirks::default());
+    assert!(wire.ask(Ask::of(request(Opcode::Sgp, 65, 7))).is_ok());
+    assert_eq!(wire.end.line().baud, 115_200);
+    assert!(wire.ask(Ask::of(request(Opcode::Sgp, 66, 9))).is_ok());
+    assert_eq!(wire.read(1), Err(Failure::Silent));
+    let read = Request { address: 9, ..request(Opcode::Gap, 1, 0) };
+    assert!(wire.ask(Ask::of(read)).is_ok());
+    let after = Quirks { settings_before_reply: true, ..Quirks::default() };
+    let mut wire = Wire::new(9600, after);
+    assert_eq!(wire.ask(Ask::of(request(Opcode::Sgp, 66, 9))), Err(Failure::Silent));
+}
+
+#[test]
+fn telegram_pause_and_foreign_modules() {
+    let mut wire = Wire::new(9600, Quirks::default());
+    wire.firmware.pause = 20;
+    let start = wire.now;
+    assert_eq!(wire.read(1), Ok(1007));
+    assert!(wire.now.since(start).as_millis() >= 38, "18 characters and the pause");
+    let other = Request { address: 7, ..request(Opcode::Gap, 1, 0) };
+    assert_eq!(wire.ask(Ask::of(other)), Err(Failure::Silent));
+    assert_eq!(wire.read(4), Ok(4007));
+    let host = Request { address: 2, ..other };
+    assert!(matches!(wire.ask(Ask::of(host)), Err(Failure::NotReady { .. })));
+}
+
+#[test]
+fn ascii_mode_on_the_wire() {
+    let mut wire = Wire::new(9600, Quirks::default());
+    wire.ask(Ask::of(request(Opcode::EnterAscii, 0, 0))).unwrap();
+    let mut say = |line: &[u8]| {
+        wire.end.handle_input(wire.now, line, &mut wire.firmware);
+        let mut out = [0; 128];
+        let len = wire.end.poll_transmit(wire.now, &mut out, &mut wire.firmware).unwrap_or(0);
+        out[..len].to_vec()
+    };
+    assert_eq!(say(b"AGAP 3, 0\r"), b"BA 100 3007\r");
+    assert_eq!(say(b"A MVP ABS, 0, -5000\r"), b"BA 100 -5000\r");
+    assert_eq!(say(b"AFLY\r"), b"BA 2 0\r");
+    assert_eq!(say(b"CGAP 3\r"), b"");
+    assert_eq!(say(b"ABIN\r"), b"BA 100 0\r");
+    assert_eq!(wire.read(4), Ok(4007));
+}
+
+#[test]
+fn the_same_module_on_can() {
+    let options = HostOptions {
+        baud: 250_000,
+        reply_timeout_ms: None,
+        gap_us: None,
+        host: None,
+        echo: false,
+    };
+    for eight in [false, true] {
+        let mut host = CanHost::new(&options);
+        if eight {
+            host = host.sending_eight();
+        }
+        let mut firmware = Bench::default();
+        let quirks = Quirks { eight_bytes: eight, ..Quirks::default() };
+        let mut end = CanEnd::new(quirks, &firmware);
+        let mut now = Instant(1);
+        let mut ask = |request| {
+            host.submit(now, Ticket(1), Ask::of(request)).unwrap();
+            let mut frame = Frame::default();
+            host.poll_transmit(now, &mut frame).unwrap();
+            assert_eq!((frame.id, frame.len), (1, if eight { 8 } else { 7 }));
+            end.handle_input(now, &frame, &mut firmware);
+            now = now.plus_ms(1);
+            while let Some(frame) = end.poll_transmit(now, &mut firmware) {
+                assert_eq!(frame.id, 2);
+                host.handle_input(now, &frame);
+            }
+            host.poll_event().map(|(_, answer)| answer)
+        };
+        let gap = ask(request(Opcode::Gap, 1, 0));
+        assert!(matches!(gap, Some(Ok(Answer::Reply(r))) if r.value == 1007), "{gap:?}");
+        let version = ask(request(Opcode::Version, 0, 0));
+        assert!(matches!(version, Some(Ok(Answer::Text(v))) if v.text == *b"170V1.14"));
+        let stored = ask(request(Opcode::ReadMemory, 0, 3));
+        assert!(matches!(stored, Some(Ok(Answer::Instruction(i))) if i.value == 3));
+    }
+}
+
+/// Loss, delay and repetition without corruption: then no value may ever be wrong. With corruption
+/// a wrong one must have passed every check of the wire.
+#[test]
+fn chaos_is_never_wrong_without_corruption() {
+    let (mut asked, mut failed) = (0, 0);
+    for seed in 1..=150 {
+        let baud = if seed % 2 == 0 { 9600 } else { 115_200 };
+        let mut wire = Wire::new(baud, Quirks::default());
+        let mut random = Random(seed);
+        let untimed = wire.baud == 0;
+        wire.replies = Box::new(move |_, bytes| match random.below(20) {
+            0 => Some(Vec::new()),
+            1 => Some(Vec::from([(random.below(280) as u32, bytes.to_vec())])),
+            2 if !untimed => Some(Vec::from([(0, [bytes, bytes].concat())])),
+            _ => None,
+        });
+        let mut random = Random(seed + 1000);
+        wire.requests = Box::new(move |_, _| (random.below(20) == 0).then(Vec::new));
+        let mut random = Random(seed + 2000);
+        for _ in 0..60 {
+            let parameter = random.below(20) as u8;
+            asked += 1;
+            match wire.read(parameter) {
+                Ok(value) => assert_eq!(value, i32::from(parameter) * 1000 + 7, "seed {seed}"),
+                Err(_) => failed += 1,
+            }
+        }
+    }
+    assert!(failed * 20 < asked, "{failed} of {asked} failed");
+}
+
+#[test]
+fn nothing_runs_twice_in_chaos() {
+    for seed in 1..=100 {
+        let mut wire = Wire::new(115_200, Quirks::default());
+        let mut random = Random(seed);
+        wire.replies = Box::new(move |_, bytes| match random.below(8) {
+            0 => Some(Vec::new()),
+            1 => Some(Vec::from([(random.below(250) as u32, bytes.to_vec())])),
+            _ => None,
+        });
+        for n in 0..30 {
+            let answer = wire.ask(Ask::of(request(Opcode::Mvp, 1, n)));
+            let times = wire.firmware.done.iter().filter(|r| r.value == n).count();
+            assert_eq!(times, 1, "seed {seed}, move {n}: {answer:?}");
+        }
+    }
+}
+
+#[test]
+fn unplugged_ends_what_is_out() {
+    let mut wire = Wire::new(9600, Quirks::default());
+    let read = Ask::of(request(Opcode::Gap, 1, 0));
+    wire.host.submit(wire.now, Ticket(1), read).unwrap();
+    wire.transmit();
+    Station::<Stream>::handle_line(&mut wire.host, wire.now, crate::station::LineEvent::Down);
+    assert_eq!(wire.host.poll_event(), Some((To::Ticket(Ticket(1)), Err(Failure::LinkDown))));
+    assert_eq!(wire.ask(read), Err(Failure::LinkDown));
+    Station::<Stream>::handle_line(&mut wire.host, wire.now, crate::station::LineEvent::Up);
+    assert_eq!(wire.read(4), Ok(4007));
+}
