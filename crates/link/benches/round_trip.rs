@@ -21,39 +21,65 @@ mod bench {
     use std::process::{Child, Command, Stdio};
     use std::time::Instant as Clock;
 
+    use polepair_core::error::Outcome;
     use polepair_core::lane::Lane;
     use polepair_core::medium::{SerialLine, Stream};
-    use polepair_core::profile::ParameterId;
+    use polepair_core::proto::modbus::Rtu;
     use polepair_core::proto::tmcl::Tmcl;
     use polepair_core::proto::{HostOptions, Protocol};
     use polepair_core::station::AxisIndex;
     use polepair_link::{Connection, clock, serial};
     use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 
-    const REQUEST: [u8; 9] = [1, 6, 0, 0, 0, 0, 0, 0, 7];
     const ROUNDS: usize = 100;
     const TURNS: usize = 50;
     const SERIES: usize = 9;
 
-    /// Answers every nine bytes at once, in the cheapest way that is legal.
+    /// What goes over the wire: the floor's request, and what the responder answers to any.
+    struct Exchange {
+        name: &'static str,
+        /// The same in the protocol's own language.
+        text: &'static str,
+        request: &'static [u8],
+        reply: &'static [u8],
+    }
+
+    /// Read axis parameter 0 of module 1: 123456. TMCM-170/171 manual §2.1.
+    const TMCL: Exchange = Exchange {
+        name: "tmcl",
+        text: "GAP 0",
+        request: &[1, 6, 0, 0, 0, 0, 0, 0, 7],
+        reply: &[2, 1, 100, 6, 0, 1, 0xE2, 0x40, 0x90],
+    };
+    /// Read holding register 0 of station 1: 1. Modbus over serial line V1.02 §2.5.1.
+    const MODBUS: Exchange = Exchange {
+        name: "modbus-rtu",
+        text: "read 0",
+        request: &[1, 3, 0, 0, 0, 1, 0x84, 0x0A],
+        reply: &[1, 3, 2, 0, 1, 0x79, 0x84],
+    };
+
+    /// Answers every request at once, in the cheapest way there is.
     pub(super) fn respond() {
+        let modbus = std::env::args().any(|word| word == MODBUS.name);
+        let exchange = if modbus { MODBUS } else { TMCL };
         let (mut wire, mut out) = (std::io::stdin().lock(), File::from(stdout()));
-        let mut asked = [0_u8; 9];
-        while wire.read_exact(&mut asked).is_ok() {
-            let mut reply = [2, asked[0], 100, asked[1], 0, 1, 0xE2, 0x40, 0];
-            reply[8] = reply[..8].iter().fold(0, |sum, byte| u8::wrapping_add(sum, *byte));
-            if out.write_all(&reply).is_err() {
-                break;
-            }
-        }
+        let mut asked = vec![0; exchange.request.len()];
+        while wire.read_exact(&mut asked).is_ok() && out.write_all(exchange.reply).is_ok() {}
     }
 
     pub(super) fn run() {
-        let (path, mut child) = responder();
-        let mut floor = floor(&path);
-        let mut ours = connection(&path);
+        compare::<Tmcl>(&TMCL);
+        compare::<Rtu>(&MODBUS);
+    }
+
+    fn compare<P: Protocol<Medium = Stream>>(exchange: &'static Exchange) {
+        let (path, mut child) = responder(exchange);
+        let mut floor = floor(&path, exchange);
+        let mut ours = connection::<P>(&path, exchange.text);
         let mut best = [f64::MAX; 2];
-        println!("series   floor p50   ours p50   ratio   (µs; floor = write + blocking read)");
+        println!("{}: median of {} (µs; floor = write + blocking read)", P::NAME, ROUNDS * TURNS);
+        println!("series       floor       ours   ratio");
         for series in 1..=SERIES {
             let (mut floors, mut our) = (Vec::new(), Vec::new());
             // In short turns: the pty's worker thread changes its pace every few milliseconds.
@@ -70,16 +96,19 @@ mod bench {
         let _ = child.wait();
     }
 
-    fn floor(path: &str) -> impl FnMut() + use<> {
+    fn floor(path: &str, exchange: &'static Exchange) -> impl FnMut() + use<> {
         let mut port = File::options().read(true).write(true).open(path).unwrap();
-        let mut reply = [0_u8; 9];
+        let mut reply = vec![0; exchange.reply.len()];
         move || {
-            port.write_all(&REQUEST).unwrap();
+            port.write_all(exchange.request).unwrap();
             port.read_exact(&mut reply).unwrap();
         }
     }
 
-    fn connection(path: &str) -> impl FnMut() + use<> {
+    fn connection<P: Protocol<Medium = Stream>>(
+        path: &str,
+        text: &'static str,
+    ) -> impl FnMut() + use<P> {
         let options = HostOptions {
             baud: 0,
             reply_timeout_ms: None,
@@ -87,16 +116,15 @@ mod bench {
             host: None,
             echo: false,
         };
-        let driver = Tmcl::driver(Tmcl::generic(), 1);
-        let lane = Lane::<Stream, _>::new(Tmcl::host(&options), [Box::new(driver) as _]);
+        let driver = P::driver(P::generic(), 1);
+        let lane = Lane::<Stream, _>::new(P::host(&options), [Box::new(driver) as _]);
         let port = serial::open(path, SerialLine::n81(0)).unwrap();
         let connection = Connection::new(Box::new(port), Box::new(lane));
         move || {
             let deadline = clock::now().plus_ms(1_000);
-            let outcome = connection.ask(deadline, |axes, now, ticket| {
-                axes.read(now, ticket, AxisIndex(0), ParameterId(0))
-            });
-            assert!(matches!(outcome, Ok(Some(_))), "{outcome:?}");
+            let outcome = connection
+                .ask(deadline, |axes, now, ticket| axes.raw(now, ticket, AxisIndex(0), text));
+            assert!(matches!(outcome, Ok(Some(Outcome::Done(_)))), "{outcome:?}");
         }
     }
 
@@ -113,7 +141,7 @@ mod bench {
         micros[micros.len() / 2]
     }
 
-    fn responder() -> (String, Child) {
+    fn responder(exchange: &Exchange) -> (String, Child) {
         let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         unlockpt(&far).unwrap();
         let path = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
@@ -125,7 +153,7 @@ mod bench {
         std::mem::forget(near);
         let out = far.try_clone().unwrap();
         let child = Command::new(std::env::current_exe().unwrap())
-            .arg("respond")
+            .args(["respond", exchange.name])
             .stdin(Stdio::from(far))
             .stdout(Stdio::from(out))
             .spawn();

@@ -425,6 +425,30 @@ fn a_tcp_server_that_comes_back_is_found_again() {
 }
 
 #[test]
+fn a_far_end_that_hangs_up_at_once_is_not_pestered() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let connection = connected(Box::new(TcpLink::connect(&address).unwrap()));
+    let mut pending = put(&connection, 1);
+    let accepted = Arc::new(AtomicU64::new(0));
+    let count = Arc::clone(&accepted);
+    thread::spawn(move || {
+        while listener.accept().is_ok() {
+            count.fetch_add(1, Ordering::SeqCst);
+        }
+    });
+    assert_eq!(pending.wait(in_ms(5000)), Waited::Ended(LOST));
+    let until = in_ms(1_100);
+    while clock::now() < until {
+        // Not too fast itself: each request may make one attempt.
+        put(&connection, 1).wait(in_ms(1_000));
+        thread::sleep(Duration::from_millis(5));
+    }
+    let attempts = accepted.load(Ordering::SeqCst);
+    assert!((2..=7).contains(&attempts), "{attempts} in a second");
+}
+
+#[test]
 fn refused_and_missing_links_say_what_to_try() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
