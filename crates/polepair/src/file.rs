@@ -284,7 +284,6 @@ impl<'t, 'a> Node<'t, 'a> {
         self.value(key).is_some_and(|value| value.get_ref().is_table())
     }
 
-    #[expect(dead_code, reason = "rack files are next")]
     /// A scalar as text, whatever its type.
     pub(crate) fn plain(&self, key: &str) -> Result<Option<Found<String>>, FileError> {
         let Some(value) = self.value(key) else { return Ok(None) };

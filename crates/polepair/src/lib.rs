@@ -1,9 +1,39 @@
 //! Talk to motor drives, and simulate them.
+//!
+//! ```
+//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! let link = polepair::connect("sim:tmcl?axes=2&time=virtual#1,2")?;
+//! for axis in link.axes() {
+//!     println!("{}: {}", axis.label(), axis.profile().title);
+//! }
+//! # }
+//! # Ok::<(), polepair::Error>(())
+//! ```
+//!
+//! A connection string says protocol, link and axes; see [`url`]. An [`Axis`] has parameters by
+//! name with units, and the verbs of motion. Everything here blocks and may be used from any
+//! thread. An [`Error`] is by blame and says whether the drive may have done it.
 #![forbid(unsafe_code)]
 
+pub mod amount;
+pub mod axis;
+pub mod config;
+pub mod connect;
+pub mod error;
 mod file;
+mod identify;
 pub mod profile;
+pub mod quantity;
+mod registry;
+pub mod scan;
+pub mod simulate;
+pub mod url;
 mod words;
 
+pub use amount::{Amount, Value};
+pub use axis::{Armed, Axis, Running};
+pub use connect::{Connector, Link, connect};
+pub use error::Error;
 pub use file::FileError;
+pub use identify::Identified;
 pub use words::nearest;

@@ -1,0 +1,513 @@
+//! One axis: parameters by name with units, and motion.
+//!
+//! ```
+//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! use std::time::Duration;
+//! let link = polepair::connect("sim:tmcl?time=virtual")?;
+//! let axis = link.axis(1)?;
+//! println!("{}", axis.get("max current")?);
+//! {
+//!     let armed = axis.armed()?;
+//!     armed.velocity("60 rpm")?;
+//!     link.sleep(Duration::from_millis(500));
+//!     armed.stop()?;
+//! } // disabled and disarmed here, whatever happens in between
+//! # }
+//! # Ok::<(), polepair::Error>(())
+//! ```
+
+mod armed;
+mod fail;
+mod running;
+
+pub use armed::Armed;
+pub use running::Running;
+
+use crate::amount::{Amount, Meant, Value};
+use crate::error::Error;
+use crate::identify::Identified;
+use crate::simulate::Simulation;
+use crate::words;
+use polepair_core::axis::{Command, Reading, Rehearsed, RehearsedStep, State, Verb};
+use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::profile::{Parameter, ParameterId, Profile, Signal};
+use polepair_core::station::{AxisIndex, Ticket};
+use polepair_core::time::Instant;
+use polepair_core::units::Quantity;
+use polepair_link::Connection;
+use std::ops::ControlFlow;
+use std::time::Duration;
+
+/// One axis of an open link. Clones are the same axis; any thread may use it.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    pub(crate) connection: Connection,
+    pub(crate) index: AxisIndex,
+    pub(crate) number: u32,
+    pub(crate) name: String,
+    pub(crate) protocol: &'static str,
+    pub(crate) profile: &'static Profile,
+    pub(crate) identified: Identified,
+    pub(crate) simulation: Option<Simulation>,
+}
+
+/// A step of a rehearsal: what a command would send. Nothing was sent.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Rehearsal {
+    /// What the step does, and to which parameter.
+    pub step: RehearsedStep,
+    /// The bytes on the wire.
+    pub bytes: Vec<u8>,
+    /// CAN identifier, for frames.
+    pub id: Option<u32>,
+}
+
+impl Axis {
+    /// Its number: the drive's address on the wire.
+    #[must_use]
+    pub fn number(&self) -> u32 {
+        self.number
+    }
+
+    /// What a rack file calls it; empty for nothing.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// `axis 1`, or `axis 1 (x)` where it has a name.
+    #[must_use]
+    pub fn label(&self) -> String {
+        match self.name.as_str() {
+            "" => format!("axis {}", self.number),
+            name => format!("axis {} ({name})", self.number),
+        }
+    }
+
+    /// What is known of the product.
+    #[must_use]
+    pub fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    /// The protocol's word.
+    #[must_use]
+    pub fn protocol(&self) -> &'static str {
+        self.protocol
+    }
+
+    /// How it came to its profile.
+    #[must_use]
+    pub fn identified(&self) -> &Identified {
+        &self.identified
+    }
+
+    /// The connection that it shares with the other axes of its wire.
+    #[must_use]
+    pub fn connection(&self) -> &Connection {
+        &self.connection
+    }
+
+    /// What is known of it without asking: every value carries its age.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.connection.with(|axes, _| axes.state(self.index).copied()).unwrap_or(State::UNKNOWN)
+    }
+
+    /// Every parameter that the profile has.
+    #[must_use]
+    pub fn params(&self) -> &'static [Parameter] {
+        self.profile.parameters
+    }
+
+    /// The parameter of that name or symbol; case, spaces, hyphens and underscores do not matter.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E213` with the nearest name.
+    pub fn find(&self, name: &str) -> Result<ParameterId, Error> {
+        self.profile.find(name).ok_or_else(|| {
+            let names = self.profile.parameters.iter().map(|p| p.name);
+            let near = words::hint(name, names);
+            let what = format!("{} has no parameter `{name}`{near}", self.profile.name);
+            Error::usage("E213", what, "`polepair params` lists them")
+        })
+    }
+
+    fn parameter(&self, id: ParameterId) -> Result<&'static Parameter, Error> {
+        let parameter = self.profile.parameter(id);
+        parameter.ok_or_else(|| self.refuse("reading", Unsupported::NoSuchParameter))
+    }
+
+    /// Reads a parameter by name, in its unit.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn get(&self, name: &str) -> Result<Value, Error> {
+        let id = self.find(name)?;
+        let raw = self.read(id)?;
+        self.value(id, raw)
+    }
+
+    /// Reads a parameter by name, raw.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn get_raw(&self, name: &str) -> Result<i64, Error> {
+        self.read(self.find(name)?)
+    }
+
+    /// Writes a parameter by name: `set("max current", 1.2)` in its own unit, `set("max current",
+    /// "1200 mA")`, or one of its words. Checked against its limits before a byte is sent; permanent
+    /// memory is left alone.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; `E216` outside the limits, `E219` for what moves an unarmed axis.
+    pub fn set(&self, name: &str, amount: impl Into<Amount>) -> Result<(), Error> {
+        let id = self.find(name)?;
+        let raw = self.raw_of(id, &amount.into())?;
+        self.write(id, raw, false)
+    }
+
+    /// Writes a parameter by name, and has the drive keep it over power-off.
+    ///
+    /// # Errors
+    /// As [`set`](Self::set).
+    pub fn set_and_keep(&self, name: &str, amount: impl Into<Amount>) -> Result<(), Error> {
+        let id = self.find(name)?;
+        let raw = self.raw_of(id, &amount.into())?;
+        self.write(id, raw, true)
+    }
+
+    /// Writes a parameter by name, raw.
+    ///
+    /// # Errors
+    /// As [`set`](Self::set).
+    pub fn set_raw(&self, name: &str, raw: i64) -> Result<(), Error> {
+        self.write(self.find(name)?, raw, false)
+    }
+
+    /// Reads a parameter, raw.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn read(&self, id: ParameterId) -> Result<i64, Error> {
+        let what = format!("reading `{}`", self.parameter(id)?.name);
+        self.ask(&what, |axes, now, ticket| axes.read(now, ticket, self.index, id))
+    }
+
+    /// Writes a parameter, raw; `keep` also has the drive keep it over power-off.
+    ///
+    /// # Errors
+    /// As [`set`](Self::set).
+    pub fn write(&self, id: ParameterId, raw: i64, keep: bool) -> Result<(), Error> {
+        let what = format!("setting `{}`", self.parameter(id)?.name);
+        let write = |axes: &mut dyn polepair_core::axis::Axes, now, ticket| {
+            axes.write(now, ticket, self.index, id, raw, keep)
+        };
+        self.ask(&what, write).map(drop)
+    }
+
+    /// The raw value that an amount means for a parameter.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217`; or what reading the parameters brings that the scale depends on.
+    pub fn raw_of(&self, id: ParameterId, amount: &Amount) -> Result<i64, Error> {
+        let parameter = self.parameter(id)?;
+        let si = match amount.for_parameter(parameter)? {
+            Meant::Raw(raw) => return Ok(raw),
+            Meant::Si(si) => si,
+        };
+        let convert = || self.connection.with(|axes, _| axes.to_raw(self.index, id, si));
+        if let Some(raw) = convert() {
+            return Ok(raw);
+        }
+        self.read_factors(parameter)?;
+        convert().ok_or_else(|| {
+            let what = format!("`{}`: the scale of this value is not known", parameter.name);
+            Error::usage("E217", what, "write it raw")
+        })
+    }
+
+    /// A raw value of a parameter, in its unit.
+    ///
+    /// # Errors
+    /// What reading the parameters brings that the scale depends on.
+    pub fn value(&self, id: ParameterId, raw: i64) -> Result<Value, Error> {
+        let parameter = self.parameter(id)?;
+        let convert = || self.connection.with(|axes, _| axes.to_si(self.index, id, raw));
+        let mut si = convert();
+        if si.is_none() {
+            self.read_factors(parameter)?;
+            si = convert();
+        }
+        let word = parameter.values.iter().find(|(value, _)| *value == raw);
+        Ok(Value {
+            raw,
+            value: si.map_or(f64::NAN, |si| si / parameter.unit.si()),
+            unit: parameter.unit,
+            word: word.map(|(_, word)| *word),
+        })
+    }
+
+    fn read_factors(&self, parameter: &Parameter) -> Result<(), Error> {
+        let factors = [parameter.scale.times, parameter.scale.over];
+        factors.into_iter().flatten().try_for_each(|id| self.read(id).map(drop))
+    }
+
+    /// Lets motion commands through, or no longer. [`armed`](Self::armed) does it for a while.
+    pub fn arm(&self, armed: bool) {
+        self.connection.with(|axes, _| axes.arm(self.index, armed));
+    }
+
+    /// Arms and enables the axis until the guard is dropped, which stops and disables it.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; the axis is then disarmed again.
+    pub fn armed(&self) -> Result<Armed, Error> {
+        Armed::new(self)
+    }
+
+    /// Powers the motor, which holds where it stands. The axis must be armed.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn enable(&self) -> Result<(), Error> {
+        self.run(Command::new(Verb::Enable)).map(drop)
+    }
+
+    /// Takes power off the motor.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn disable(&self) -> Result<(), Error> {
+        self.run(Command::new(Verb::Disable)).map(drop)
+    }
+
+    /// Comes to rest along the ramp. Overtakes everything else, whoever asked for it.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn stop(&self) -> Result<(), Error> {
+        self.run(Command::new(Verb::Stop)).map(drop)
+    }
+
+    /// Clears faults.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn clear(&self) -> Result<(), Error> {
+        self.run(Command::new(Verb::Clear)).map(drop)
+    }
+
+    /// Turns at a speed: rad/s (m/s), or text with a unit. The axis must be armed.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn velocity(&self, speed: impl Into<Amount>) -> Result<(), Error> {
+        let velocity = self.argument(Verb::Velocity, Argument::Velocity, &speed.into())?;
+        let command = Command { velocity: Some(velocity), ..Command::new(Verb::Velocity) };
+        self.run(command).map(drop)
+    }
+
+    /// Turns with a torque: N·m (or what stands for it at this drive: A, a share), or text with a
+    /// unit. The axis must be armed.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn torque(&self, torque: impl Into<Amount>) -> Result<(), Error> {
+        let torque = self.argument(Verb::Torque, Argument::Torque, &torque.into())?;
+        self.run(Command { torque: Some(torque), ..Command::new(Verb::Torque) }).map(drop)
+    }
+
+    /// Sets out for a position: rad (m), or text with a unit. Returns as soon as the drive has
+    /// been told; [`wait`](Self::wait) waits until it is there. The axis must be armed.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn move_to(&self, target: impl Into<Amount>) -> Result<(), Error> {
+        let target = self.argument(Verb::MoveTo, Argument::Target, &target.into())?;
+        self.run(Command { target: Some(target), ..Command::new(Verb::MoveTo) }).map(drop)
+    }
+
+    /// Sets out for a position so far from here. As [`move_to`](Self::move_to); it is never sent
+    /// twice.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn move_by(&self, distance: impl Into<Amount>) -> Result<(), Error> {
+        let target = self.argument(Verb::MoveBy, Argument::Target, &distance.into())?;
+        self.run(Command { target: Some(target), ..Command::new(Verb::MoveBy) }).map(drop)
+    }
+
+    /// Finds the reference position, and waits for it. The axis must be armed.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn home(&self) -> Result<(), Error> {
+        self.run(Command::new(Verb::Home)).map(drop)
+    }
+
+    /// Waits until the last move has arrived, at most so long; false when it has not.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn reached(&self, within: Duration) -> Result<bool, Error> {
+        let mut running = self.start(Command::new(Verb::Reached))?;
+        match running.wait(within) {
+            Ok(ended) => Ok(ended.is_some()),
+            Err(Error::Failed { outcome: Outcome::NotDone(Failure::NotReached), .. })
+            | Err(Error::Failed { outcome: Outcome::Unknown(Failure::NotReached), .. }) => {
+                Ok(false)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Waits until the last move has arrived.
+    ///
+    /// # Errors
+    /// [`Error::Failed`] `E101` when it has not arrived in time; others by blame.
+    pub fn wait(&self, within: Duration) -> Result<(), Error> {
+        if self.reached(within)? {
+            return Ok(());
+        }
+        let outcome = Outcome::NotDone(Failure::NotReached);
+        Err(self.failed(&format!("waiting {within:?} for the move"), outcome))
+    }
+
+    /// The SI value of a verb's argument: text must have a unit that fits the drive's parameter.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217`.
+    pub fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
+        amount.in_si(self.quantity_of(verb, which))
+    }
+
+    /// What an argument of a verb measures here, by the parameter that its plan writes it to.
+    #[must_use]
+    pub fn quantity_of(&self, verb: Verb, which: Argument) -> Quantity {
+        let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
+        let target = steps.iter().find_map(|step| match *step {
+            Step::Write(id, Operand::Argument(a) | Operand::Given(a)) if a == which => Some(id),
+            Step::Send { operand: Operand::Argument(a) | Operand::Given(a), like, .. }
+                if a == which =>
+            {
+                like
+            }
+            _ => None,
+        });
+        let unit = target.and_then(|id| self.profile.parameter(id)).map(|p| p.unit);
+        unit.map_or(Quantity::Plain, |unit| unit.quantity())
+    }
+
+    /// Starts a verb and does not wait for its end.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`]: nothing was sent.
+    pub fn start(&self, command: Command) -> Result<Running, Error> {
+        let submit = |axes: &mut dyn polepair_core::axis::Axes, now: Instant, ticket: Ticket| {
+            axes.command(now, ticket, self.index, command)
+        };
+        let verb = command.verb.name();
+        let pending = self.connection.submit(submit).map_err(|why| self.refuse(verb, why))?;
+        Ok(Running { axis: self.clone(), pending, what: verb.to_owned() })
+    }
+
+    /// Runs a verb to its end. The value is the last one read.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn run(&self, command: Command) -> Result<i64, Error> {
+        self.start(command)?.finish()
+    }
+
+    /// Sends a request in the protocol's own text, such as `GAP 1`, and gives the value answered.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; `E221` for text that is not of that language.
+    pub fn raw(&self, text: &str) -> Result<i64, Error> {
+        let what = format!("`{text}`");
+        self.ask(&what, |axes, now, ticket| axes.raw(now, ticket, self.index, text))
+    }
+
+    /// What a command would send, step by step. Nothing is sent.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] as the command itself would give.
+    pub fn rehearse(&self, command: Command) -> Result<Vec<Rehearsal>, Error> {
+        let mut steps = Vec::new();
+        let mut show = |r: Rehearsed<'_>| {
+            steps.push(Rehearsal { step: r.step, bytes: r.bytes.to_vec(), id: r.id });
+        };
+        let shown = self.connection.with(|axes, _| axes.rehearse(self.index, command, &mut show));
+        shown.map_err(|why| self.refuse(command.verb.name(), why))?;
+        Ok(steps)
+    }
+
+    /// Reads signals now, in SI, each parameter once.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E213` for a signal that the profile has no source for; others by blame.
+    pub fn signals(&self, signals: &[Signal]) -> Result<Vec<Reading>, Error> {
+        let mut read: Vec<ParameterId> = Vec::new();
+        for signal in signals {
+            let source = self.profile.signal(*signal).ok_or_else(|| {
+                let what = format!("{} does not tell its {}", self.profile.name, signal.name());
+                let known: Vec<&str> =
+                    self.profile.signals.iter().map(|s| s.signal.name()).collect();
+                Error::usage("E213", what, format!("it tells {}", known.join(", ")))
+            })?;
+            if !read.contains(&source.parameter) {
+                if let Some(parameter) = self.profile.parameter(source.parameter) {
+                    self.read_unread_factors(parameter)?;
+                }
+                self.read(source.parameter)?;
+                read.push(source.parameter);
+            }
+        }
+        let state = self.state();
+        Ok(signals.iter().map(|signal| state.reading(*signal)).collect())
+    }
+
+    fn read_unread_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
+        let id = self.profile.parameters.iter().position(|p| std::ptr::eq(p, parameter));
+        let id = id.and_then(|n| u16::try_from(n).ok()).map(ParameterId);
+        let known = id.and_then(|id| self.connection.with(|axes, _| axes.to_si(self.index, id, 0)));
+        if known.is_some() { Ok(()) } else { self.read_factors(parameter) }
+    }
+
+    /// Reads signals again and again, every `period` on the link's clock, until `show` breaks.
+    /// Readings that take longer than the period are not caught up with.
+    ///
+    /// # Errors
+    /// As [`signals`](Self::signals).
+    pub fn watch(
+        &self,
+        signals: &[Signal],
+        period: Duration,
+        mut show: impl FnMut(&[Reading]) -> ControlFlow<()>,
+    ) -> Result<(), Error> {
+        loop {
+            let began = self.connection.now();
+            if show(&self.signals(signals)?).is_break() {
+                return Ok(());
+            }
+            let spent = self.connection.now().since(began);
+            crate::connect::pass(self.simulation.as_ref(), period.saturating_sub(spent));
+        }
+    }
+
+    fn ask(
+        &self,
+        what: &str,
+        request: impl FnOnce(
+            &mut dyn polepair_core::axis::Axes,
+            Instant,
+            Ticket,
+        ) -> Result<(), Unsupported>,
+    ) -> Result<i64, Error> {
+        let pending = self.connection.submit(request).map_err(|why| self.refuse(what, why))?;
+        Running { axis: self.clone(), pending, what: what.to_owned() }.finish()
+    }
+}

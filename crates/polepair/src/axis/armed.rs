@@ -1,0 +1,67 @@
+//! An axis that may move, for as long as a guard lives.
+
+use super::Axis;
+use crate::error::Error;
+use polepair_core::axis::Verb;
+use std::ops::Deref;
+
+/// An armed and enabled axis. Dropping it stops and disables the axis and disarms it; errors are
+/// then lost, so that who needs to know calls [`release`](Self::release).
+#[derive(Debug)]
+#[must_use = "the axis is disabled when this is dropped"]
+pub struct Armed {
+    axis: Axis,
+    released: bool,
+}
+
+impl Armed {
+    pub(super) fn new(axis: &Axis) -> Result<Self, Error> {
+        axis.arm(true);
+        let armed = Self { axis: axis.clone(), released: false };
+        // Where there is nothing to switch on, arming is all there is to do. An error drops the
+        // guard, which disarms.
+        if axis.profile.plan(Verb::Enable).is_some() {
+            axis.enable()?;
+        }
+        Ok(armed)
+    }
+
+    /// Stops, disables and disarms.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; the axis is disarmed in any case, and disabling was tried though
+    /// stopping failed.
+    pub fn release(mut self) -> Result<(), Error> {
+        self.end()
+    }
+
+    /// Disarms and leaves the motor as it is.
+    pub fn detach(mut self) {
+        self.released = true;
+        self.axis.arm(false);
+    }
+
+    fn end(&mut self) -> Result<(), Error> {
+        self.released = true;
+        let has = |verb| self.axis.profile.plan(verb).is_some();
+        let stopped = if has(Verb::Stop) { self.axis.stop() } else { Ok(()) };
+        let disabled = if has(Verb::Disable) { self.axis.disable() } else { Ok(()) };
+        self.axis.arm(false);
+        stopped.and(disabled)
+    }
+}
+
+impl Deref for Armed {
+    type Target = Axis;
+    fn deref(&self) -> &Axis {
+        &self.axis
+    }
+}
+
+impl Drop for Armed {
+    fn drop(&mut self) {
+        if !self.released {
+            let _ = self.end();
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! A request under way.
+
+use super::Axis;
+use crate::error::Error;
+use polepair_core::error::Outcome;
+use polepair_core::time::Instant;
+use polepair_link::{Pending, Waited};
+use std::time::Duration;
+
+/// A request under way. Dropped before its end, it goes on by itself.
+#[derive(Debug)]
+#[must_use = "wait for it, or drop it to let it go on by itself"]
+pub struct Running {
+    pub(super) axis: Axis,
+    pub(super) pending: Pending,
+    pub(super) what: String,
+}
+
+impl Running {
+    /// Waits for the end. The value is the last one read.
+    ///
+    /// # Errors
+    /// [`Error::Failed`] by blame, [`Error::Interrupted`] when somebody interrupts; it then goes
+    /// on, and can be waited for again.
+    pub fn finish(&mut self) -> Result<i64, Error> {
+        match self.until(Instant::FAR)? {
+            Some(raw) => Ok(raw),
+            None => Err(Error::Interrupted { what: self.what() }),
+        }
+    }
+
+    /// Waits for the end at most so long; `None` when it goes on.
+    ///
+    /// # Errors
+    /// As [`finish`](Self::finish).
+    pub fn wait(&mut self, at_most: Duration) -> Result<Option<i64>, Error> {
+        self.until(self.axis.connection.now() + at_most)
+    }
+
+    /// Looks whether it has ended, without waiting.
+    ///
+    /// # Errors
+    /// [`Error::Failed`] by blame.
+    pub fn poll(&mut self) -> Result<Option<i64>, Error> {
+        let outcome = self.pending.poll();
+        outcome.map(|outcome| self.judged(outcome)).transpose()
+    }
+
+    fn until(&mut self, deadline: Instant) -> Result<Option<i64>, Error> {
+        match self.pending.wait(deadline) {
+            Waited::Ended(outcome) => self.judged(outcome).map(Some),
+            Waited::TimedOut => Ok(None),
+            Waited::Interrupted => Err(Error::Interrupted { what: self.what() }),
+        }
+    }
+
+    fn judged(&self, outcome: Outcome) -> Result<i64, Error> {
+        match outcome {
+            Outcome::Done(raw) => Ok(raw),
+            other => Err(self.axis.failed(&self.what, other)),
+        }
+    }
+
+    fn what(&self) -> String {
+        format!("{}: {}", self.axis.label(), self.what)
+    }
+}

@@ -1,0 +1,166 @@
+//! `polepair.toml` and the configuration folder: named links and users' own profiles.
+//!
+//! ```toml
+//! # polepair.toml, found in the working folder, in any folder above it, or in the configuration
+//! # folder ($XDG_CONFIG_HOME/polepair, ~/.config/polepair; on Windows %APPDATA%\polepair)
+//! [links]
+//! arm = "tmcl+serial:///dev/ttyUSB0:9600#1,2"
+//! ```
+//! `@arm` is then a connection string, as are `@arm#2` and `@arm?timeout=50`.
+
+use crate::error::Error;
+use crate::file::{FileError, Text};
+use crate::profile::{self, text_of};
+use crate::words;
+use polepair_core::profile::Profile;
+use std::path::{Path, PathBuf};
+
+/// Folders above the working folder that are looked into.
+const FOLDERS_MAX: usize = 64;
+/// The file's name.
+pub const FILE: &str = "polepair.toml";
+
+/// Named links and users' profiles.
+#[derive(Clone, Debug, Default)]
+pub struct Config {
+    /// Where the names come from, if a file was found.
+    pub file: Option<PathBuf>,
+    /// Names and their connection strings, by name.
+    pub links: Vec<(String, String)>,
+    /// Profiles beyond those that are compiled in.
+    pub profiles: Vec<&'static Profile>,
+}
+
+impl Config {
+    /// What is found from the working folder upward and in the configuration folder.
+    ///
+    /// # Errors
+    /// [`Error::File`] when a file that was found is wrong.
+    pub fn discover() -> Result<Self, Error> {
+        let here = std::env::current_dir().unwrap_or_default();
+        Self::discover_from(&here, folder().as_deref())
+    }
+
+    /// What is found from `here` upward and in the configuration folder `folder`.
+    ///
+    /// # Errors
+    /// [`Error::File`] when a file that was found is wrong.
+    pub fn discover_from(here: &Path, folder: Option<&Path>) -> Result<Self, Error> {
+        let above = here.ancestors().take(FOLDERS_MAX).chain(folder);
+        let file = above.map(|folder| folder.join(FILE)).find(|file| file.is_file());
+        let mut config = match file {
+            Some(file) => Self::load(&file)?,
+            None => Self::default(),
+        };
+        if let Some(folder) = folder {
+            config.profiles = profiles_in(&folder.join("profiles"))?;
+        }
+        Ok(config)
+    }
+
+    /// Reads one `polepair.toml`.
+    ///
+    /// # Errors
+    /// [`Error::File`] with file, line, column and reason.
+    pub fn load(file: &Path) -> Result<Self, Error> {
+        let links = links(&file.display().to_string(), &text_of(file)?)?;
+        Ok(Self { file: Some(file.to_path_buf()), links, profiles: Vec::new() })
+    }
+
+    /// Adds a profile file.
+    ///
+    /// # Errors
+    /// [`Error::File`] with file, line, column and reason.
+    pub fn add_profile(&mut self, file: &Path) -> Result<&'static Profile, Error> {
+        let profile = profile::load(file)?;
+        self.profiles.retain(|other| other.name != profile.name);
+        self.profiles.push(profile);
+        Ok(profile)
+    }
+
+    /// The profile of that name: the user's own go before those that are compiled in.
+    #[must_use]
+    pub fn profile(&self, name: &str) -> Option<&'static Profile> {
+        self.all_profiles().find(|profile| profile.name == name)
+    }
+
+    /// Every profile, the user's own first.
+    pub fn all_profiles(&self) -> impl Iterator<Item = &'static Profile> {
+        self.profiles.iter().chain(polepair_core::drives::profiles()).copied()
+    }
+
+    /// The connection string that `text` stands for: itself, unless it begins with `@`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E211` for a name that no file has.
+    pub fn expand(&self, text: &str) -> Result<String, Error> {
+        let Some(named) = text.strip_prefix('@') else { return Ok(text.to_owned()) };
+        let (name, more) = named.split_at(named.find(['?', '#']).unwrap_or(named.len()));
+        let known = self.links.iter().find(|(other, _)| other == name);
+        let Some((_, url)) = known else {
+            let names = self.links.iter().map(|(name, _)| name.as_str());
+            let near = words::hint(name, names);
+            let place = self.file.as_ref().map_or_else(
+                || format!("no {FILE} was found"),
+                |file| format!("{} does not have it", file.display()),
+            );
+            let what = format!("no link is called `@{name}`{near}");
+            let hint = format!("{place}; write `{name} = \"…\"` below [links]");
+            return Err(Error::usage("E211", what, hint));
+        };
+        Ok(joined(url, more))
+    }
+}
+
+/// The named string with the keys and axes of `more` in place of its own.
+fn joined(url: &str, more: &str) -> String {
+    let (rest, axes) = url.split_once('#').map_or((url, None), |(a, b)| (a, Some(b)));
+    let (head, keys) = rest.split_once('?').map_or((rest, ""), |(a, b)| (a, b));
+    let (new_keys, new_axes) = more.split_once('#').map_or((more, None), |(a, b)| (a, Some(b)));
+    let new_keys = new_keys.trim_start_matches('?');
+    let name = |pair: &str| pair.split('=').next().unwrap_or_default().to_owned();
+    let replaced: Vec<String> = new_keys.split('&').map(name).collect();
+    let kept = keys.split('&').filter(|pair| !replaced.contains(&name(pair)));
+    let all: Vec<&str> = kept.chain(new_keys.split('&')).filter(|pair| !pair.is_empty()).collect();
+    let mut out = head.to_owned();
+    if !all.is_empty() {
+        out.push('?');
+        out.push_str(&all.join("&"));
+    }
+    if let Some(axes) = new_axes.or(axes) {
+        out.push('#');
+        out.push_str(axes);
+    }
+    out
+}
+
+fn links(file: &str, text: &str) -> Result<Vec<(String, String)>, FileError> {
+    Text::new(file, text).read(&["links"], |node| {
+        let Some(table) = node.table("links", &[])? else { return Ok(Vec::new()) };
+        let link = |key: crate::file::Found<&str>| {
+            Ok((key.value.to_owned(), table.needed_text(key.value)?.value))
+        };
+        table.keys().into_iter().map(link).collect()
+    })
+}
+
+/// The configuration folder.
+#[must_use]
+pub fn folder() -> Option<PathBuf> {
+    let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let base = if cfg!(windows) {
+        set("APPDATA")
+    } else {
+        set("XDG_CONFIG_HOME").or_else(|| set("HOME").map(|home| home.join(".config")))
+    };
+    base.map(|base| base.join("polepair"))
+}
+
+fn profiles_in(folder: &Path) -> Result<Vec<&'static Profile>, FileError> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(Vec::new()) };
+    let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    files.retain(|file| file.extension().is_some_and(|e| e == "toml"));
+    files.sort();
+    files.truncate(profile::PROFILES_MAX);
+    files.iter().map(|file| profile::load(file)).collect()
+}

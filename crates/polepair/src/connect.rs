@@ -1,0 +1,460 @@
+//! Opening links and finding out what is on them.
+//!
+//! ```
+//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! let link = polepair::connect("sim:tmcl?time=virtual")?;
+//! let axis = link.axis(1)?;
+//! println!("{}, {}", axis.profile().title, axis.identified());
+//! # }
+//! # Ok::<(), polepair::Error>(())
+//! ```
+
+use crate::axis::Axis;
+use crate::config::Config;
+use crate::error::Error;
+use crate::identify::{Identified, Prober};
+use crate::registry::{self, Spoken};
+use crate::simulate::{self, Description, Pace, Simulation};
+use crate::url::{Target, Url};
+use crate::words;
+use polepair_core::medium::{Parity, SerialLine, Stream};
+use polepair_core::proto::HostOptions;
+use polepair_core::station::{AxisIndex, Counters};
+use polepair_link::{Connection, Interrupter, LinkError, Received, Tap, Tapped, Waker, clock};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Opens a link with the configuration that is found from the working folder upward.
+///
+/// # Errors
+/// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened,
+/// [`Error::Failed`] when an axis that it names does not answer.
+pub fn connect(url: &str) -> Result<Link, Error> {
+    Connector::discover()?.connect(url)
+}
+
+/// How links are opened: with which names, profiles and taps.
+#[derive(Clone, Debug, Default)]
+pub struct Connector {
+    /// Named links and users' profiles.
+    pub config: Config,
+    tap: Option<SharedTap>,
+}
+
+type AnyTap = dyn Tap + Send;
+
+#[derive(Clone)]
+struct SharedTap(Arc<Mutex<AnyTap>>);
+
+impl std::fmt::Debug for SharedTap {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("SharedTap")
+    }
+}
+
+impl Connector {
+    /// With the configuration that is found from the working folder upward.
+    ///
+    /// # Errors
+    /// [`Error::File`] when a file that was found is wrong.
+    pub fn discover() -> Result<Self, Error> {
+        Ok(Self { config: Config::discover()?, tap: None })
+    }
+
+    /// With a user's profile file besides.
+    ///
+    /// # Errors
+    /// [`Error::File`] with file, line, column and reason.
+    pub fn with_profile(mut self, file: &Path) -> Result<Self, Error> {
+        self.config.add_profile(file)?;
+        Ok(self)
+    }
+
+    /// With a tap that sees every unit on every link that is opened from now on.
+    #[must_use]
+    pub fn with_tap(mut self, tap: impl Tap + 'static) -> Self {
+        self.tap = Some(SharedTap(Arc::new(Mutex::new(tap))));
+        self
+    }
+
+    /// The connection string with its name, if it is one, looked up.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn url(&self, text: &str) -> Result<Url, Error> {
+        self.config.expand(text)?.parse()
+    }
+
+    /// Opens a link and finds out what is there.
+    ///
+    /// # Errors
+    /// As [`connect`].
+    pub fn connect(&self, text: &str) -> Result<Link, Error> {
+        let url = self.url(text)?;
+        let (lines, simulation) = self.lines(&url)?;
+        let mut axes = Vec::new();
+        for line in &lines {
+            axes.extend(self.axes(&url, line, simulation.as_ref())?);
+        }
+        Ok(Link { url, axes, simulation })
+    }
+
+    /// Opens what the string names, without asking anybody anything.
+    pub(crate) fn lines(&self, url: &Url) -> Result<(Vec<Line>, Option<Simulation>), Error> {
+        match &url.target {
+            Target::Sim { what } => {
+                let simulation = simulated(url, what)?;
+                let lines = (0..simulation.links()).map(|n| self.sim_line(url, &simulation, n));
+                Ok((lines.collect::<Result<_, _>>()?, Some(simulation)))
+            }
+            _ => Ok((vec![self.wire_line(url)?], None)),
+        }
+    }
+
+    fn wire_line(&self, url: &Url) -> Result<Line, Error> {
+        let spoken = spoken(&url.protocol)?;
+        let (baud, untimed) = match &url.target {
+            Target::Serial { path, baud } => (baud.unwrap_or(spoken.baud), is_pty(path)),
+            _ => (0, true),
+        };
+        let options = options(url, if untimed { 0 } else { baud })?;
+        let link: Box<dyn polepair_link::Link<Stream>> = match &url.target {
+            Target::Serial { path, .. } => {
+                let line = line_of(url, &spoken, options, baud)?;
+                Box::new(polepair_link::serial::open(path, line)?)
+            }
+            Target::Tcp { address } => Box::new(polepair_link::tcp::TcpLink::connect(address)?),
+            Target::Sim { .. } => return Err(Error::usage("E210", "this is simulated", "")),
+        };
+        let numbers =
+            if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
+        let names = vec![String::new(); numbers.len()];
+        Ok(Line { link: self.shared(link), spoken, options, numbers, names })
+    }
+
+    fn sim_line(&self, url: &Url, simulation: &Simulation, n: usize) -> Result<Line, Error> {
+        let wire = &simulation.description().wires[n];
+        let drives = &simulation.description().rack.links[n].drives;
+        let spoken = spoken(wire.protocol)?;
+        let address =
+            |d: &polepair_sim::rack::RackDrive| d.address.unwrap_or(*spoken.addresses.start());
+        let all = drives.iter().map(address).zip(wire.names.iter().cloned());
+        let wanted = |(number, _): &(u32, String)| url.axes.is_empty() || url.axes.contains(number);
+        let (numbers, names) = all.filter(wanted).unzip();
+        let options = options(url, wire.baud)?;
+        let link = simulation.open(n)?;
+        let line = registry::lane(spoken.name, options, &[]).map(|lane| lane.line());
+        if let Some(line) = line {
+            link.set_line(line)?;
+        }
+        Ok(Line { link: self.shared(link), spoken, options, numbers, names })
+    }
+
+    fn shared(&self, link: Box<dyn polepair_link::Link<Stream>>) -> SharedLink {
+        let link = match self.tap.clone() {
+            None => link,
+            Some(tap) => Box::new(Tapped::new(link, move |at, direction, bytes: &[u8]| {
+                let mut tap = tap.0.lock().unwrap_or_else(PoisonError::into_inner);
+                tap.unit(at, direction, bytes);
+            })),
+        };
+        SharedLink(Arc::from(link))
+    }
+
+    fn axes(
+        &self,
+        url: &Url,
+        line: &Line,
+        simulation: Option<&Simulation>,
+    ) -> Result<Vec<Axis>, Error> {
+        let named = url.key("profile").map(|name| self.named_profile(name, line)).transpose()?;
+        let mut found = Vec::new();
+        for &number in &line.numbers {
+            found.push(match named {
+                Some(profile) => (profile, Identified::Named),
+                None => Prober::new(line, &self.config).identify(number)?,
+            });
+        }
+        let profiles: Vec<_> =
+            found.iter().zip(&line.numbers).map(|((profile, _), n)| (*profile, *n)).collect();
+        let connection = line.connection(&profiles)?;
+        let axis = |(n, (_, identified)): (usize, (_, Identified))| Axis {
+            connection: connection.clone(),
+            index: AxisIndex(u8::try_from(n).unwrap_or(u8::MAX)),
+            number: line.numbers[n],
+            name: line.names[n].clone(),
+            protocol: line.spoken.name,
+            profile: profiles[n].0,
+            identified,
+            simulation: simulation.cloned(),
+        };
+        Ok(found.into_iter().enumerate().map(axis).collect())
+    }
+
+    fn named_profile(
+        &self,
+        name: &str,
+        line: &Line,
+    ) -> Result<&'static polepair_core::profile::Profile, Error> {
+        let speaks =
+            |p: &&'static polepair_core::profile::Profile| p.protocol == line.spoken.profile;
+        let mut fitting = self.config.all_profiles().filter(speaks);
+        let generic = line.spoken.generic;
+        let found = fitting.find(|p| p.name == name || p.family == name);
+        if let Some(profile) = found.or((name == generic.name).then_some(generic)) {
+            return Ok(profile);
+        }
+        let known: Vec<&str> = self.config.all_profiles().filter(speaks).map(|p| p.name).collect();
+        let near = words::hint(name, known.iter().copied());
+        let what = format!("no profile `{name}` speaks {}{near}", line.spoken.name);
+        Err(Error::usage("E213", what, format!("known are {}", known.join(", "))))
+    }
+}
+
+fn spoken(word: &str) -> Result<Spoken, Error> {
+    registry::protocol(word)
+        .ok_or_else(|| Error::usage("E203", format!("no protocol is called `{word}`"), ""))
+}
+
+fn simulated(url: &Url, what: &str) -> Result<Simulation, Error> {
+    let seed = url.number("seed")?.unwrap_or(1);
+    let mut description = describe(url, what, seed)?;
+    if let Some(baud) = url.number("baud")? {
+        description.set_baud(u32::try_from(baud).unwrap_or(u32::MAX));
+    }
+    if url.key("echo").is_some() {
+        description.set_echo(url.flag("echo")?);
+    }
+    for drive in description.rack.links.iter_mut().flat_map(|link| &mut link.drives) {
+        drive.extra.extend(url.extra());
+    }
+    let pace = match url.key("time") {
+        None | Some("real") => Pace::Real,
+        Some("virtual") => Pace::Virtual,
+        Some(other) => {
+            let what = format!("`time={other}` is neither real nor virtual");
+            return Err(Error::usage("E210", what, ""));
+        }
+    };
+    Simulation::new(&description, seed, pace)
+}
+
+fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
+    let file = Path::new(what);
+    if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+        return simulate::rack_of_file(file, seed);
+    }
+    let count = url.number("axes")?.unwrap_or(1);
+    let most = url.axes.iter().copied().map(u64::from).max().unwrap_or(0);
+    let count = count.max(most);
+    if count == 0 || count > 32 {
+        let what = format!("`axes={count}` is not 1 to 32");
+        return Err(Error::usage("E210", what, "for more, write a rack file"));
+    }
+    let numbers: Vec<String> = (1..=count).map(|n| n.to_string()).collect();
+    let word =
+        if what.contains(':') { what.into() } else { format!("{what}:{}", numbers.join(",")) };
+    simulate::rack_of_words(&[&word], seed)
+}
+
+fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
+    let whole = |ms: f64| ms.ceil() as u32;
+    let timed = |us: f64| us.round() as u32;
+    let gap_us = url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0));
+    Ok(HostOptions {
+        baud,
+        reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
+        // Nothing on a pty or TCP tells frames apart by silence.
+        gap_us: gap_us.or((baud == 0).then_some(0)),
+        host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
+        echo: url.flag("echo")?,
+    })
+}
+
+/// How the port is set: as the protocol's host wants it, unless the string says otherwise.
+fn line_of(
+    url: &Url,
+    spoken: &Spoken,
+    options: HostOptions,
+    baud: u32,
+) -> Result<SerialLine, Error> {
+    let lane = registry::lane(spoken.name, options, &[]);
+    let mut line = lane.map_or(SerialLine::n81(baud), |lane| lane.line());
+    line.baud = baud;
+    match url.key("parity") {
+        None => {}
+        Some("none") => line.parity = Parity::None,
+        Some("even") => line.parity = Parity::Even,
+        Some("odd") => line.parity = Parity::Odd,
+        Some(other) => {
+            let what = format!("`parity={other}` is none of none, even, odd");
+            return Err(Error::usage("E210", what, ""));
+        }
+    }
+    match url.number("stop")? {
+        None => {}
+        Some(bits @ (1 | 2)) => line.stop_bits = if bits == 1 { 1 } else { 2 },
+        Some(_) => return Err(Error::usage("E210", "`stop` must be 1 or 2", "")),
+    }
+    Ok(line)
+}
+
+/// A pseudo-terminal has no timing, whatever its name looks like.
+fn is_pty(path: &str) -> bool {
+    let real = std::fs::canonicalize(path);
+    real.is_ok_and(|real| real.starts_with("/dev/pts") || real.starts_with("/dev/ttys"))
+}
+
+/// One opened wire and what is to be found on it.
+pub(crate) struct Line {
+    pub(crate) link: SharedLink,
+    pub(crate) spoken: Spoken,
+    pub(crate) options: HostOptions,
+    pub(crate) numbers: Vec<u32>,
+    names: Vec<String>,
+}
+
+impl Line {
+    /// A host with these axes on the wire. One at a time.
+    pub(crate) fn connection(
+        &self,
+        axes: &[(&'static polepair_core::profile::Profile, u32)],
+    ) -> Result<Connection, Error> {
+        let lane = registry::lane(self.spoken.name, self.options, axes)
+            .ok_or_else(|| Error::usage("E203", "the protocol has no host", ""))?;
+        Ok(Connection::new(Box::new(self.link.clone()), lane))
+    }
+}
+
+/// A link that outlives the connection it is lent to.
+#[derive(Clone)]
+pub(crate) struct SharedLink(Arc<dyn polepair_link::Link<Stream>>);
+
+impl polepair_link::Link<Stream> for SharedLink {
+    fn now(&self) -> polepair_core::time::Instant {
+        self.0.now()
+    }
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        self.0.send(unit)
+    }
+    fn receive(
+        &self,
+        buffer: &mut [u8],
+        until: polepair_core::time::Instant,
+    ) -> Result<Received, LinkError> {
+        self.0.receive(buffer, until)
+    }
+    fn set_line(&self, line: SerialLine) -> Result<(), LinkError> {
+        self.0.set_line(line)
+    }
+    fn waker(&self) -> Waker {
+        self.0.waker()
+    }
+    fn describe(&self) -> String {
+        self.0.describe()
+    }
+    fn reopen(&self) -> Result<Box<dyn polepair_link::Link<Stream>>, LinkError> {
+        self.0.reopen()
+    }
+}
+
+/// An open link and its axes. Dropping the last handle closes it.
+#[derive(Clone, Debug)]
+pub struct Link {
+    url: Url,
+    axes: Vec<Axis>,
+    simulation: Option<Simulation>,
+}
+
+impl Link {
+    /// What it was opened by.
+    #[must_use]
+    pub fn url(&self) -> &Url {
+        &self.url
+    }
+
+    /// Every axis, in order.
+    #[must_use]
+    pub fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    /// The axis of that number: the drive's address on the wire.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E212` when the link was opened without it, or several have that number.
+    pub fn axis(&self, number: u32) -> Result<Axis, Error> {
+        let mut found = self.axes.iter().filter(|axis| axis.number == number);
+        match (found.next(), found.next()) {
+            (Some(axis), None) => Ok(axis.clone()),
+            (Some(_), Some(_)) => {
+                let what = format!("several links have an axis {number}");
+                Err(Error::usage("E212", what, "name the drives in the rack, and ask by name"))
+            }
+            (None, _) => Err(self.no_axis(&number.to_string())),
+        }
+    }
+
+    /// The axis that a rack file calls so.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E212`.
+    pub fn named(&self, name: &str) -> Result<Axis, Error> {
+        let found = self.axes.iter().find(|axis| axis.name == name);
+        found.cloned().ok_or_else(|| self.no_axis(name))
+    }
+
+    fn no_axis(&self, wanted: &str) -> Error {
+        let known: Vec<String> = self.axes.iter().map(Axis::label).collect();
+        let what = format!("this link has no axis {wanted}");
+        let hint = format!("it was opened with {}; name axes after `#`", known.join(", "));
+        Error::usage("E212", what, hint)
+    }
+
+    /// The simulation behind a `sim:` link.
+    #[must_use]
+    pub fn simulation(&self) -> Option<&Simulation> {
+        self.simulation.as_ref()
+    }
+
+    /// Stops every axis as fast as the verbs allow: all stops are sent before the first is waited
+    /// for.
+    ///
+    /// # Errors
+    /// The first error, after every axis was tried.
+    pub fn stop_all(&self) -> Result<(), Error> {
+        let stop = polepair_core::axis::Command::new(polepair_core::axis::Verb::Stop);
+        let started: Vec<_> = self.axes.iter().map(|axis| axis.start(stop)).collect();
+        let mut first = Ok(());
+        for running in started {
+            let ended = running.and_then(|mut running| running.finish().map(drop));
+            first = first.and(ended);
+        }
+        first
+    }
+
+    /// What ends waits from elsewhere, for instance upon Ctrl-C: one for each wire.
+    #[must_use]
+    pub fn interrupters(&self) -> Vec<Interrupter> {
+        self.axes.iter().map(|axis| axis.connection.interrupter()).collect()
+    }
+
+    /// What happened on the wire of an axis so far.
+    #[must_use]
+    pub fn counters(&self, axis: &Axis) -> Counters {
+        axis.connection.with(|axes, _| axes.counters())
+    }
+
+    /// Waits on the link's own clock: a simulated link in virtual time is there at once.
+    pub fn sleep(&self, span: Duration) {
+        pass(self.simulation.as_ref(), span);
+    }
+}
+
+pub(crate) fn pass(simulation: Option<&Simulation>, span: Duration) {
+    match simulation {
+        Some(simulation) => simulation.pass(span),
+        None => clock::sleep_until(clock::now() + span),
+    }
+}

@@ -1,0 +1,295 @@
+//! Errors by blame, each with a stable code, an exit code and what to try.
+//!
+//! [`verdict`] is the one table from what a lane tells ([`Outcome`], [`Failure`]) to exit code,
+//! exception and error code; the command line and the bindings use it.
+
+use crate::FileError;
+use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_link::{Cause, LinkError};
+use std::fmt;
+
+/// Exit codes of the command line; scripts rely on them.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+#[repr(u8)]
+pub enum Exit {
+    /// All done.
+    Ok = 0,
+    /// A negative result: a difference, a move that was not reached.
+    Negative = 1,
+    /// The request cannot be carried out; nothing was sent.
+    Usage = 2,
+    /// No adapter, no permission, or the link went away.
+    Adapter = 3,
+    /// Nobody answered.
+    NoReply = 4,
+    /// An answer that is corrupt or to another question.
+    Corrupt = 5,
+    /// The drive said no.
+    Refused = 6,
+    /// Done in part.
+    Partial = 7,
+    /// The drive reports a fault.
+    DriveFault = 8,
+    /// Ctrl-C.
+    Interrupted = 130,
+}
+
+/// What Python and C raise for an error. All are under `PolepairError`.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Exception {
+    /// Nobody answered.
+    NoReply,
+    /// The drive said no.
+    Refused,
+    /// The drive reports a fault.
+    DriveFault,
+    /// The answer was corrupt or to another question.
+    ProtocolError,
+    /// It cannot be; nothing was sent.
+    Unsupported,
+    /// None of these: a link that cannot be opened, a move that did not arrive, a stop between.
+    PolepairError,
+}
+
+impl Exception {
+    /// The class's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NoReply => "NoReply",
+            Self::Refused => "Refused",
+            Self::DriveFault => "DriveFault",
+            Self::ProtocolError => "ProtocolError",
+            Self::Unsupported => "Unsupported",
+            Self::PolepairError => "PolepairError",
+        }
+    }
+}
+
+/// What an outcome means to the layers that people touch.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Verdict {
+    /// Exit code of the command line.
+    pub exit: Exit,
+    /// What the bindings raise.
+    pub exception: Exception,
+    /// Stable code.
+    pub code: &'static str,
+    /// Whether the drive did it; `None` when nobody can know.
+    pub executed: Option<bool>,
+}
+
+/// The table: what an outcome means. `None` for [`Outcome::Done`].
+///
+/// ```
+/// use polepair::error::{Exit, verdict};
+/// use polepair_core::error::{Failure, Outcome};
+/// let lost = verdict(Outcome::Unknown(Failure::Silent)).unwrap();
+/// assert_eq!((lost.exit, lost.executed), (Exit::NoReply, None));
+/// assert!(verdict(Outcome::Done(0)).is_none());
+/// ```
+#[must_use]
+pub fn verdict(outcome: Outcome) -> Option<Verdict> {
+    let (failure, executed) = match outcome {
+        Outcome::Done(_) => return None,
+        Outcome::NotDone(failure) => (failure, Some(false)),
+        Outcome::Unknown(failure) => (failure, None),
+    };
+    let (exit, exception, code) = match failure {
+        Failure::Silent => (Exit::NoReply, Exception::NoReply, "E401"),
+        Failure::Misbehaved => (Exit::Corrupt, Exception::ProtocolError, "E501"),
+        Failure::Refused { .. } => (Exit::Refused, Exception::Refused, "E601"),
+        Failure::NotReady { .. } => (Exit::Refused, Exception::Refused, "E602"),
+        Failure::Faulted { .. } => (Exit::DriveFault, Exception::DriveFault, "E801"),
+        Failure::NotReached => (Exit::Negative, Exception::PolepairError, "E101"),
+        Failure::Cancelled => (Exit::Negative, Exception::PolepairError, "E102"),
+        Failure::LinkDown => (Exit::Adapter, Exception::PolepairError, "E313"),
+        Failure::Impossible(why) => (Exit::Usage, Exception::Unsupported, unsupported_code(why)),
+        // What later versions of the core tell.
+        _ => (Exit::Corrupt, Exception::ProtocolError, "E500"),
+    };
+    Some(Verdict { exit, exception, code, executed })
+}
+
+const fn unsupported_code(why: Unsupported) -> &'static str {
+    match why {
+        Unsupported::NoSuchAxis => "E212",
+        Unsupported::NoSuchParameter => "E213",
+        Unsupported::ReadOnly(_) => "E214",
+        Unsupported::WriteOnly(_) => "E215",
+        Unsupported::OutOfRange { .. } => "E216",
+        Unsupported::BadArgument => "E217",
+        Unsupported::NoPlan => "E218",
+        Unsupported::NotArmed => "E219",
+        Unsupported::Busy => "E220",
+        Unsupported::BadText => "E221",
+        Unsupported::Forbidden(_) => "E222",
+        _ => "E299",
+    }
+}
+
+/// Whatever goes wrong, by blame.
+#[derive(Clone, PartialEq, Debug)]
+#[non_exhaustive]
+pub enum Error {
+    /// The caller's words: a connection string, a name, a value. Nothing was sent.
+    Usage {
+        /// Stable code.
+        code: &'static str,
+        /// What is wrong, in a sentence without full stop.
+        what: String,
+        /// What to try; empty when there is nothing to add.
+        hint: String,
+    },
+    /// A file: a profile, a rack, `polepair.toml`.
+    File(FileError),
+    /// The operating system: no such port, no permission, unplugged.
+    Link(LinkError),
+    /// The caller asked for what this drive cannot do. Nothing was sent.
+    Unsupported {
+        /// What was asked, with the reason.
+        what: String,
+        /// Why not.
+        why: Unsupported,
+        /// What to try; empty when there is nothing to add.
+        hint: String,
+    },
+    /// The drive, or the wire to it.
+    Failed {
+        /// What was asked, with what came of it.
+        what: String,
+        /// How it ended: never [`Outcome::Done`].
+        outcome: Outcome,
+        /// What to try; empty when there is nothing to add.
+        hint: String,
+    },
+    /// Somebody interrupted the wait: the request goes on.
+    Interrupted {
+        /// What was waited for.
+        what: String,
+    },
+}
+
+impl Error {
+    /// An error about the caller's words.
+    pub(crate) fn usage(
+        code: &'static str,
+        what: impl Into<String>,
+        hint: impl Into<String>,
+    ) -> Self {
+        Self::Usage { code, what: what.into(), hint: hint.into() }
+    }
+
+    fn verdict(&self) -> Verdict {
+        let of = |exit, exception, code, executed| Verdict { exit, exception, code, executed };
+        match self {
+            Self::Usage { code, .. } => of(Exit::Usage, Exception::Unsupported, code, Some(false)),
+            Self::File(_) => of(Exit::Usage, Exception::PolepairError, "E230", Some(false)),
+            Self::Link(error) => {
+                let code = link_code(error.cause());
+                of(Exit::Adapter, Exception::PolepairError, code, Some(false))
+            }
+            Self::Unsupported { why, .. } => {
+                of(Exit::Usage, Exception::Unsupported, unsupported_code(*why), Some(false))
+            }
+            Self::Failed { outcome, .. } => verdict(*outcome).unwrap_or(of(
+                Exit::Corrupt,
+                Exception::ProtocolError,
+                "E500",
+                None,
+            )),
+            Self::Interrupted { .. } => {
+                of(Exit::Interrupted, Exception::PolepairError, "E130", None)
+            }
+        }
+    }
+
+    /// A code that stays the same over versions; its first digit is the exit code.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        self.verdict().code
+    }
+
+    /// The exit code of the command line.
+    #[must_use]
+    pub fn exit(&self) -> Exit {
+        self.verdict().exit
+    }
+
+    /// What the bindings raise.
+    #[must_use]
+    pub fn exception(&self) -> Exception {
+        self.verdict().exception
+    }
+
+    /// Whether the drive did what was asked; `None` when nobody can know.
+    #[must_use]
+    pub fn executed(&self) -> Option<bool> {
+        self.verdict().executed
+    }
+
+    /// What to try; empty when there is nothing to add.
+    #[must_use]
+    pub fn hint(&self) -> &str {
+        match self {
+            Self::Usage { hint, .. }
+            | Self::Unsupported { hint, .. }
+            | Self::Failed { hint, .. } => hint,
+            Self::Link(error) => error.hint(),
+            Self::File(_) | Self::Interrupted { .. } => "",
+        }
+    }
+}
+
+const fn link_code(cause: Cause) -> &'static str {
+    match cause {
+        Cause::Permission => "E310",
+        Cause::NotFound => "E311",
+        Cause::Busy => "E312",
+        Cause::Gone => "E313",
+        Cause::Refused => "E314",
+        Cause::Unreachable => "E315",
+        Cause::Unsuitable => "E316",
+        Cause::Stalled => "E317",
+        _ => "E318",
+    }
+}
+
+impl fmt::Display for Error {
+    /// One sentence; where the wire is to blame it says whether the command was executed.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Usage { what, .. } | Self::Unsupported { what, .. } => f.write_str(what),
+            Self::File(error) => error.fmt(f),
+            Self::Link(error) => error.fmt(f),
+            Self::Failed { what, .. } => match self.verdict() {
+                Verdict {
+                    exit: Exit::NoReply | Exit::Corrupt | Exit::Adapter, executed, ..
+                } => {
+                    let said = match executed {
+                        Some(false) => "it was not executed",
+                        Some(true) => "it was executed",
+                        None => "it may have been executed",
+                    };
+                    write!(f, "{what}; {said}")
+                }
+                _ => f.write_str(what),
+            },
+            Self::Interrupted { what } => write!(f, "{what}: interrupted"),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<FileError> for Error {
+    fn from(error: FileError) -> Self {
+        Self::File(error)
+    }
+}
+
+impl From<LinkError> for Error {
+    fn from(error: LinkError) -> Self {
+        Self::Link(error)
+    }
+}

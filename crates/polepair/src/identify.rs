@@ -1,0 +1,203 @@
+//! Finding out what a drive is, by reads only.
+
+use crate::config::Config;
+use crate::connect::Line;
+use crate::error::Error;
+use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::profile::{Access, Ask, Identity, ParameterId, Profile};
+use polepair_core::station::AxisIndex;
+use polepair_core::time::Instant;
+use polepair_link::Connection;
+use std::fmt;
+
+/// Products that are asked for at one address at most.
+const CANDIDATES_MAX: usize = 64;
+
+/// How an axis came to its profile.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Identified {
+    /// The connection string names it: nobody was asked.
+    Named,
+    /// The drive's answer tells it.
+    Asked {
+        /// The firmware's version, where the answer tells it.
+        firmware: Option<String>,
+    },
+    /// Something answers, and no profile that is known fits: the protocol's generic one serves.
+    Generic,
+}
+
+impl fmt::Display for Identified {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Named => f.write_str("named in the connection string"),
+            Self::Asked { firmware: Some(firmware) } => write!(f, "firmware {firmware}"),
+            Self::Asked { firmware: None } => f.write_str("told by its answer"),
+            Self::Generic => f.write_str("not known: served by the protocol's generic profile"),
+        }
+    }
+}
+
+/// Asks drives on one line what they are.
+pub(crate) struct Prober<'a> {
+    line: &'a Line,
+    candidates: Vec<(&'static Profile, Identity)>,
+}
+
+/// What one address gave.
+#[derive(Clone, Debug)]
+pub(crate) enum Probe {
+    /// Nobody answered anything.
+    Silent,
+    /// Somebody is there.
+    Found { profile: &'static Profile, identified: Identified, stray: u64 },
+}
+
+impl<'a> Prober<'a> {
+    pub(crate) fn new(line: &'a Line, config: &Config) -> Self {
+        let speaks = |p: &&'static Profile| p.protocol == line.spoken.profile;
+        let known = config.all_profiles().filter(speaks);
+        let candidates = known.filter_map(|p| Some((p, p.identity?)));
+        Self { line, candidates: candidates.take(CANDIDATES_MAX).collect() }
+    }
+
+    /// What is at the address, or that nobody is.
+    pub(crate) fn identify(&self, number: u32) -> Result<(&'static Profile, Identified), Error> {
+        match self.probe(number)? {
+            Probe::Found { profile, identified, .. } => Ok((profile, identified)),
+            Probe::Silent => Err(Error::Failed {
+                what: format!("axis {number} does not answer on {}", self.describe()),
+                outcome: Outcome::NotDone(Failure::Silent),
+                hint: "check power, wiring, baud rate and address; `polepair scan` looks for \
+                       other addresses"
+                    .into(),
+            }),
+        }
+    }
+
+    fn describe(&self) -> String {
+        polepair_link::Link::describe(&self.line.link)
+    }
+
+    /// Asks every question that some profile has, once.
+    pub(crate) fn probe(&self, number: u32) -> Result<Probe, Error> {
+        let generic = self.line.spoken.generic;
+        let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
+        axes.push((generic, number));
+        let connection = self.line.connection(&axes)?;
+        let (mut heard, mut best) = (false, None::<(u32, usize, i64)>);
+        let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
+        for (n, (profile, identity)) in self.candidates.iter().enumerate() {
+            let outcome = match asked.iter().find(|(q, _)| same(q, identity, profile)) {
+                Some((_, outcome)) => *outcome,
+                None => ask(&connection, n, identity.ask),
+            };
+            asked.push((*identity, outcome));
+            match outcome {
+                Some(Outcome::Done(raw)) => {
+                    heard = true;
+                    let sure = identity.mask.count_ones();
+                    let fits = raw & identity.mask == identity.equals;
+                    if fits && best.is_none_or(|(other, ..)| sure > other) {
+                        best = Some((sure, n, raw));
+                    }
+                }
+                Some(outcome) => heard |= answered(outcome),
+                None => {}
+            }
+            if silent(outcome) && !heard {
+                return Ok(Probe::Silent);
+            }
+        }
+        if !heard {
+            heard = self.generic_answers(&connection, generic);
+        }
+        let counters = connection.with(|axes, _| axes.counters());
+        let stray = counters.late + counters.foreign + counters.corrupt;
+        Ok(match best {
+            Some((_, n, raw)) => {
+                let (profile, identity) = self.candidates[n];
+                let firmware = firmware(raw, identity.firmware);
+                Probe::Found { profile, identified: Identified::Asked { firmware }, stray }
+            }
+            None if heard => {
+                Probe::Found { profile: generic, identified: Identified::Generic, stray }
+            }
+            None => Probe::Silent,
+        })
+    }
+
+    /// Whether anything at all answers for the generic profile's first readable parameter; an
+    /// address without any is taken as it is.
+    fn generic_answers(&self, connection: &Connection, generic: &'static Profile) -> bool {
+        let readable = generic.parameters.iter().position(|p| p.access != Access::Write);
+        let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return true };
+        ask(connection, self.candidates.len(), Ask::Parameter(ParameterId(id)))
+            .is_some_and(answered)
+    }
+}
+
+/// The same question, so that its answer can be shared. A parameter's number means another thing
+/// in another profile.
+fn same(asked: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
+    matches!((asked.ask, wanted.ask), (Ask::Text(a), Ask::Text(b)) if a == b)
+}
+
+fn ask(connection: &Connection, axis: usize, question: Ask) -> Option<Outcome> {
+    let axis = AxisIndex(u8::try_from(axis).ok()?);
+    let outcome: Result<Option<Outcome>, Unsupported> =
+        connection.ask(Instant::FAR, |axes, now, ticket| match question {
+            Ask::Parameter(id) => axes.read(now, ticket, axis, id),
+            Ask::Text(text) => axes.raw(now, ticket, axis, text),
+        });
+    outcome.ok().flatten()
+}
+
+/// Somebody said something, if only no.
+const fn answered(outcome: Outcome) -> bool {
+    match outcome {
+        Outcome::Done(_) => true,
+        Outcome::NotDone(failure) | Outcome::Unknown(failure) => {
+            matches!(failure, Failure::Refused { .. } | Failure::Misbehaved)
+        }
+    }
+}
+
+fn silent(outcome: Option<Outcome>) -> bool {
+    matches!(
+        outcome,
+        Some(
+            Outcome::NotDone(Failure::Silent | Failure::LinkDown)
+                | Outcome::Unknown(Failure::Silent | Failure::LinkDown)
+        )
+    )
+}
+
+/// The version's bits as people write versions: text where they are text, else major.minor.
+fn firmware(raw: i64, mask: i64) -> Option<String> {
+    if mask == 0 {
+        return None;
+    }
+    let bits = ((raw & mask).cast_unsigned()) >> mask.trailing_zeros();
+    let bytes: Vec<u8> = bits.to_be_bytes().into_iter().skip_while(|b| *b == 0).collect();
+    if bytes.len() >= 3 && bytes.iter().all(u8::is_ascii_graphic) {
+        return Some(bytes.iter().map(|b| char::from(*b)).collect());
+    }
+    Some(match bits {
+        0x100..=0xFFFF => format!("{}.{:02}", bits >> 8, bits & 0xFF),
+        other => other.to_string(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::firmware;
+
+    #[test]
+    fn versions_are_shown_as_people_write_them() {
+        assert_eq!(firmware(0x3137_3156_312E_3039, 0xFF_FFFF_FFFF).as_deref(), Some("V1.09"));
+        assert_eq!(firmware(0x00AB_0114, 0xFFFF).as_deref(), Some("1.20"));
+        assert_eq!(firmware(7, 0xFF).as_deref(), Some("7"));
+        assert_eq!(firmware(7, 0), None);
+    }
+}

@@ -1,0 +1,207 @@
+//! Numbers with units, as people write them: `90 deg`, `60rpm`, `1.2 A`, `0x10`.
+
+use crate::error::Error;
+use crate::words;
+use polepair_core::units::{Quantity, Unit};
+
+/// A number and its unit, if one was given.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Measure {
+    /// The number in SI: rad, m, rad/s, N·m, A, V, s, 1; °C for temperatures. Without a unit, the
+    /// number as it was written.
+    pub si: f64,
+    /// What it measures; `None` when no unit was given.
+    pub quantity: Option<Quantity>,
+}
+
+/// Units besides those of [`Unit`], with what they measure and their SI value.
+const MORE: [(&str, Quantity, f64); 32] = {
+    use core::f64::consts::PI;
+    [
+        ("°", Quantity::Position, PI / 180.0),
+        ("degrees", Quantity::Position, PI / 180.0),
+        ("turns", Quantity::Position, 2.0 * PI),
+        ("rev", Quantity::Position, 2.0 * PI),
+        ("m", Quantity::Position, 1.0),
+        ("cm", Quantity::Position, 1e-2),
+        ("um", Quantity::Position, 1e-6),
+        ("µm", Quantity::Position, 1e-6),
+        ("rad/s", Quantity::Velocity, 1.0),
+        ("deg/s", Quantity::Velocity, PI / 180.0),
+        ("turn/s", Quantity::Velocity, 2.0 * PI),
+        ("m/s", Quantity::Velocity, 1.0),
+        ("mm/s", Quantity::Velocity, 1e-3),
+        ("rad/s2", Quantity::Acceleration, 1.0),
+        ("rad/s²", Quantity::Acceleration, 1.0),
+        ("deg/s2", Quantity::Acceleration, PI / 180.0),
+        ("turn/s2", Quantity::Acceleration, 2.0 * PI),
+        ("m/s2", Quantity::Acceleration, 1.0),
+        ("mm/s2", Quantity::Acceleration, 1e-3),
+        ("N·m", Quantity::Torque, 1.0),
+        ("N*m", Quantity::Torque, 1.0),
+        ("mNm", Quantity::Torque, 1e-3),
+        ("Ncm", Quantity::Torque, 1e-2),
+        ("mA", Quantity::Current, 1e-3),
+        ("mV", Quantity::Voltage, 1e-3),
+        ("kV", Quantity::Voltage, 1e3),
+        ("°C", Quantity::Temperature, 1.0),
+        ("us", Quantity::Time, 1e-6),
+        ("µs", Quantity::Time, 1e-6),
+        ("min", Quantity::Time, 60.0),
+        ("h", Quantity::Time, 3600.0),
+        ("kbaud", Quantity::BitRate, 1e3),
+    ]
+};
+
+/// Reads a number with or without a unit. A unit's letter case is ignored where that is no
+/// ambiguity.
+///
+/// ```
+/// use polepair::quantity::parse;
+/// use polepair_core::units::Quantity;
+/// assert_eq!(parse("1200 mA").unwrap().si, 1.2);
+/// assert_eq!(parse("60rpm").unwrap().quantity, Some(Quantity::Velocity));
+/// assert_eq!(parse("-0x10").unwrap().si, -16.0);
+/// assert!(parse("3 rmp").unwrap_err().to_string().contains("`rpm`"));
+/// ```
+///
+/// # Errors
+/// [`Error::Usage`] `E217` for what is no number, is not finite, or has an unknown unit.
+pub fn parse(text: &str) -> Result<Measure, Error> {
+    let text = text.trim();
+    if let Some(number) = crate::file::number(text) {
+        #[allow(clippy::cast_precision_loss, reason = "people write few digits")]
+        return Ok(Measure { si: number as f64, quantity: None });
+    }
+    let (number, unit) = split(text);
+    let si = number.parse::<f64>().ok().filter(|n| n.is_finite()).ok_or_else(|| {
+        let what = format!("`{text}` does not begin with a number");
+        Error::usage("E217", what, "write a number and a unit, such as `90 deg` or `1.2 A`")
+    })?;
+    if unit.is_empty() {
+        return Ok(Measure { si, quantity: None });
+    }
+    let (quantity, factor) = unit_of(unit).ok_or_else(|| {
+        let near = words::hint(unit, known());
+        Error::usage("E217", format!("`{unit}` is no unit{near}"), known_sentence())
+    })?;
+    Ok(Measure { si: si * factor, quantity: Some(quantity) })
+}
+
+impl Measure {
+    /// The SI value for something that measures `wanted` and is shown in `unit`: a number without
+    /// a unit is taken to be in `unit`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` when it measures something else.
+    pub fn in_unit(self, unit: Unit) -> Result<f64, Error> {
+        match self.quantity {
+            None => Ok(self.si * unit.si()),
+            Some(quantity) if quantity == unit.quantity() => Ok(self.si),
+            Some(quantity) => Err(mismatch(quantity, unit.quantity())),
+        }
+    }
+
+    /// The SI value for something that measures `wanted`: a number without a unit is taken to be
+    /// SI.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` when it measures something else.
+    pub fn si(self, wanted: Quantity) -> Result<f64, Error> {
+        match self.quantity {
+            None => Ok(self.si),
+            Some(quantity) if quantity == wanted || wanted == Quantity::Plain => Ok(self.si),
+            Some(quantity) => Err(mismatch(quantity, wanted)),
+        }
+    }
+}
+
+fn mismatch(found: Quantity, wanted: Quantity) -> Error {
+    let name = |quantity: Quantity| format!("{quantity:?}").to_lowercase();
+    let what = match wanted {
+        Quantity::Plain => format!("this has no unit, but a {} was given", name(found)),
+        _ => format!("a {} is wanted, but a {} was given", name(wanted), name(found)),
+    };
+    Error::usage("E217", what, "")
+}
+
+/// The number at the head, and the rest.
+fn split(text: &str) -> (&str, &str) {
+    let mut end = 0;
+    let bytes = text.as_bytes();
+    while end < bytes.len() {
+        let exponent = matches!(bytes[end], b'e' | b'E')
+            && end > 0
+            && text[end + 1..]
+                .trim_start_matches(['+', '-'])
+                .starts_with(|c: char| c.is_ascii_digit());
+        let sign = matches!(bytes[end], b'+' | b'-')
+            && (end == 0 || matches!(bytes[end - 1], b'e' | b'E'));
+        if !(bytes[end].is_ascii_digit() || bytes[end] == b'.' || exponent || sign) {
+            break;
+        }
+        end += 1;
+    }
+    (&text[..end], text[end..].trim())
+}
+
+fn table() -> impl Iterator<Item = (&'static str, Quantity, f64)> {
+    let named = Unit::ALL.into_iter().filter(|unit| *unit != Unit::None);
+    named.map(|unit| (unit.symbol(), unit.quantity(), unit.si())).chain(MORE)
+}
+
+fn unit_of(text: &str) -> Option<(Quantity, f64)> {
+    let exact = table().find(|(symbol, ..)| *symbol == text);
+    let folded = || {
+        let mut same = table().filter(|(symbol, ..)| symbol.eq_ignore_ascii_case(text));
+        let first = same.next()?;
+        same.all(|(_, quantity, si)| (quantity, si) == (first.1, first.2)).then_some(first)
+    };
+    exact.or_else(folded).map(|(_, quantity, si)| (quantity, si))
+}
+
+fn known() -> Vec<&'static str> {
+    table().map(|(symbol, ..)| symbol).collect()
+}
+
+fn known_sentence() -> String {
+    format!("units are {}", known().join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse;
+    use polepair_core::units::{Quantity, Unit};
+
+    #[test]
+    fn numbers_and_units_are_told_apart() {
+        for (text, si, quantity) in [
+            ("90 deg", core::f64::consts::FRAC_PI_2, Some(Quantity::Position)),
+            ("-1.5e3 mA", -1.5, Some(Quantity::Current)),
+            ("5 %", 0.05, Some(Quantity::Ratio)),
+            ("2 m/s", 2.0, Some(Quantity::Velocity)),
+            ("60RPM", core::f64::consts::TAU, Some(Quantity::Velocity)),
+            ("10", 10.0, None),
+            ("1e-3", 0.001, None),
+        ] {
+            let measure = parse(text).unwrap();
+            assert!((measure.si - si).abs() < 1e-9, "{text}: {measure:?}");
+            assert_eq!(measure.quantity, quantity, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_measure_is_refused() {
+        for text in ["", "fast", "3 parsecs", "nan", "inf rpm", "1e999 rpm", "--3"] {
+            assert_eq!(parse(text).unwrap_err().code(), "E217", "{text}");
+        }
+    }
+
+    #[test]
+    fn a_unit_must_measure_what_is_wanted() {
+        assert!((parse("3000").unwrap().in_unit(Unit::Rpm).unwrap() - 314.159).abs() < 0.001);
+        assert!(parse("3 A").unwrap().in_unit(Unit::Rpm).is_err());
+        assert!(parse("3 A").unwrap().si(Quantity::Velocity).is_err());
+        assert!(parse("3 A").unwrap().in_unit(Unit::None).is_err());
+    }
+}

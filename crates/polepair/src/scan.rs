@@ -1,0 +1,115 @@
+//! Looking for drives, by reads only.
+//!
+//! ```
+//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! use polepair::scan::scan;
+//! let connector = polepair::Connector::default();
+//! let scan = scan(&connector, "sim:tmcl?axes=2&time=virtual", 1..=4, &mut |_| {})?;
+//! assert_eq!(scan.found.iter().map(|f| f.number).collect::<Vec<_>>(), [1, 2]);
+//! # }
+//! # Ok::<(), polepair::Error>(())
+//! ```
+
+use crate::connect::Connector;
+use crate::error::Error;
+use crate::identify::{Identified, Probe, Prober};
+use polepair_core::profile::Profile;
+use std::ops::RangeInclusive;
+
+/// Addresses that one scan tries at most on one wire.
+const ADDRESSES_MAX: usize = 256;
+
+/// What a scan tried and found.
+#[derive(Clone, Debug)]
+pub struct Scan {
+    /// What was tried, in words: link, protocol, line, addresses.
+    pub tried: Vec<String>,
+    /// Who answered, by address.
+    pub found: Vec<Found>,
+}
+
+/// A drive that answered.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// Its address.
+    pub number: u32,
+    /// What it is, or the protocol's generic profile.
+    pub profile: &'static Profile,
+    /// How that is known, and the firmware where it tells it.
+    pub identified: Identified,
+    /// Set when more came back than was asked for: two drives may have this address.
+    pub clash: Option<String>,
+}
+
+/// How far a scan is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Progress {
+    /// The address that is asked now.
+    pub number: u32,
+    /// Addresses asked before.
+    pub done: usize,
+    /// Addresses in all.
+    pub of: usize,
+}
+
+/// Asks every address of the link's protocol, or those of `numbers` if that is not empty, who is
+/// there. Only reads are sent. `progress` hears of every address before it is asked.
+///
+/// # Errors
+/// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened or
+/// goes away meanwhile. That nobody answers is no error.
+pub fn scan(
+    connector: &Connector,
+    url: &str,
+    numbers: impl Into<Numbers>,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Scan, Error> {
+    let mut url = connector.url(url)?;
+    // All drives of a simulated rack are there, whichever axes the string names.
+    let axes = std::mem::take(&mut url.axes);
+    let (lines, _simulation) = connector.lines(&url)?;
+    let numbers = numbers.into();
+    let mut scan = Scan { tried: Vec::new(), found: Vec::new() };
+    for line in &lines {
+        let wanted = match (&numbers.0, axes.is_empty()) {
+            (Some(range), _) => range.clone().take(ADDRESSES_MAX).collect(),
+            (None, false) => axes.clone(),
+            (None, true) => line.spoken.addresses.clone().take(ADDRESSES_MAX).collect::<Vec<_>>(),
+        };
+        let baud = match line.options.baud {
+            0 => String::new(),
+            baud => format!(" at {baud} baud"),
+        };
+        let name = polepair_link::Link::describe(&line.link);
+        let (first, last) = (wanted.first().copied(), wanted.last().copied());
+        let (first, last) = (first.unwrap_or(0), last.unwrap_or(0));
+        let said = format!("{} on {name}{baud}, addresses {first} to {last}", line.spoken.name);
+        scan.tried.push(said);
+        let prober = Prober::new(line, &connector.config);
+        for (done, &number) in wanted.iter().enumerate() {
+            progress(Progress { number, done, of: wanted.len() });
+            if let Probe::Found { profile, identified, stray } = prober.probe(number)? {
+                let clash = (stray > 0).then(|| {
+                    format!("{stray} answers too many or damaged: two drives with this address?")
+                });
+                scan.found.push(Found { number, profile, identified, clash });
+            }
+        }
+    }
+    Ok(scan)
+}
+
+/// Which addresses a scan asks.
+#[derive(Clone, Debug, Default)]
+pub struct Numbers(Option<RangeInclusive<u32>>);
+
+impl Numbers {
+    /// Every address of the protocol, or those that the connection string names.
+    pub const ALL: Self = Self(None);
+}
+
+impl From<RangeInclusive<u32>> for Numbers {
+    fn from(range: RangeInclusive<u32>) -> Self {
+        Self(Some(range))
+    }
+}

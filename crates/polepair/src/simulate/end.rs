@@ -1,0 +1,158 @@
+//! The host's end of a simulated wire as a link, and the world behind it, shared by all ends.
+
+use polepair_core::drives::bench::Bench;
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::time::Instant;
+use polepair_link::{Link, LinkError, Received, Waker, clock};
+use polepair_sim::world::{EndId, NodeId, WireId, World};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::Pace;
+
+/// Events of the world between two looks whether somebody wants this wait to end.
+const EVENTS_MAX: usize = 4096;
+
+#[derive(Debug)]
+pub(super) struct Shared {
+    world: Mutex<World>,
+    pace: Pace,
+    started: Instant,
+}
+
+impl Shared {
+    pub(super) fn new(world: World, pace: Pace) -> Self {
+        Self { world: Mutex::new(world), pace, started: clock::now() }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, World> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What the simulation's clock shows, the world locked or not.
+    fn time(&self, world: &World) -> Instant {
+        match self.pace {
+            Pace::Virtual => world.now(),
+            Pace::Real => self.real().max(world.now()),
+        }
+    }
+
+    fn real(&self) -> Instant {
+        Instant::ZERO + clock::now().since(self.started)
+    }
+
+    pub(super) fn now(&self) -> Instant {
+        self.time(&self.lock())
+    }
+
+    pub(super) fn pass(&self, span: Duration) {
+        if self.pace == Pace::Real {
+            clock::sleep_until(clock::now() + span);
+            return;
+        }
+        let mut world = self.lock();
+        let until = world.now() + span;
+        world.run_until(until);
+    }
+
+    /// Lends a drive's bench, with the world brought up to the present.
+    pub(super) fn with<R>(
+        &self,
+        link: Option<&(WireId, Vec<NodeId>)>,
+        drive: usize,
+        f: impl FnOnce(&mut dyn Bench, Instant) -> R,
+    ) -> Option<R> {
+        let node = *link?.1.get(drive)?;
+        let mut world = self.lock();
+        let now = self.time(&world);
+        world.run_until(now);
+        world.with(node, |node, now| node.bench().map(|bench| f(bench, now)))
+    }
+}
+
+/// The host's end of one wire.
+#[derive(Debug)]
+pub(super) struct SimEnd {
+    shared: Arc<Shared>,
+    end: EndId,
+    waker: Waker,
+    name: String,
+}
+
+impl SimEnd {
+    pub(super) fn new(shared: Arc<Shared>, wire: WireId, name: &str) -> Result<Self, LinkError> {
+        let waker = Waker::new().map_err(|error| LinkError::from_io(name, &error))?;
+        let end = shared.lock().open(wire);
+        Ok(Self { shared, end, waker, name: name.to_owned() })
+    }
+
+    /// Lets the world run until something arrived here, `until` came, or it is time to look
+    /// around. `Err` is how long nothing will happen.
+    fn look(&self, buffer: &mut [u8], until: Instant) -> Result<Received, Instant> {
+        let mut world = self.shared.lock();
+        let horizon = match self.shared.pace {
+            Pace::Virtual if until == Instant::FAR => world.now(),
+            Pace::Virtual => until,
+            Pace::Real => self.shared.real(),
+        };
+        for _ in 0..EVENTS_MAX {
+            if let Some((at, len)) = world.receive(self.end, buffer) {
+                return Ok(Received::Bytes { len, at });
+            }
+            if world.next_event().is_none_or(|at| at > horizon) {
+                world.run_until(horizon);
+                break;
+            }
+            world.step();
+        }
+        let (now, next) = (self.shared.time(&world), world.next_event());
+        if now >= until {
+            return Ok(Received::TimedOut);
+        }
+        match self.shared.pace {
+            Pace::Virtual if until == Instant::FAR => Err(Instant::FAR),
+            Pace::Virtual => Err(Instant::ZERO),
+            Pace::Real => Err(next.map_or(until, |next| next.min(until))),
+        }
+    }
+}
+
+impl Link<Stream> for SimEnd {
+    fn now(&self) -> Instant {
+        self.shared.now()
+    }
+
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        let mut world = self.shared.lock();
+        let now = self.shared.time(&world);
+        world.send(self.end, now, unit);
+        Ok(())
+    }
+
+    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        loop {
+            let wait = match self.look(buffer, until) {
+                Ok(received) => return Ok(received),
+                // The simulation's clock is behind the system's by when it began.
+                Err(Instant::FAR) => Instant::FAR,
+                Err(until) => self.shared.started + until.since(Instant::ZERO),
+            };
+            if self.waker.wait(wait) {
+                return Ok(Received::Woken);
+            }
+        }
+    }
+
+    fn set_line(&self, line: SerialLine) -> Result<(), LinkError> {
+        self.shared.lock().set_line(self.end, line);
+        Ok(())
+    }
+
+    fn waker(&self) -> Waker {
+        self.waker.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.name.clone()
+    }
+}
