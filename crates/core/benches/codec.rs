@@ -25,7 +25,7 @@ fn modbus(c: &mut Criterion) {
         b.iter(|| {
             let request =
                 RequestPdu::Read { space: Space::Holding, start: black_box(0x100), count: 10 };
-            let len = rtu::emit(black_box(1), &mut out, |pdu| request.emit(pdu));
+            let len = rtu::emit_request(black_box(1), &request, &mut out);
             black_box(&out[..len]);
             let (unit, pdu) = rtu::open(black_box(reply)).unwrap();
             let ReplyPdu::Read { data, .. } = ReplyPdu::parse(pdu).unwrap() else { panic!() };

@@ -124,7 +124,7 @@ impl Request {
     #[inline]
     pub fn emit(&self, format: Format, out: &mut [u8]) -> usize {
         self.ask.pdu(|pdu| match format {
-            Format::Rtu => rtu::emit(self.unit, out, |out| pdu.emit(out)),
+            Format::Rtu => rtu::emit_request(self.unit, &pdu, out),
             Format::Ascii => ascii::emit(self.unit, out, |out| pdu.emit(out)),
         })
     }

@@ -5,7 +5,7 @@
 //! does not survive USB adapters, pseudo-terminals and TCP. Where a drive goes by silence alone, its
 //! own end does (see `device`).
 
-use super::wire::{self, Span};
+use super::wire::{self, RequestPdu, Span};
 use crate::error::WireError;
 use crate::medium::SerialLine;
 
@@ -19,7 +19,7 @@ static TABLES: [[u16; 256]; 8] = tables();
 
 /// CRC-16/MODBUS: polynomial 8005 reflected, start FFFF.
 #[must_use]
-#[inline]
+#[inline(always)]
 pub fn crc16(bytes: &[u8]) -> u16 {
     let (eights, rest) = bytes.as_chunks::<8>();
     let mut crc = 0xFFFF;
@@ -40,13 +40,25 @@ pub fn crc16(bytes: &[u8]) -> u16 {
 /// Writes address, PDU and CRC around a PDU that `pdu` emits, and returns the length.
 ///
 /// `out` must hold [`ADU_MAX`] bytes, or what is emitted.
-#[inline]
+#[inline(always)]
 pub fn emit(unit: u8, out: &mut [u8], pdu: impl FnOnce(&mut [u8]) -> usize) -> usize {
     out[0] = unit;
     let end = 1 + pdu(&mut out[1..]);
     let crc = crc16(&out[..end]);
     out[end..end + 2].copy_from_slice(&crc.to_le_bytes());
     end + 2
+}
+
+/// Writes a request and returns its length, as [`emit`] does. The short ones are put together in
+/// registers: bytes just written are slow to read again.
+#[inline(always)]
+pub fn emit_request(unit: u8, pdu: &RequestPdu<'_>, out: &mut [u8]) -> usize {
+    let Some([code, a, b, c, d]) = pdu.short() else {
+        return emit(unit, out, |out| pdu.emit(out));
+    };
+    let [low, high] = crc16(&[unit, code, a, b, c, d]).to_le_bytes();
+    out[..8].copy_from_slice(&[unit, code, a, b, c, d, low, high]);
+    8
 }
 
 /// Whether the check of a whole frame agrees. The CRC over a frame and its own CRC is zero.
@@ -61,20 +73,28 @@ pub fn agrees(adu: &[u8]) -> bool {
 /// # Errors
 /// [`WireError::Short`], [`WireError::Long`] or [`WireError::Checksum`]; a CRC is printed in the
 /// order of the wire.
+#[inline]
 pub fn open(adu: &[u8]) -> Result<(u8, &[u8]), WireError> {
+    match adu {
+        [unit, pdu @ .., _, _] if !pdu.is_empty() && adu.len() <= ADU_MAX && crc16(adu) == 0 => {
+            Ok((*unit, pdu))
+        }
+        _ => Err(wrong(adu)),
+    }
+}
+
+#[cold]
+fn wrong(adu: &[u8]) -> WireError {
     let found = adu.len() as u16;
     if adu.len() < ADU_MIN {
-        return Err(WireError::Short { need: ADU_MIN as u16, found });
+        return WireError::Short { need: ADU_MIN as u16, found };
     }
     if adu.len() > ADU_MAX {
-        return Err(WireError::Long { need: ADU_MAX as u16, found });
-    }
-    if agrees(adu) {
-        return Ok((adu[0], &adu[1..adu.len() - 2]));
+        return WireError::Long { need: ADU_MAX as u16, found };
     }
     let (body, check) = adu.split_at(adu.len() - 2);
     let computed = u32::from(crc16(body).swap_bytes());
-    Err(WireError::Checksum { computed, found: u32::from(wire::word(check, 0)) })
+    WireError::Checksum { computed, found: u32::from(wire::word(check, 0)) }
 }
 
 /// Length of the request frame that begins with `head`.
@@ -114,13 +134,13 @@ fn framed(head: &[u8], span: fn(&[u8]) -> Span) -> Span {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn of(zeros: usize, byte: u8) -> u16 {
     TABLES[zeros][usize::from(byte)]
 }
 
 /// The last up to seven bytes, in steps of four, two and one.
-#[inline]
+#[inline(always)]
 fn crc_rest(mut crc: u16, mut rest: &[u8]) -> u16 {
     if let Some((&[a, b, c, d], after)) = rest.split_first_chunk::<4>() {
         let head = u16::from_le_bytes([a, b]) ^ crc;

@@ -78,12 +78,26 @@ impl Space {
 
     /// The function that reads it.
     #[must_use]
+    #[inline(always)]
     pub const fn read(self) -> Function {
         match self {
             Self::Holding => Function::ReadHoldingRegisters,
             Self::Coil => Function::ReadCoils,
             Self::Discrete => Function::ReadDiscreteInputs,
             Self::Input => Function::ReadInputRegisters,
+        }
+    }
+
+    /// The space that a function code reads.
+    #[must_use]
+    #[inline]
+    pub const fn read_by(code: u8) -> Option<Self> {
+        match code {
+            0x01 => Some(Self::Coil),
+            0x02 => Some(Self::Discrete),
+            0x03 => Some(Self::Holding),
+            0x04 => Some(Self::Input),
+            _ => None,
         }
     }
 
@@ -142,6 +156,7 @@ impl Function {
 
     /// The code on the wire.
     #[must_use]
+    #[inline(always)]
     pub const fn code(self) -> u8 {
         match self {
             Self::ReadCoils => 0x01,
@@ -357,29 +372,43 @@ impl<'a> RequestPdu<'a> {
 
     /// Writes the PDU and returns its length. Counts are not checked: what the standard forbids can
     /// be emitted on purpose. `out` must hold [`PDU_MAX`] bytes, or what is emitted.
-    #[inline]
+    #[inline(always)]
     pub fn emit(&self, out: &mut [u8]) -> usize {
-        out[0] = self.function().code();
+        let code = self.function().code();
         match *self {
-            Self::Read { start, count, .. } => emit_pair(out, start, count),
+            Self::Read { start, count, .. } => emit_pair(out, code, start, count),
             Self::WriteCoil { address, on } => {
-                emit_pair(out, address, if on { COIL_ON } else { 0 })
+                emit_pair(out, code, address, if on { COIL_ON } else { 0 })
             }
-            Self::WriteRegister { address, value } => emit_pair(out, address, value),
-            Self::WriteCoils { start, count, bits } => emit_block(out, start, count, bits),
+            Self::WriteRegister { address, value } => emit_pair(out, code, address, value),
+            Self::WriteCoils { start, count, bits } => emit_block(out, code, start, count, bits),
             Self::WriteRegisters { start, words } => {
-                emit_block(out, start, (words.len() / 2) as u16, words)
+                emit_block(out, code, start, (words.len() / 2) as u16, words)
             }
             Self::Unknown { data, .. } => {
+                out[0] = code;
                 out[1..=data.len()].copy_from_slice(data);
                 1 + data.len()
             }
         }
     }
 
+    /// The whole PDU of those that have five bytes: reads and single writes.
+    #[inline(always)]
+    pub(super) const fn short(&self) -> Option<[u8; 5]> {
+        let (first, second) = match *self {
+            Self::Read { start, count, .. } => (start, count),
+            Self::WriteCoil { address, on } => (address, if on { COIL_ON } else { 0 }),
+            Self::WriteRegister { address, value } => (address, value),
+            _ => return None,
+        };
+        let ([a, b], [c, d]) = (first.to_be_bytes(), second.to_be_bytes());
+        Some([self.function().code(), a, b, c, d])
+    }
+
     /// Its function.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub const fn function(&self) -> Function {
         match *self {
             Self::Read { space, .. } => space.read(),
@@ -490,17 +519,22 @@ impl<'a> ReplyPdu<'a> {
     ///
     /// # Errors
     /// [`WireError`]: lengths and counts that contradict each other.
+    #[inline]
     pub fn parse(pdu: &'a [u8]) -> Result<Self, WireError> {
         let (&code, data) = pdu.split_first().ok_or(WireError::Short { need: 1, found: 0 })?;
+        match Space::read_by(code) {
+            Some(space) => Self::parse_read(space, data),
+            None => Self::parse_other(code, pdu, data),
+        }
+    }
+
+    fn parse_other(code: u8, pdu: &'a [u8], data: &'a [u8]) -> Result<Self, WireError> {
         if code & EXCEPTION_BIT != 0 {
             exactly(pdu, 2)?;
             let exception = Exception::of_code(pdu[1]);
             return Ok(Self::Exception { function: code & !EXCEPTION_BIT, exception });
         }
         let function = Function::of_code(code);
-        if let Some(space) = function.reads() {
-            return Self::parse_read(space, data);
-        }
         if let Function::Unknown(function) = function {
             return Ok(Self::Unknown { function, data });
         }
@@ -534,8 +568,8 @@ impl<'a> ReplyPdu<'a> {
                 RequestPdu::WriteRegister { address, value }.emit(out)
             }
             Self::Wrote { coils, start, count } => {
-                out[0] = if coils { Function::WriteCoils } else { Function::WriteRegisters }.code();
-                emit_pair(out, start, count)
+                let function = if coils { Function::WriteCoils } else { Function::WriteRegisters };
+                emit_pair(out, function.code(), start, count)
             }
             Self::Exception { function, exception } => {
                 out[0] = function | EXCEPTION_BIT;
@@ -546,6 +580,7 @@ impl<'a> ReplyPdu<'a> {
         }
     }
 
+    #[inline]
     fn parse_read(space: Space, data: &'a [u8]) -> Result<Self, WireError> {
         let (&count, data) = data.split_first().ok_or(WireError::Short { need: 2, found: 1 })?;
         exactly(data, usize::from(count))?;
@@ -625,6 +660,7 @@ fn counted(head: &[u8], at: usize, least: usize, most: usize) -> Span {
     }
 }
 
+#[inline]
 fn exactly(bytes: &[u8], need: usize) -> Result<(), WireError> {
     let (need, found) = (need as u16, bytes.len() as u16);
     match found.cmp(&need) {
@@ -649,15 +685,15 @@ fn block(pdu: &[u8]) -> Result<&[u8], WireError> {
     Ok(&pdu[6..])
 }
 
-#[inline]
-fn emit_pair(out: &mut [u8], first: u16, second: u16) -> usize {
-    out[1..3].copy_from_slice(&first.to_be_bytes());
-    out[3..5].copy_from_slice(&second.to_be_bytes());
+#[inline(always)]
+fn emit_pair(out: &mut [u8], code: u8, first: u16, second: u16) -> usize {
+    let ([a, b], [c, d]) = (first.to_be_bytes(), second.to_be_bytes());
+    out[..5].copy_from_slice(&[code, a, b, c, d]);
     5
 }
 
-fn emit_block(out: &mut [u8], start: u16, count: u16, data: &[u8]) -> usize {
-    emit_pair(out, start, count);
+fn emit_block(out: &mut [u8], code: u8, start: u16, count: u16, data: &[u8]) -> usize {
+    emit_pair(out, code, start, count);
     out[5] = data.len() as u8;
     out[6..6 + data.len()].copy_from_slice(data);
     6 + data.len()
