@@ -137,6 +137,12 @@ impl Servo {
         self.goal
     }
 
+    /// Current that the speed loop has summed up, A.
+    #[must_use]
+    pub const fn integral(&self) -> f64 {
+        self.integral
+    }
+
     /// How the set-point may move.
     pub fn set_limits(&mut self, limits: Limits) {
         self.trajectory.set_limits(limits);
