@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod syntron_ts;
+pub mod tmcm17x;
 
 use crate::medium::Stream;
 use crate::profile::Profile;
@@ -48,13 +49,18 @@ pub trait Visitor {
 
 /// Shows every family to `visitor`.
 pub fn visit(visitor: &mut impl Visitor) {
+    visitor.family::<tmcm17x::Tmcm17x>();
     visitor.family::<syntron_ts::SyntronTs>();
 }
 
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    static ALL: [&Profile; 2] =
-        [&syntron_ts::profile::SYNTRON_TS, &syntron_ts::profile::SYNTRON_DS102];
+    static ALL: [&Profile; 4] = [
+        &tmcm17x::profile::TMCM_171,
+        &tmcm17x::profile::TMCM_170,
+        &syntron_ts::profile::SYNTRON_TS,
+        &syntron_ts::profile::SYNTRON_DS102,
+    ];
     &ALL
 }

@@ -28,19 +28,6 @@ macro_rules! total {
                 }
             }
 
-            const fn table() -> [Self; 256] {
-                let mut table = [Self::Unknown(0); 256];
-                let mut number = 0;
-                while number < table.len() {
-                    table[number] = match number as u8 {
-                        $($number => Self::$variant,)+
-                        number => Self::Unknown(number),
-                    };
-                    number += 1;
-                }
-                table
-            }
-
             /// The short name; empty for an unknown one.
             #[must_use]
             pub const fn word(self) -> &'static str {
@@ -61,11 +48,12 @@ macro_rules! total {
         }
 
         impl From<u8> for $name {
-            /// One load from a table: this is on the way of every reply.
             #[inline]
             fn from(number: u8) -> Self {
-                static TABLE: [$name; 256] = $name::table();
-                TABLE[usize::from(number)]
+                match number {
+                    $($number => Self::$variant,)+
+                    number => Self::Unknown(number),
+                }
             }
         }
     };

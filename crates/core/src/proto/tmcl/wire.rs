@@ -23,15 +23,8 @@ pub const HOST: u8 = 2;
 
 /// The sum over the first eight bytes.
 #[must_use]
-#[inline]
 pub fn checksum(bytes: &[u8; DATAGRAM]) -> u8 {
-    // Eight bytes as four 16-bit sums of two, then the four by one multiplication: no carry of a
-    // sum reaches the byte that is kept.
-    const PAIRS: u64 = 0x00FF_00FF_00FF_00FF;
-    let [a, b, c, d, e, f, g, h, _] = *bytes;
-    let word = u64::from_le_bytes([a, b, c, d, e, f, g, h]);
-    let pairs = (word & PAIRS) + (word >> 8 & PAIRS);
-    (pairs.wrapping_mul(0x0001_0001_0001_0001) >> 48) as u8
+    bytes[..DATAGRAM - 1].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte))
 }
 
 /// What a host asks.
@@ -54,7 +47,6 @@ impl Request {
     ///
     /// # Errors
     /// [`WireError::Short`], [`WireError::Long`], [`WireError::Checksum`].
-    #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
         let whole = whole(bytes)?;
         Ok(Self::from_body(whole[0], body(whole, 1)))
@@ -70,7 +62,6 @@ impl Request {
 
     /// The nine bytes on a serial line.
     #[must_use]
-    #[inline]
     pub fn emit(&self) -> [u8; DATAGRAM] {
         let [a, b, c, d] = self.value.to_be_bytes();
         summed([self.address, self.opcode.number(), self.kind, self.motor, a, b, c, d, 0])
@@ -108,7 +99,6 @@ impl Reply {
     ///
     /// # Errors
     /// [`WireError::Short`], [`WireError::Long`], [`WireError::Checksum`].
-    #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
         let whole = whole(bytes)?;
         Ok(Self::from_body(whole[0], body(whole, 1)))
@@ -124,7 +114,6 @@ impl Reply {
 
     /// The nine bytes on a serial line.
     #[must_use]
-    #[inline]
     pub fn emit(&self) -> [u8; DATAGRAM] {
         let [a, b, c, d] = self.value.to_be_bytes();
         let (status, opcode) = (self.status.number(), self.opcode.number());
@@ -242,7 +231,6 @@ fn summed(mut bytes: [u8; DATAGRAM]) -> [u8; DATAGRAM] {
     bytes
 }
 
-#[inline]
 fn nine(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
     let found = bytes.len().min(usize::from(u16::MAX)) as u16;
     let need = DATAGRAM as u16;
@@ -252,7 +240,6 @@ fn nine(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
     })
 }
 
-#[inline]
 fn whole(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
     let nine = nine(bytes)?;
     let (computed, found) = (checksum(nine), nine[DATAGRAM - 1]);
@@ -262,7 +249,6 @@ fn whole(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
     Ok(nine)
 }
 
-#[inline]
 fn body(bytes: &[u8; DATAGRAM], from: usize) -> [u8; CAN_DATAGRAM] {
     core::array::from_fn(|i| bytes[from + i])
 }

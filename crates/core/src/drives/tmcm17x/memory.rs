@@ -1,0 +1,222 @@
+//! Settings in RAM and what of them is in the EEPROM, with access and ranges from the profile.
+
+use super::program::Program;
+use crate::profile::{Access, Parameter, Persistence, Profile};
+use crate::proto::tmcl::Status;
+
+/// User variables of bank 2.
+pub const VARIABLES: usize = 256;
+
+/// Value of global parameter 64 that means "the EEPROM holds settings".
+pub const MAGIC: i32 = 228;
+
+/// What survives a power cycle.
+#[derive(Clone, Debug)]
+struct Eeprom {
+    axis: [i32; 256],
+    global: [i32; 256],
+    variables: [i32; VARIABLES],
+    locked: bool,
+}
+
+/// Settings of a module.
+#[derive(Clone, Debug)]
+pub struct Memory {
+    profile: &'static Profile,
+    axis_at: [u16; 256],
+    global_at: [u16; 256],
+    /// Axis parameters by number.
+    pub axis: [i32; 256],
+    /// Global parameters of bank 0 by number.
+    pub global: [i32; 256],
+    /// User variables.
+    pub variables: [i32; VARIABLES],
+    eeprom: Eeprom,
+    /// The stand-alone program, in EEPROM.
+    pub program: Program,
+    /// Writes to the EEPROM since the module was made.
+    pub writes: u64,
+}
+
+const NONE: u16 = u16::MAX;
+
+impl Memory {
+    /// As from the factory.
+    #[must_use]
+    pub fn new(profile: &'static Profile) -> Self {
+        let (mut axis_at, mut global_at) = ([NONE; 256], [NONE; 256]);
+        for (at, parameter) in profile.parameters.iter().enumerate() {
+            let table = match parameter.space {
+                0 => &mut axis_at,
+                1 => &mut global_at,
+                _ => continue,
+            };
+            if let Some(slot) = table.get_mut(usize::from(parameter.index)) {
+                *slot = at as u16;
+            }
+        }
+        let eeprom =
+            Eeprom { axis: [0; 256], global: [0; 256], variables: [0; VARIABLES], locked: false };
+        let mut new = Self {
+            profile,
+            axis_at,
+            global_at,
+            axis: [0; 256],
+            global: [0; 256],
+            variables: [0; VARIABLES],
+            eeprom,
+            program: Program::EMPTY,
+            writes: 0,
+        };
+        new.factory();
+        new.load();
+        new
+    }
+
+    /// What the profile says of an axis parameter.
+    #[must_use]
+    pub fn axis_parameter(&self, number: u8) -> Option<&'static Parameter> {
+        self.profile.parameters.get(usize::from(self.axis_at[usize::from(number)]))
+    }
+
+    /// What the profile says of a global parameter of bank 0.
+    #[must_use]
+    pub fn global_parameter(&self, number: u8) -> Option<&'static Parameter> {
+        self.profile.parameters.get(usize::from(self.global_at[usize::from(number)]))
+    }
+
+    /// Whether the EEPROM is locked (global parameter 73).
+    #[must_use]
+    pub const fn is_locked(&self) -> bool {
+        self.eeprom.locked
+    }
+
+    /// Locks or unlocks the EEPROM.
+    pub const fn lock(&mut self, locked: bool) {
+        self.eeprom.locked = locked;
+        self.writes += 1;
+    }
+
+    /// Puts the factory's settings into the EEPROM. RAM keeps what it has.
+    pub fn factory(&mut self) {
+        for parameter in self.profile.parameters {
+            let value = parameter.default.unwrap_or(0) as i32;
+            match (parameter.space, self.eeprom.axis.get_mut(usize::from(parameter.index))) {
+                (0, Some(slot)) => *slot = value,
+                (1, _) => self.eeprom.global[usize::from(parameter.index) % 256] = value,
+                _ => {}
+            }
+        }
+        self.eeprom.variables = [0; VARIABLES];
+        self.eeprom.locked = false;
+        self.writes += 1;
+    }
+
+    /// Power-up: RAM from EEPROM, which is made anew if its magic is not there.
+    pub fn load(&mut self) {
+        if self.eeprom.global[64] != MAGIC {
+            self.factory();
+        }
+        self.axis = self.eeprom.axis;
+        self.global = self.eeprom.global;
+        self.variables = self.eeprom.variables;
+    }
+
+    /// STAP.
+    ///
+    /// # Errors
+    /// [`Status::WrongType`], [`Status::EepromLocked`].
+    pub fn store_axis(&mut self, number: u8) -> Result<(), Status> {
+        self.storable(number)?;
+        self.unlocked()?;
+        self.eeprom.axis[usize::from(number)] = self.axis[usize::from(number)];
+        self.writes += 1;
+        Ok(())
+    }
+
+    /// What RSAP brings back.
+    ///
+    /// # Errors
+    /// [`Status::WrongType`].
+    pub fn stored_axis(&self, number: u8) -> Result<i32, Status> {
+        self.storable(number)?;
+        Ok(self.eeprom.axis[usize::from(number)])
+    }
+
+    /// Writes a global parameter of bank 0 that is kept at once.
+    ///
+    /// # Errors
+    /// [`Status::EepromLocked`].
+    pub fn keep_global(&mut self, number: u8, value: i32) -> Result<(), Status> {
+        self.unlocked()?;
+        self.global[usize::from(number)] = value;
+        self.eeprom.global[usize::from(number)] = value;
+        self.writes += 1;
+        Ok(())
+    }
+
+    /// Sets a global parameter of bank 0 before delivery: no write is counted.
+    pub const fn deliver(&mut self, number: u8, value: i32) {
+        self.global[number as usize] = value;
+        self.eeprom.global[number as usize] = value;
+    }
+
+    /// The kept value of a global parameter of bank 0.
+    #[must_use]
+    pub fn kept_global(&self, number: u8) -> i32 {
+        self.eeprom.global[usize::from(number)]
+    }
+
+    /// STGP of a user variable.
+    ///
+    /// # Errors
+    /// [`Status::EepromLocked`].
+    pub fn store_variable(&mut self, number: u8) -> Result<(), Status> {
+        self.unlocked()?;
+        self.eeprom.variables[usize::from(number)] = self.variables[usize::from(number)];
+        self.writes += 1;
+        Ok(())
+    }
+
+    /// RSGP of a user variable.
+    pub fn restore_variable(&mut self, number: u8) {
+        self.variables[usize::from(number)] = self.eeprom.variables[usize::from(number)];
+    }
+
+    fn storable(&self, number: u8) -> Result<(), Status> {
+        match self.axis_parameter(number) {
+            Some(p) if p.persistence == Persistence::Storable => Ok(()),
+            _ => Err(Status::WrongType),
+        }
+    }
+
+    fn unlocked(&self) -> Result<(), Status> {
+        if self.eeprom.locked { Err(Status::EepromLocked) } else { Ok(()) }
+    }
+}
+
+/// Whether `value` may be written there.
+///
+/// # Errors
+/// [`Status::WrongType`] for what is not there or only read, [`Status::InvalidValue`].
+pub fn writable(parameter: Option<&Parameter>, value: i32) -> Result<&Parameter, Status> {
+    let parameter = parameter.ok_or(Status::WrongType)?;
+    if parameter.access == Access::Read {
+        return Err(Status::WrongType);
+    }
+    if i64::from(value) < parameter.min || i64::from(value) > parameter.max {
+        return Err(Status::InvalidValue);
+    }
+    Ok(parameter)
+}
+
+/// Whether it may be read.
+///
+/// # Errors
+/// [`Status::WrongType`] for what is not there or only written.
+pub fn readable(parameter: Option<&Parameter>) -> Result<&Parameter, Status> {
+    match parameter {
+        Some(p) if p.access != Access::Write => Ok(p),
+        _ => Err(Status::WrongType),
+    }
+}

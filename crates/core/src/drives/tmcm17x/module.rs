@@ -1,0 +1,471 @@
+//! The module itself, apart from its wires: power stage, motor, switches, and what happens in time.
+
+use super::flags::{self, Flags};
+use super::memory::Memory;
+use super::program::{Interpreter, Running, Wait, Wanted};
+use crate::plant::{
+    Conditions, Encoder, Goal, Motor, MotorParameters, Servo, Stall, TICK_NS, TICK_S, Thermal,
+    Ticks,
+};
+use crate::profile::Profile;
+use crate::time::Instant;
+
+/// Ticks at the current limit without turning after which the motor is switched off. \[I\]
+const STALL_TICKS: u32 = 1000;
+
+/// Heat of the power stage per A², Ω.
+const STAGE_OHM: f64 = 0.02;
+
+/// What the motor is regulated to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Mode {
+    /// A speed.
+    Velocity,
+    /// A position.
+    Position,
+    /// A current.
+    Torque,
+}
+
+/// A TMCM-170 or 171 with its motor.
+#[derive(Clone, Debug)]
+pub struct Module {
+    pub(super) profile: &'static Profile,
+    pub(super) memory: Memory,
+    pub(super) motor: Motor,
+    pub(super) servo: Servo,
+    pub(super) encoder: Encoder,
+    pub(super) flags: Flags,
+    pub(super) mode: Mode,
+    /// Where the last move goes, counts.
+    pub(super) target: i32,
+    /// Speed last asked for, rpm.
+    pub(super) target_rpm: i32,
+    pub(super) program: Interpreter,
+    /// Where the next instruction of a download goes.
+    pub(super) download: Option<i32>,
+    pub(super) outputs: u8,
+    pub(super) analog: [f64; 4],
+    /// Current as the module shows it, filtered (parameter 134), A.
+    pub(super) shown_current: f64,
+    pub(super) stopped: bool,
+    pub(super) event_armed: bool,
+    pub(super) ascii: bool,
+    pub(super) booting: bool,
+    pub(super) silent_until: Instant,
+    pub(super) timer_zero: Instant,
+    pub(super) unrepeatable: u64,
+    pub(super) heard: Heard,
+    pub(super) around: Around,
+    pub(super) stage: Thermal,
+    pub(super) winding: Thermal,
+    pub(super) notice: Option<&'static str>,
+    pub(super) hallerr_at_power_on: bool,
+    stall: Stall,
+    ticks: Ticks,
+    switch_was: bool,
+    dead: bool,
+}
+
+/// When each wire last brought a request.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Heard {
+    pub serial: Option<Instant>,
+    pub can: Option<Instant>,
+}
+
+/// What is around the module: the bench's side.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Around {
+    pub supply: f64,
+    pub load: f64,
+    /// Level of the /STOP input.
+    pub stop_high: bool,
+    /// Shaft position from which on a switch pulls /STOP low, rad.
+    pub switch_at: Option<f64>,
+    pub hall_broken: bool,
+    /// Shaft position at which the encoder broke, rad.
+    pub encoder_broke_at: f64,
+    pub step_high: bool,
+    pub backward: bool,
+}
+
+impl Module {
+    /// A module as from the factory, powered with 24 V.
+    #[must_use]
+    pub fn new(profile: &'static Profile) -> Self {
+        let motor = Motor::new(MotorParameters::BLDC_24V);
+        let around = Around {
+            supply: 24.0,
+            load: 0.0,
+            stop_high: true,
+            switch_at: None,
+            hall_broken: false,
+            encoder_broke_at: 0.0,
+            step_high: false,
+            backward: false,
+        };
+        let mut new = Self {
+            profile,
+            memory: Memory::new(profile),
+            servo: Servo::new(motor.parameters()),
+            motor,
+            encoder: Encoder::new(4096),
+            flags: Flags(0),
+            mode: Mode::Velocity,
+            target: 0,
+            target_rpm: 0,
+            program: Interpreter::NEW,
+            download: None,
+            outputs: 0,
+            analog: [0.0; 4],
+            shown_current: 0.0,
+            stopped: false,
+            event_armed: false,
+            ascii: false,
+            booting: false,
+            silent_until: Instant::ZERO,
+            timer_zero: Instant::ZERO,
+            unrepeatable: 0,
+            heard: Heard { serial: None, can: None },
+            around,
+            stage: Thermal::new(4.0, 20.0, 25.0),
+            winding: Thermal::new(1.5, 60.0, 25.0),
+            notice: None,
+            hallerr_at_power_on: false,
+            stall: Stall::after(STALL_TICKS),
+            ticks: Ticks::new(Instant::ZERO),
+            switch_was: false,
+            dead: false,
+        };
+        new.memory.writes = 0;
+        new.power_up(Instant::ZERO);
+        new
+    }
+
+    /// RAM is lost, settings come from the EEPROM. The motor goes on as it was, unpowered.
+    pub fn power_up(&mut self, now: Instant) {
+        self.memory.load();
+        self.servo.disable();
+        self.flags = Flags(if self.hallerr_at_power_on { flags::HALLERR } else { 0 });
+        self.mode = Mode::Velocity;
+        self.program = Interpreter::NEW;
+        self.download = None;
+        self.outputs = 0;
+        self.stopped = false;
+        self.event_armed = false;
+        self.booting = false;
+        self.dead = false;
+        self.ascii = self.memory.global[67] & 1 != 0;
+        self.timer_zero = now;
+        self.heard = Heard { serial: None, can: None };
+        self.encoder.preset(self.motor.position(), 0);
+        (self.target, self.target_rpm) = (0, 0);
+        self.apply_settings();
+        if self.memory.global[77] == 1 && self.has_programs() {
+            self.program.run(None);
+        }
+        if self.axis(128) == 2 {
+            self.flags.watch(self.around.supply, self.axis(245) != 0, self.stage.temperature());
+            let _ = self.rotate(self.axis(157));
+        }
+    }
+
+    /// Runs the ticks up to `now`.
+    pub fn advance(&mut self, now: Instant) {
+        let before = self.ticks.at();
+        let count = self.ticks.until(now);
+        for n in 0..count {
+            if self.is_idle() {
+                return self.rest((count - n) as f64 * TICK_S);
+            }
+            self.tick(before.plus_ns((n + 1) * TICK_NS));
+        }
+    }
+
+    /// Whether the logic has supply and listens.
+    #[must_use]
+    pub fn is_deaf(&self, now: Instant) -> bool {
+        self.dead || self.booting || now < self.silent_until
+    }
+
+    /// An axis parameter in RAM.
+    #[must_use]
+    pub const fn axis(&self, number: u8) -> i32 {
+        self.memory.axis[number as usize]
+    }
+
+    /// Stand-alone programs came with the TMCM-171's firmware 1.06 (hardware manual).
+    #[must_use]
+    pub fn has_programs(&self) -> bool {
+        self.profile.name.ends_with("171")
+    }
+
+    /// Encoder counter as the module shows it.
+    #[must_use]
+    pub fn counter(&self) -> i32 {
+        self.encoder.count(self.motor.position()) as i32
+    }
+
+    /// Whether the stop switch is active and watched (parameters 164 and 166).
+    #[must_use]
+    pub fn switch_active(&self) -> bool {
+        let closed = self.around.switch_at.is_some_and(|at| self.motor.position() >= at);
+        let low = closed || !self.around.stop_high;
+        let active_high = self.axis(166) & 1 != 0;
+        self.axis(164) & 1 != 0 && low != active_high
+    }
+
+    /// Takes the supply's new value; the logic dies below 7 V and starts anew above.
+    pub fn supply(&mut self, now: Instant, volts: f64) {
+        self.around.supply = volts;
+        if volts < flags::LOGIC_V {
+            self.servo.disable();
+            self.dead = true;
+        } else if self.dead {
+            self.power_up(now);
+        }
+    }
+
+    /// Switches the motor off and says why.
+    pub fn trip(&mut self, why: &'static str) {
+        if self.servo.is_enabled() {
+            self.servo.disable();
+            self.notice = Some(why);
+        }
+    }
+
+    fn is_idle(&self) -> bool {
+        let p = self.motor.parameters();
+        !self.servo.is_enabled()
+            && self.motor.velocity() == 0.0
+            && self.around.load.abs() <= p.stiction
+            && !self.program.is_active()
+            && self.axis(128) != 1
+            && self.switch_was == self.switch_active()
+    }
+
+    /// Time passes over a module that does nothing.
+    fn rest(&mut self, seconds: f64) {
+        self.stage.step(0.0, seconds);
+        self.winding.step(0.0, seconds);
+        self.shown_current = 0.0;
+        if !self.dead {
+            self.watch();
+        }
+    }
+
+    fn tick(&mut self, now: Instant) {
+        if !self.dead {
+            self.watch();
+            self.watch_switch();
+            self.watch_hosts(now);
+            self.stand_alone();
+            self.run_program(now);
+        }
+        let before = self.motor.position();
+        self.drive();
+        self.clear_at_index(before);
+        self.warm();
+        self.watch_motion();
+    }
+
+    fn watch(&mut self) {
+        let celsius = self.stage.temperature();
+        match self.flags.watch(self.around.supply, self.axis(245) != 0, celsius) {
+            0 => {}
+            new if new & flags::UNDERVOLT != 0 => self.trip("under-voltage: motor off"),
+            new if new & flags::OVERVOLT != 0 => self.trip("over-voltage: motor off"),
+            _ => self.trip("over-temperature: motor off"),
+        }
+        if self.around.hall_broken {
+            self.flags.put(flags::HALLERR, true);
+            self.trip("hall sensor error: motor off");
+        }
+        // Modes 3 and 4 compare the counter with the index pulse, so a turn must pass.
+        let turned = (self.motor.position() - self.around.encoder_broke_at).abs();
+        let compares = matches!(self.axis(249), 3 | 4);
+        if self.encoder.is_broken() && compares && turned > core::f64::consts::TAU {
+            self.flags.put(flags::ENCERR, true);
+            self.trip("encoder error: motor off");
+        }
+    }
+
+    /// The edge of the stop switch stops the motor and may clear the counter. \[I\] A command that
+    /// comes later is carried out, or nobody could leave the switch.
+    fn watch_switch(&mut self) {
+        let active = self.switch_active();
+        let came = active && !self.switch_was;
+        self.switch_was = active;
+        if !came {
+            return;
+        }
+        self.halt();
+        if self.axis(162) != 0 {
+            self.set_counter(0);
+            if self.axis(163) != 0 {
+                self.memory.axis[162] = 0;
+            }
+        }
+    }
+
+    fn clear_at_index(&mut self, before: f64) {
+        let crossed = self.encoder.index_between(before, self.motor.position());
+        if self.axis(161) != 0 && crossed {
+            self.set_counter(0);
+            if self.axis(163) != 0 {
+                self.memory.axis[161] = 0;
+            }
+        }
+    }
+
+    /// Heartbeats, parameters 68 and 82: once a wire has spoken, its silence stops the motor. \[I\]
+    fn watch_hosts(&mut self, now: Instant) {
+        let late = |limit: i32, heard: Option<Instant>| {
+            let limit = u32::try_from(limit).unwrap_or(0);
+            limit > 0 && heard.is_some_and(|at| now > at.plus_ms(limit))
+        };
+        if late(self.memory.global[68], self.heard.serial) {
+            self.heard.serial = None;
+            self.lost("no serial request: motor stopped");
+        }
+        if late(self.memory.global[82], self.heard.can) {
+            self.heard.can = None;
+            self.lost("no CAN request: motor stopped");
+        }
+    }
+
+    fn lost(&mut self, why: &'static str) {
+        if self.servo.is_enabled() {
+            self.halt();
+            self.notice = Some(why);
+        }
+    }
+
+    /// Mode 1: speed by analog input 1, 0 to 10 V (parameters 128 and 157).
+    fn stand_alone(&mut self) {
+        if self.axis(128) == 1 {
+            let share = (self.analog[1] / 10.0).clamp(0.0, 1.0);
+            let rpm = libm::round(f64::from(self.axis(157)) * share) as i32;
+            if rpm != self.target_rpm || !self.servo.is_enabled() {
+                let _ = self.rotate(rpm);
+            }
+        }
+    }
+
+    /// A level at the step input: in mode 3 each rising edge adds parameter 157 to the target.
+    pub fn step_input(&mut self, high: bool) {
+        let rising = high && !self.around.step_high;
+        self.around.step_high = high;
+        if rising && self.axis(128) == 3 && !self.dead {
+            let by = self.axis(157);
+            let by = if self.around.backward { by.wrapping_neg() } else { by };
+            let from = if self.mode == Mode::Position { self.target } else { self.counter() };
+            let _ = self.move_to(from.wrapping_add(by));
+        }
+    }
+
+    fn run_program(&mut self, now: Instant) {
+        if !self.program.is_active() {
+            return;
+        }
+        let (reached, switch) = (self.flags.any(flags::POS_END), self.switch_active());
+        let met = |what| match what {
+            Wait::Ticks => false,
+            Wait::Position => reached,
+            Wait::Switch => switch,
+        };
+        if let Wanted::Command(request) = self.program.tick(&self.memory.program, met) {
+            let outcome = self.obey(now, &request);
+            self.program.take(outcome, request.opcode.only_reads());
+        }
+    }
+
+    fn drive(&mut self) {
+        let (mut position, mut velocity) = (self.motor.position(), self.motor.velocity());
+        if self.encoder.is_broken() {
+            (position, velocity) = (self.around.encoder_broke_at, 0.0);
+        }
+        self.wait_for_motor();
+        let conditions = Conditions { bus: self.around.supply, load: self.around.load };
+        self.servo.step_measured(&mut self.motor, conditions, position, velocity);
+        let limit = self.servo.max_current;
+        let regulated = self.servo.is_enabled() && self.mode != Mode::Torque;
+        let limit = if regulated { limit } else { 0.0 };
+        if self.stall.step(velocity, self.motor.current(), limit) {
+            self.stall.reset();
+            self.trip("stalled: motor off");
+        }
+    }
+
+    /// Parameter 9: the ramp starts again from the motor when it is too far ahead.
+    fn wait_for_motor(&mut self) {
+        let distance = self.axis(9);
+        if distance == 0 || self.mode == Mode::Torque || !self.servo.is_enabled() {
+            return;
+        }
+        let ahead = (self.servo.setpoint().position - self.motor.position()).abs();
+        if ahead * self.encoder.counts_per_rad().abs() > f64::from(distance) * 256.0 {
+            let goal = self.servo.goal();
+            self.servo.go_from(&self.motor, goal);
+        }
+    }
+
+    fn warm(&mut self) {
+        let current = self.motor.current();
+        self.stage.step(STAGE_OHM * current * current, TICK_S);
+        self.winding.step(self.motor.copper_w(), TICK_S);
+        let share = 1.0 / (1.0 + f64::from(self.axis(134)));
+        self.shown_current += share * (current - self.shown_current);
+    }
+
+    /// POS_END: near enough and slow enough (parameters 10 and 7).
+    fn watch_motion(&mut self) {
+        if self.mode != Mode::Position || !self.servo.is_enabled() {
+            return;
+        }
+        let left = self.target.wrapping_sub(self.counter()).unsigned_abs();
+        let ramp = rpm(self.servo.setpoint().velocity).abs();
+        let speed = rpm(self.motor.velocity()).abs();
+        let near = left <= self.axis(10).unsigned_abs();
+        if near && ramp + speed <= f64::from(self.axis(7)) {
+            self.flags.put(flags::POS_END, true);
+        }
+    }
+
+    /// Whether something happens by itself that a host waits for.
+    #[must_use]
+    pub fn next_tick(&self) -> Option<Instant> {
+        let waits = self.event_armed && self.mode == Mode::Position && self.servo.is_enabled();
+        waits.then(|| self.ticks.at().plus_ns(TICK_NS))
+    }
+
+    /// State of the program for global parameter 128.
+    #[must_use]
+    pub const fn running(&self) -> Running {
+        self.program.running
+    }
+
+    /// The watch over stalls starts again.
+    pub(super) fn forget_stall(&mut self) {
+        self.stall.reset();
+    }
+
+    /// Goal of the servo for an encoder count.
+    pub(super) fn goal_of(&self, count: i32) -> Goal {
+        let now = self.encoder.count(self.motor.position());
+        let way = i64::from(count.wrapping_sub(now as i32));
+        let half = 0.5 / self.encoder.counts_per_rad();
+        Goal::Position(self.encoder.position_of(now.wrapping_add(way)) + half)
+    }
+}
+
+/// rad/s as rpm.
+pub(super) fn rpm(velocity: f64) -> f64 {
+    velocity * 60.0 / core::f64::consts::TAU
+}
+
+/// rpm as rad/s.
+pub(super) fn rad_per_s(rpm: i32) -> f64 {
+    f64::from(rpm) * core::f64::consts::TAU / 60.0
+}
