@@ -49,10 +49,14 @@ impl Alarm {
         self.0.to_be_bytes().map(|code| GLYPHS.get(usize::from(code)).copied().unwrap_or(b'?'))
     }
 
-    /// The alarm of two characters of the panel.
+    /// The alarm of two characters of the panel. Letter case means nothing: the manual prints one
+    /// character as `c` in `ERR_oc` and as `C` in `ERR_IC`.
     #[must_use]
     pub fn of_glyphs(text: [u8; 2]) -> Option<Self> {
-        let code = |c: u8| GLYPHS.iter().position(|g| *g == c).and_then(|at| u8::try_from(at).ok());
+        let code = |c: u8| {
+            let at = GLYPHS.iter().position(|g| g.eq_ignore_ascii_case(&c))?;
+            u8::try_from(at).ok()
+        };
         Some(Self(u16::from_be_bytes([code(text[0])?, code(text[1])?])))
     }
 

@@ -1,7 +1,7 @@
 //! The TS on a serial line: the Modbus end of a [`Drive`], and the bench around it.
 
 use super::alarm::Alarm;
-use super::drive::{Drive, Refusal};
+use super::drive::{Drive, Refusal, numbers};
 use super::options::Options;
 use super::panel::Key;
 use super::registers::{DN_BASE, fns};
@@ -157,7 +157,7 @@ impl Firmware for Modbus {
         out: &mut [u16],
     ) -> Result<(), Exception> {
         self.drive.advance(now);
-        for (address, word) in (start..).zip(out) {
+        for (address, word) in numbers(start).zip(out) {
             let value = match address.checked_sub(DN_BASE) {
                 Some(number) => self.drive.dn_value(number),
                 None => self.drive.fn_value(address),

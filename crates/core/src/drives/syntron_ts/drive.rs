@@ -208,11 +208,11 @@ impl Drive {
     /// # Errors
     /// Why nothing was written.
     pub fn write(&mut self, start: u16, values: &[u16]) -> Result<(), Refusal> {
-        for (number, value) in (start..).zip(values) {
+        for (number, value) in numbers(start).zip(values) {
             self.check(number, *value)?;
         }
         self.core.check_s_times(start, values)?;
-        for (number, value) in (start..).zip(values) {
+        for (number, value) in numbers(start).zip(values) {
             let before = self.core.registers.value(number);
             self.core.registers.write(number, *value);
             self.core.written(number, before, *value);
@@ -282,6 +282,11 @@ impl Drive {
         let open = self.panel.editing() == Some(number);
         if open && !stops { Err(Refusal::Failure) } else { Ok(()) }
     }
+}
+
+/// Register numbers from `start` on; past the last one they begin anew, where nothing is written.
+pub fn numbers(start: u16) -> impl Iterator<Item = u16> {
+    (0..=u16::MAX).map(move |offset| start.wrapping_add(offset))
 }
 
 /// A drive that is not at rest is looked at so often, ms, so that nobody waits for a long past.

@@ -256,7 +256,7 @@ impl Motion {
                 // Nothing to load: it comes to rest `[I]`.
                 None => self.stop(scene),
             }
-        } else if scene.shaft.arrived() {
+        } else if scene.shaft.in_position() {
             let next = path.next.filter(|_| path.kind == Kind::Auto);
             let until = scene.now.plus_ms(u32::from(path.delay_ms));
             self.task = Task::Pause { until, next };
@@ -291,7 +291,7 @@ impl Motion {
                 }
                 After::Path(_) | After::Stop => self.finish(way, zero, scene),
             },
-            Task::Align { way, zero } if scene.shaft.arrived() => self.finish(way, zero, scene),
+            Task::Align { way, zero } if scene.shaft.in_position() => self.finish(way, zero, scene),
             _ => {}
         }
     }

@@ -17,6 +17,8 @@ const SUPPLY: f64 = 48.0;
 const SUPPLY_LIMITS: (f64, f64) = (20.0, 60.0);
 /// Following error that trips, rad `[I]`.
 const FOLLOWING_ERROR: f64 = TAU;
+/// Nearer than this the motor is in position, rad `[I]`: three counts.
+const IN_POSITION: f64 = 3.0 * TAU / COUNTS_PER_TURN;
 /// A stall trips after so many ticks `[I]`.
 const STALL_TICKS: u32 = 1000;
 /// Overload that trips: three times rated current for two seconds `[I]`.
@@ -50,6 +52,7 @@ impl Default for Shaft {
     fn default() -> Self {
         let motor = Motor::new(MotorParameters::SERVO_48V);
         let mut servo = Servo::new(motor.parameters());
+        servo.gains.position_p = 40.0;
         servo.gains.deadband = 2e-4;
         Self {
             motor,
@@ -220,6 +223,12 @@ impl Shaft {
     #[must_use]
     pub fn arrived(&self) -> bool {
         self.servo.arrived()
+    }
+
+    /// True when it has, and the motor is there too `[I]`.
+    #[must_use]
+    pub fn in_position(&self) -> bool {
+        self.arrived() && (self.setpoint().position - self.position()).abs() < IN_POSITION
     }
 
     /// True when nothing changes by itself except temperatures.

@@ -1,0 +1,196 @@
+//! The family against its manual, register by register over the wire.
+
+extern crate std;
+
+use std::vec::Vec;
+
+use super::SyntronTs;
+use super::registers::fns;
+use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::{DeviceOptions, Family};
+use crate::medium::STREAM_UNIT_MAX;
+use crate::proto::modbus::{ascii, rtu};
+use crate::station::{Station, Timed};
+use crate::time::Instant;
+
+mod alarms;
+mod homing;
+mod panel;
+mod paths;
+mod plans;
+mod speed;
+mod wire;
+
+type Device = <SyntronTs as Family>::Device;
+
+const OPTIONS: DeviceOptions<'static> =
+    DeviceOptions { address: None, wire: "modbus-rtu", untimed: true, seed: 1, extra: &[] };
+
+/// A drive on a test's desk.
+struct Desk {
+    device: Device,
+    now: Instant,
+    unit: u8,
+    ascii: bool,
+}
+
+impl Desk {
+    fn new() -> Self {
+        Self::with(&[])
+    }
+
+    fn with(extra: &[(&str, &str)]) -> Self {
+        let options = DeviceOptions { extra, ..OPTIONS };
+        let device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+        Self { device, now: Instant(1_000_000_000), unit: 1, ascii: false }
+    }
+
+    /// Sends a PDU and returns the answer's.
+    fn ask(&mut self, pdu: &[u8]) -> Option<Vec<u8>> {
+        let mut frame = [0; STREAM_UNIT_MAX];
+        let put = |out: &mut [u8]| {
+            out[..pdu.len()].copy_from_slice(pdu);
+            pdu.len()
+        };
+        let emit = if self.ascii {
+            ascii::emit(self.unit, &mut frame, put)
+        } else {
+            rtu::emit(self.unit, &mut frame, put)
+        };
+        self.device.handle_input(self.now, &frame[..emit]);
+        let reply = self.reply()?;
+        if self.ascii {
+            let bytes: Vec<u8> = reply[1..reply.len() - 2]
+                .chunks(2)
+                .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).unwrap(), 16).unwrap())
+                .collect();
+            assert_eq!(ascii::lrc(&bytes[..bytes.len() - 1]), bytes[bytes.len() - 1]);
+            return Some(bytes[1..bytes.len() - 1].to_vec());
+        }
+        let (unit, pdu) = rtu::open(&reply).unwrap();
+        assert_eq!(unit, self.unit);
+        Some(pdu.to_vec())
+    }
+
+    /// What the drive sends within 50 ms.
+    fn reply(&mut self) -> Option<Vec<u8>> {
+        let mut out = [0; STREAM_UNIT_MAX];
+        for _ in 0..50 {
+            if let Some(len) = self.device.poll_transmit(self.now, &mut out) {
+                return Some(out[..len].to_vec());
+            }
+            self.pass(1);
+        }
+        None
+    }
+
+    /// Writes a register; the exception code if it is refused.
+    fn try_write(&mut self, number: u16, value: u16) -> Result<(), u8> {
+        let ([a, b], [c, d]) = (number.to_be_bytes(), value.to_be_bytes());
+        let request = [6, a, b, c, d];
+        let reply = self.ask(&request).unwrap();
+        if reply == request { Ok(()) } else { Err(reply[1]) }
+    }
+
+    fn write(&mut self, number: u16, value: u16) {
+        self.try_write(number, value).unwrap();
+    }
+
+    fn read(&mut self, address: u16) -> u16 {
+        let [a, b] = address.to_be_bytes();
+        let reply = self.ask(&[3, a, b, 0, 1]).unwrap();
+        assert_eq!(reply[..2], [3, 2], "{reply:X?}");
+        u16::from_be_bytes([reply[2], reply[3]])
+    }
+
+    /// Encoder counts, from Dn_2E and Dn_2F.
+    fn counts(&mut self) -> i32 {
+        let reply = self.ask(&[3, 0x10, 0x2E, 0, 2]).unwrap();
+        i32::from_be_bytes([reply[4], reply[5], reply[2], reply[3]])
+    }
+
+    fn rpm(&mut self) -> i16 {
+        self.read(0x1000) as i16
+    }
+
+    fn alarm(&mut self) -> u16 {
+        self.read(0x1012)
+    }
+
+    fn busy(&mut self) -> bool {
+        self.read(0x101C) == 1
+    }
+
+    fn pass(&mut self, ms: u32) {
+        self.now = self.now.plus_ms(ms);
+        self.device.handle_timeout(self.now);
+    }
+
+    /// Waits until no path and no homing runs.
+    fn settle(&mut self, within_ms: u32) {
+        for _ in 0..within_ms / 10 {
+            if !self.busy() {
+                // Friction lets go of the last counts slowly.
+                self.pass(800);
+                return;
+            }
+            self.pass(10);
+        }
+        panic!("still busy after {within_ms} ms, alarm {:04X}", self.alarm());
+    }
+
+    fn act(&mut self, act: Act) {
+        assert!(self.device.act(self.now, act), "{act:?}");
+    }
+
+    fn truth(&mut self) -> Truth {
+        self.device.truth(self.now)
+    }
+
+    fn shown(&mut self) -> std::string::String {
+        let mut out = [0; 6];
+        let len = self.device.panel(self.now, &mut out).unwrap();
+        std::string::String::from_utf8(out[..len].to_vec()).unwrap()
+    }
+
+    /// A desk in internal position mode, powered, writes kept in RAM.
+    fn positioning(extra: &[(&str, &str)]) -> Self {
+        let mut desk = Self::with(extra);
+        desk.write(fns::MODE, 14);
+        desk.write(fns::RAM_ONLY, 1);
+        desk.write(fns::TRIGGER_SOURCE, 1);
+        desk.write(fns::ENABLE, 1);
+        desk
+    }
+
+    /// Fills a path: definition 1, thousandths, rpm, Ta, Td, delay, definition 2.
+    fn fill(&mut self, number: u16, first: u16, thousandths: i32, rpm: u16, rest: [u16; 4]) {
+        let [ta, td, delay, second] = rest;
+        let words = [
+            first,
+            (thousandths / 10_000) as i16 as u16,
+            (thousandths % 10_000) as i16 as u16,
+            rpm,
+            ta,
+            td,
+            delay,
+            second,
+        ];
+        let [a, b] = (fns::PATHS + 8 * (number - 1)).to_be_bytes();
+        let mut pdu = std::vec![16, a, b, 0, 8, 16];
+        pdu.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+        assert_eq!(self.ask(&pdu).unwrap(), [16, a, b, 0, 8]);
+    }
+
+    fn trigger(&mut self, number: u16) {
+        self.write(fns::PATH_NUMBER, number);
+        self.write(fns::PATH_TRIGGER, 1);
+        self.write(fns::PATH_TRIGGER, 0);
+    }
+
+    /// Asserts the position, to a few encoder counts.
+    fn is_at(&mut self, counts: i32) {
+        let found = self.counts();
+        assert!((found - counts).abs() <= 5, "at {found}, not {counts}");
+    }
+}

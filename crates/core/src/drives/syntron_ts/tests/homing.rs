@@ -1,0 +1,177 @@
+use core::f64::consts::{PI, TAU};
+
+use super::super::homing::{After, Mark, Start, Way};
+use super::*;
+
+#[test]
+fn the_way_is_decimal_digits() {
+    let way = Way::decode(21_133).unwrap();
+    assert_eq!((way.after, way.z_search, way.start), (After::Stop, true, Start::ByTrigger));
+    assert_eq!((way.mark, way.direction), (Mark::HomeSwitch, 1.0));
+    assert!(!Way::decode(4100).unwrap().z_search, "Z only after a switch");
+    assert_eq!(Way::decode(17).unwrap().after, After::Path(17));
+    assert_eq!(Way::decode(8000), None);
+}
+
+fn home(desk: &mut Desk, way: u16) {
+    desk.write(fns::HOMING_WAY, way);
+    desk.write(fns::HOMING_TRIGGER, 0);
+    desk.write(fns::HOMING_TRIGGER, 1);
+    desk.write(fns::HOMING_TRIGGER, 0);
+    assert!(desk.busy(), "way {way}");
+    desk.settle(30_000);
+}
+
+/// TS manual V2 §2.6.2, "homing", step by step, with the simulated drive's own home switch.
+#[test]
+fn the_homing_recipe_finds_the_switch() {
+    let mut desk = Desk::new();
+    for (number, value) in [(0x00, 14), (0x20A, 1), (0x20D, 0), (0x38, 1), (0x20D, 1), (0x20D, 0)] {
+        desk.write(number, value);
+    }
+    desk.settle(10_000);
+    desk.is_at(0);
+    assert!((desk.truth().position + PI).abs() < 0.005);
+}
+
+/// Every direction and mark with and without Z, overshooting and coming back.
+#[test]
+fn every_way_finds_its_zero() {
+    let cases = [
+        // C, B, switch, where it is, where the zero has to be.
+        (0, 0, Some((0, -4.0)), -4.0),
+        (1, 0, Some((0, 4.0)), 4.0),
+        (0, 1, Some((0, -4.0)), -TAU),
+        (1, 1, Some((0, 4.0)), TAU),
+        (2, 0, Some((2, -9.0)), -9.0),
+        (3, 0, Some((1, 9.0)), 9.0),
+        (2, 1, Some((2, -9.0)), -TAU),
+        (3, 1, Some((1, 9.0)), TAU),
+        (4, 0, None, 0.0),
+        (5, 0, None, TAU),
+    ];
+    for (c, b, switch, zero) in cases {
+        let mut desk = Desk::positioning(&[]);
+        desk.act(Act::Switch { which: 0, at: f64::NAN });
+        if let Some((which, at)) = switch {
+            desk.act(Act::Switch { which, at });
+        }
+        // From a little forward of a Z pulse.
+        desk.fill(1, 1002, 10_000, 60, [50, 50, 0, 0]);
+        desk.trigger(1);
+        desk.settle(2000);
+        home(&mut desk, 20_000 + c * 1000 + b * 100);
+        // A limit switch has no place of its own but the tick in which it closed: 10 mrad.
+        let found = desk.truth().position;
+        assert!((found - zero).abs() < 0.015, "way {c}{b}: zero at {found}, not {zero}");
+        desk.is_at(0);
+    }
+}
+
+#[test]
+fn a_mechanical_stop_is_a_zero() {
+    for (c, direction) in [(6, -1.0), (7, 1.0)] {
+        let mut desk = Desk::positioning(&[]);
+        desk.write(fns::HOMING_WAY, 20_000 + c * 1000);
+        desk.write(fns::HOMING_TRIGGER, 1);
+        desk.pass(1000);
+        desk.act(Act::Jam(true));
+        let stop = desk.truth().position;
+        assert!(stop * direction > 5.0, "it was on its way");
+        desk.settle(5000);
+        assert_eq!((desk.alarm(), desk.counts()), (0, 0), "way {c}");
+        assert!((desk.truth().position - stop).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn what_follows_the_zero_is_the_digits_a() {
+    let switch = Act::Switch { which: 0, at: 20.0 };
+    for (a, at_zero) in [(0, true), (33, false)] {
+        let mut desk = Desk::positioning(&[]);
+        desk.act(switch);
+        desk.write(fns::HOMING_SPEED, 600);
+        home(&mut desk, 21_000 + a);
+        let counts = desk.counts();
+        assert_eq!(counts.abs() <= 5, at_zero, "A = {a}: at {counts}");
+        assert!(counts >= -5, "overshot, not short: {counts}");
+    }
+    let mut desk = Desk::positioning(&[]);
+    desk.act(switch);
+    desk.fill(5, 1002, 720_000, 300, [100, 100, 0, 0]);
+    home(&mut desk, 21_005);
+    desk.is_at(20_000);
+    assert!((desk.truth().position - (20.0 + 2.0 * TAU)).abs() < 0.005);
+}
+
+#[test]
+fn delay_path_and_coordinate_of_the_zero() {
+    let mut desk = Desk::positioning(&[]);
+    desk.write(fns::HOMING_DELAY, 700);
+    desk.write(fns::HOMING_PATH, 2);
+    // 90.000 degrees as 90000 thousandths: 1 * 65536 + 24464.
+    desk.write(fns::ZERO_HIGH, 1);
+    desk.write(fns::ZERO_LOW, 24_464);
+    desk.fill(2, 1002, 360_000, 600, [100, 100, 0, 0]);
+    desk.write(fns::HOMING_WAY, 20_000);
+    desk.write(fns::HOMING_TRIGGER, 1);
+    for _ in 0..2000 {
+        desk.pass(5);
+        if (desk.counts() - 2500).abs() <= 3 && desk.rpm() == 0 {
+            break;
+        }
+    }
+    desk.pass(400);
+    assert!(desk.busy(), "the delay belongs to homing");
+    desk.is_at(2500);
+    desk.settle(3000);
+    desk.is_at(10_000);
+}
+
+#[test]
+fn digit_d_says_when() {
+    let mut desk = Desk::positioning(&[]);
+    desk.write(fns::HOMING_WAY, 0);
+    desk.write(fns::HOMING_TRIGGER, 1);
+    assert!(!desk.busy(), "D = 0");
+    desk.write(fns::ENABLE, 0);
+    desk.write(fns::HOMING_WAY, 10_000);
+    desk.write(fns::ENABLE, 1);
+    assert!(desk.busy(), "D = 1: as soon as powered");
+    desk.settle(10_000);
+    desk.write(fns::ENABLE, 0);
+    desk.write(fns::ENABLE, 1);
+    assert!(!desk.busy(), "once is enough");
+}
+
+#[test]
+fn the_wrong_side_of_the_switch_is_left_at_the_limit() {
+    let mut desk = Desk::positioning(&[]);
+    desk.act(Act::Switch { which: 0, at: 6.0 });
+    desk.act(Act::Switch { which: 2, at: -8.0 });
+    home(&mut desk, 20_000);
+    desk.is_at(0);
+    assert!((desk.truth().position - 6.0).abs() < 0.005);
+}
+
+#[test]
+fn a_stop_ends_homing() {
+    let mut desk = Desk::positioning(&[]);
+    desk.act(Act::Switch { which: 0, at: f64::NAN });
+    desk.write(fns::HOMING_TRIGGER, 1);
+    desk.pass(5000);
+    assert!(desk.busy(), "nothing to find");
+    desk.write(fns::PATH_STOP, 1);
+    desk.settle(1000);
+    assert_eq!(desk.rpm(), 0);
+}
+
+#[test]
+fn an_input_triggers_homing() {
+    let mut desk = Desk::positioning(&[]);
+    desk.write(fns::TRIGGER_SOURCE, 0);
+    desk.act(Act::Input(4, true));
+    desk.pass(5);
+    desk.settle(10_000);
+    assert!((desk.truth().position + PI).abs() < 0.005);
+}

@@ -1,0 +1,113 @@
+use super::*;
+
+/// TS manual V2 §2.5, step by step.
+#[test]
+fn the_speed_recipe_turns_the_motor() {
+    let mut desk = Desk::new();
+    for (number, value) in [(0x00, 1), (0x99, 1), (0x33, 0), (0x38, 0), (0x33, 200), (0x38, 1)] {
+        desk.write(number, value);
+    }
+    desk.pass(500);
+    assert_eq!(desk.rpm(), 200);
+    desk.write(0x33, (-150_i16) as u16);
+    desk.pass(500);
+    assert_eq!(desk.rpm(), -150);
+    desk.write(0x33, 0);
+    desk.pass(500);
+    assert_eq!(desk.rpm(), 0);
+    assert!(desk.truth().enabled, "speed zero holds");
+    desk.write(0x38, 0);
+    assert!(!desk.truth().enabled);
+}
+
+#[test]
+fn enabling_holds_the_position_it_finds() {
+    for mode in [1, 14] {
+        let mut desk = Desk::new();
+        desk.write(0x00, mode);
+        let before = desk.truth().position;
+        desk.write(0x38, 1);
+        desk.pass(200);
+        desk.act(Act::Load(0.5));
+        desk.pass(1000);
+        let moved = (desk.truth().position - before).abs();
+        assert!(desk.truth().enabled && moved < 0.02, "mode {mode} gave way by {moved}");
+    }
+}
+
+#[test]
+fn a_factory_drive_obeys_no_modbus_motion() {
+    let mut desk = Desk::new();
+    assert_eq!(desk.read(0x00), 2);
+    for (number, value) in [(0x99, 1), (0x33, 500), (0x38, 1), (0x20B, 1), (0x20C, 1), (0x20D, 1)] {
+        desk.write(number, value);
+    }
+    desk.pass(1000);
+    let truth = desk.truth();
+    assert_eq!((truth.position, truth.enabled), (0.0, false));
+}
+
+#[test]
+fn other_modes_are_powered_by_their_input_and_rest() {
+    for mode in [0, 2, 4, 5, 6, 7, 8, 9, 10] {
+        let mut desk = Desk::new();
+        desk.write(0x00, mode);
+        desk.act(Act::Input(1, true));
+        desk.pass(500);
+        let truth = desk.truth();
+        assert!(truth.enabled && truth.velocity == 0.0, "mode {mode}");
+        desk.act(Act::Input(1, false));
+        desk.pass(2);
+        assert!(!desk.truth().enabled);
+    }
+}
+
+#[test]
+fn the_analog_input_gives_the_speed_in_mode_0() {
+    let mut desk = Desk::new();
+    desk.write(0x00, 0);
+    desk.act(Act::Input(1, true));
+    desk.pass(10);
+    desk.act(Act::Analog(0, -2.0));
+    desk.pass(1000);
+    assert_eq!(desk.rpm(), -600);
+}
+
+#[test]
+fn a_limit_switch_keeps_the_motor_from_going_on() {
+    let mut desk = Desk::new();
+    desk.act(Act::Switch { which: 1, at: 10.0 });
+    for (number, value) in [(0x00, 1), (0x99, 1), (0x33, 100), (0x38, 1)] {
+        desk.write(number, value);
+    }
+    desk.pass(3000);
+    let stopped = desk.truth().position;
+    assert!((10.0..10.5).contains(&stopped), "stopped at {stopped}");
+    desk.write(0x33, (-100_i16) as u16);
+    desk.pass(3000);
+    assert!(desk.truth().position < 0.0, "the way back is free");
+}
+
+/// Fn_99 = 1 was kept, so the power-on state is that of flash (§2.5).
+#[test]
+fn what_is_in_ram_is_gone_after_power_off() {
+    let mut desk = Desk::new();
+    for (number, value) in [(0x00, 1), (0x99, 1), (0x33, 200), (0x38, 1)] {
+        desk.write(number, value);
+    }
+    desk.act(Act::PowerCycle);
+    assert_eq!([0x00, 0x99, 0x33, 0x38].map(|n| desk.read(n)), [1, 1, 0, 0]);
+    assert!(!desk.truth().enabled);
+}
+
+/// Why step 1 of §2.5 wants Fn_38 = 0: with Fn_99 = 0 it would be in flash.
+#[test]
+fn an_enable_in_flash_starts_the_motor_at_power_on() {
+    let mut desk = Desk::new();
+    for (number, value) in [(0x00, 1), (0x33, 100), (0x38, 1)] {
+        desk.write(number, value);
+    }
+    desk.act(Act::PowerCycle);
+    desk.pass(1000);
+    assert_eq!(desk.rpm(), 100);
+}

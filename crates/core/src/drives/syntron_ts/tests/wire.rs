@@ -1,0 +1,258 @@
+use super::*;
+
+/// The manual's printed frames, RTU with its true silence of 10 ms (TS manual V2 §1.4.1, §2.3).
+#[test]
+fn printed_frames_are_answered_as_printed() {
+    let cases: [(&[u8], &[u8]); 4] = [
+        (
+            &[0x01, 0x06, 0x00, 0x00, 0x00, 0x14, 0x89, 0xC5],
+            &[0x01, 0x06, 0x00, 0x00, 0x00, 0x14, 0x89, 0xC5],
+        ),
+        (&[0x01, 0x01, 0x00, 0x00, 0x00, 0x01, 0xFD, 0xCA], &[0x01, 0x01, 0x01]),
+        (&[0x01, 0x02, 0x00, 0x00, 0x00, 0x01, 0xB9, 0xCA], &[0x01, 0x02, 0x01, 0x00, 0xA1, 0x88]),
+        (
+            &[0x01, 0x10, 0x00, 0x30, 0x00, 0x02, 0x04, 0x00, 0x05, 0x00, 0x05, 0x20, 0xB9],
+            &[0x01, 0x10, 0x00, 0x30, 0x00, 0x02, 0x41, 0xC7],
+        ),
+    ];
+    let options = DeviceOptions { untimed: false, ..OPTIONS };
+    let mut desk = Desk::new();
+    desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+    desk.act(Act::Switch { which: 0, at: f64::NAN });
+    for (request, reply) in cases {
+        desk.device.handle_input(desk.now, request);
+        let mut out = [0; STREAM_UNIT_MAX];
+        desk.pass(10);
+        assert_eq!(desk.device.poll_transmit(desk.now, &mut out), None, "10 ms are not over");
+        desk.pass(1);
+        let len = desk.device.poll_transmit(desk.now, &mut out).unwrap();
+        assert_eq!(out[..len.min(reply.len())], *reply);
+        desk.pass(20);
+    }
+}
+
+#[test]
+fn two_requests_within_the_silence_are_one_bad_frame() {
+    let options = DeviceOptions { untimed: false, ..OPTIONS };
+    let mut desk = Desk::new();
+    desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+    let request = [0x01, 0x06, 0x00, 0x33, 0x00, 0xC8, 0x78, 0x53];
+    desk.device.handle_input(desk.now, &request);
+    desk.pass(5);
+    desk.device.handle_input(desk.now, &request);
+    assert_eq!(desk.reply(), None);
+    desk.device.handle_input(desk.now, &request);
+    assert_eq!(desk.reply().unwrap(), request);
+}
+
+#[test]
+fn only_five_functions_are_known() {
+    let mut desk = Desk::new();
+    for (pdu, code) in [
+        (&[4, 0, 0, 0, 1][..], 0x84),
+        (&[5, 0, 0, 0xFF, 0], 0x85),
+        (&[15, 0, 0, 0, 1, 1, 1], 0x8F),
+        (&[22, 0, 0, 0, 0, 0, 0], 0x96),
+        (&[0x43, 0, 0], 0xC3),
+    ] {
+        assert_eq!(desk.ask(pdu).unwrap(), [code, 1]);
+    }
+}
+
+#[test]
+fn registers_exist_as_far_as_the_manual_says() {
+    let mut desk = Desk::new();
+    for address in [0x0000, 0x02FF, 0x1000, 0x102F] {
+        desk.read(address);
+    }
+    for address in [0x0300_u16, 0x0FFF, 0x1030, 0x2000, 0xFFFF] {
+        let [a, b] = address.to_be_bytes();
+        assert_eq!(desk.ask(&[3, a, b, 0, 1]).unwrap(), [0x83, 2]);
+        assert_eq!(desk.try_write(address, 0), Err(2));
+    }
+    assert_eq!(desk.ask(&[3, 2, 0xFF, 0, 2]).unwrap(), [0x83, 2]);
+    assert_eq!(desk.try_write(0x1000, 0), Err(2), "readings cannot be written");
+    desk.write(0x02AB, 0xBEEF);
+    assert_eq!(desk.read(0x02AB), 0xBEEF, "unnamed registers store");
+    assert_eq!(desk.read(0x1005), 0, "unnamed readings are 0");
+}
+
+#[test]
+fn limits_are_kept_and_a_block_is_written_whole_or_not_at_all() {
+    let mut desk = Desk::new();
+    for (number, value) in
+        [(0x00, 21), (0x38, 2), (0x3A, 128), (0x3C, 7), (0x99, 2), (0x20B, 33), (0x20E, 2)]
+    {
+        assert_eq!(desk.try_write(number, value), Err(3), "Fn_{number:X}");
+    }
+    for value in [0, 3, 100, 103, 0x101, 0x102] {
+        assert_eq!(desk.try_write(0x3D, value), Err(3), "Fn_3D = {value}");
+    }
+    for value in [1, 2, 101, 102] {
+        desk.write(0x3D, value);
+    }
+    desk.write(0x33, (-3000_i16) as u16);
+    let block = [16, 0x02, 0x0A, 0, 2, 4, 0, 0, 0, 33];
+    assert_eq!(desk.ask(&block).unwrap(), [0x90, 3]);
+    assert_eq!(desk.read(0x20A), 1, "the good half was not written either");
+}
+
+#[test]
+fn lines_are_read_eight_at_once() {
+    let mut desk = Desk::new();
+    assert_eq!(desk.ask(&[1, 0, 0, 0, 1]).unwrap(), [1, 1, 0b0101], "ready, path done");
+    desk.write(0x00, 1);
+    desk.write(0x38, 1);
+    assert_eq!(desk.ask(&[1, 0, 0, 0, 1]).unwrap(), [1, 1, 0b1101], "and powered");
+    assert_eq!(desk.ask(&[1, 0, 3, 0, 1]).unwrap(), [1, 1, 1], "shifted by the start");
+    desk.act(Act::Fault(0x1614));
+    assert_eq!(desk.ask(&[1, 0, 0, 0, 4]).unwrap(), [1, 1, 0b0110]);
+    desk.act(Act::Input(8, true));
+    // The shaft stands forward of the home switch, so input 5 is closed too.
+    assert_eq!(desk.ask(&[2, 0, 0, 0, 1]).unwrap(), [2, 1, 0b1001_0000]);
+    assert_eq!(desk.ask(&[2, 0, 4, 0, 2]).unwrap(), [2, 1, 1]);
+    assert_eq!(desk.ask(&[1, 0, 4, 0, 1]).unwrap(), [0x81, 2]);
+    assert_eq!(desk.ask(&[2, 0, 8, 0, 1]).unwrap(), [0x82, 2]);
+}
+
+#[test]
+fn flash_wears_unless_writes_are_kept_in_ram() {
+    let mut desk = Desk::new();
+    for _ in 0..3 {
+        desk.write(0x33, 100);
+    }
+    assert_eq!(desk.truth().flash_writes, 3, "equal values too");
+    desk.write(0x99, 1);
+    desk.write(0x33, 200);
+    desk.fill(1, 1002, 90_000, 100, [1, 2, 3, 4]);
+    assert_eq!(desk.truth().flash_writes, 4, "Fn_99 itself is kept");
+    desk.act(Act::PowerCycle);
+    assert_eq!([0x33, 0x99, 0x100].map(|n| desk.read(n)), [100, 1, 0]);
+    desk.write(0x99, 0);
+    desk.fill(1, 1002, 90_000, 100, [1, 2, 3, 4]);
+    assert_eq!(desk.truth().flash_writes, 4 + 1 + 8);
+    desk.act(Act::PowerCycle);
+    assert_eq!([0x100, 0x103, 0x107].map(|n| desk.read(n)), [1002, 100, 4]);
+}
+
+#[test]
+fn variants_refuse_modes_they_were_not_bought_with() {
+    for (variant, allowed) in [
+        ("standard", [false, false]),
+        ("position", [true, false]),
+        ("canopen", [false, true]),
+        ("all", [true, true]),
+    ] {
+        let mut desk = Desk::with(&[("variant", variant)]);
+        for (mode, allowed) in [14, 20].into_iter().zip(allowed) {
+            let wanted = if allowed { Ok(()) } else { Err(3) };
+            assert_eq!(desk.try_write(0x00, mode), wanted, "{variant} {mode}");
+        }
+        desk.write(0x00, 1);
+    }
+    let bad = DeviceOptions { extra: &[("variant", "deluxe")], ..OPTIONS };
+    assert_eq!(SyntronTs::device(SyntronTs::profiles()[0], &bad).err(), Some("deluxe"));
+    let bad = DeviceOptions { extra: &[("colour", "red")], ..OPTIONS };
+    assert_eq!(SyntronTs::device(SyntronTs::profiles()[0], &bad).err(), Some("colour"));
+}
+
+#[test]
+fn a_password_locks_what_it_is_told_to() {
+    let mut desk = Desk::with(&[("locked", "00+3A")]);
+    assert_eq!(desk.try_write(0x00, 1), Err(4));
+    assert_eq!(desk.try_write(0x3A, 5), Err(4));
+    desk.write(0x33, 5);
+    desk.write(0x3F, 9876);
+    desk.write(0x00, 1);
+    desk.write(0x3F, 9870);
+    assert_eq!(desk.try_write(0x00, 2), Err(4));
+}
+
+#[test]
+fn address_baud_and_framing_act_at_the_next_power_on() {
+    let mut desk = Desk::with(&[]);
+    let options = DeviceOptions { untimed: false, extra: &[("gap", "0")], ..OPTIONS };
+    desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+    assert_eq!(desk.device.line().baud, 115_200);
+    for (number, value) in [(0x3A, 7), (0x3C, 1), (0x3D, 102)] {
+        desk.write(number, value);
+    }
+    assert_eq!(desk.read(0x3A), 7, "still answers as before");
+    desk.act(Act::PowerCycle);
+    assert_eq!(desk.device.line().baud, 9600);
+    assert_eq!(desk.ask(&[3, 0, 0x3A, 0, 1]), None, "not at address 1, not in RTU");
+    desk.ascii = true;
+    assert_eq!(desk.ask(&[3, 0, 0x3A, 0, 1]), None, "not at address 1");
+    desk.unit = 7;
+    assert_eq!(desk.read(0x3A), 7);
+    for (value, baud) in [2400, 9600, 38_400, 57_600, 115_200, 192_000, 512_000].iter().enumerate()
+    {
+        desk.write(0x3C, value as u16);
+        desk.act(Act::PowerCycle);
+        assert_eq!(desk.device.line().baud, *baud);
+    }
+}
+
+#[test]
+fn settings_can_act_at_once() {
+    let mut desk = Desk::with(&[("settings", "at-once")]);
+    desk.write(0x3A, 7);
+    assert_eq!(desk.ask(&[3, 0, 0x3A, 0, 1]), None);
+    desk.unit = 7;
+    assert_eq!(desk.read(0x3A), 7);
+}
+
+#[test]
+fn ascii_takes_twelve_words() {
+    let options = DeviceOptions { wire: "modbus-ascii", ..OPTIONS };
+    let mut desk = Desk::new();
+    desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+    desk.ascii = true;
+    assert_eq!(desk.read(0x3D), 2);
+    assert_eq!(desk.ask(&[3, 0, 0, 0, 12]).unwrap().len(), 2 + 24);
+    assert_eq!(desk.ask(&[3, 0, 0, 0, 13]).unwrap(), [0x83, 3]);
+}
+
+#[test]
+fn a_broadcast_is_obeyed_in_silence() {
+    let mut desk = Desk::new();
+    desk.unit = 0;
+    assert_eq!(desk.ask(&[6, 0, 0x33, 0, 100]), None);
+    desk.unit = 1;
+    assert_eq!(desk.read(0x33), 100);
+}
+
+#[test]
+fn the_encoder_position_comes_low_word_first() {
+    let mut desk = Desk::positioning(&[]);
+    // The manual's example value: 0x000BF32D counts.
+    desk.write(fns::MOTOR_TURNS, 1);
+    desk.write(fns::TRAVEL, 10);
+    desk.fill(1, 1002, 783_149, 3000, [100, 100, 0, 0]);
+    desk.trigger(1);
+    desk.settle(10_000);
+    desk.is_at(0xBF32D);
+    assert_eq!(desk.read(0x102F), 0x000B);
+}
+
+#[test]
+fn the_sibling_tells_load_version_and_temperature() {
+    let readings = [0x1002, 0x1008, 0x1016];
+    let mut desk = Desk::new();
+    assert_eq!(readings.map(|address| desk.read(address)), [0; 3]);
+    let mut desk = Desk::with(&[("ds102", "1")]);
+    desk.write(0x00, 1);
+    desk.write(0x38, 1);
+    desk.act(Act::Load(-0.65));
+    desk.pass(500);
+    let [load, version, temperature] = readings.map(|address| desk.read(address));
+    assert!((450..550).contains(&load), "half the rated torque, not {load}");
+    assert_eq!((version, temperature), (0x0102, 25));
+    assert_eq!(desk.read(0x05), 1270);
+    for (number, value) in [(0x2B, 10), (0x2C, 10), (0x2A, 1), (0x33, 1000)] {
+        desk.write(number, value);
+    }
+    desk.act(Act::Load(0.0));
+    desk.pass(20);
+    assert!(desk.truth().current.abs() < 1.9, "limited: {}", desk.truth().current);
+}
