@@ -14,6 +14,7 @@ use crate::station::{Station, Timed};
 use crate::time::Instant;
 
 mod alarms;
+mod axis;
 mod homing;
 mod panel;
 mod paths;

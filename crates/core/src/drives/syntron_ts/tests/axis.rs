@@ -1,0 +1,186 @@
+//! The axis verbs of the profile, run by the lane over Modbus against the simulated drive.
+
+use std::boxed::Box;
+
+use super::*;
+use crate::axis::{Axes, Command, Verb};
+use crate::error::{Failure, Outcome};
+use crate::lane::Lane;
+use crate::medium::Stream;
+use crate::profile::{Profile, Signal};
+use crate::proto::modbus::Rtu;
+use crate::proto::{HostOptions, Protocol};
+use crate::station::{AxisIndex, Ticket};
+
+const AXIS: AxisIndex = AxisIndex(0);
+
+/// A host and a drive on one wire.
+struct Pair {
+    lane: Lane<Stream, <Rtu as Protocol>::Host>,
+    desk: Desk,
+}
+
+impl Pair {
+    fn new(profile: &'static Profile) -> Self {
+        let options =
+            HostOptions { baud: 0, reply_timeout_ms: None, gap_us: None, host: None, echo: false };
+        let mut lane = Lane::new(Rtu::host(&options), [Box::new(Rtu::driver(profile, 1)) as _]);
+        lane.arm(AXIS, true);
+        let mut desk = Desk::new();
+        desk.device = SyntronTs::device(profile, &OPTIONS).unwrap();
+        Self { lane, desk }
+    }
+
+    fn run(&mut self, command: Command) -> Outcome {
+        self.lane.command(self.desk.now, Ticket(1), AXIS, command).unwrap();
+        for _ in 0..100_000 {
+            let mut bytes = [0; STREAM_UNIT_MAX];
+            while let Some(len) = self.lane.poll_transmit(self.desk.now, &mut bytes) {
+                self.desk.device.handle_input(self.desk.now, &bytes[..len]);
+            }
+            while let Some(len) = self.desk.device.poll_transmit(self.desk.now, &mut bytes) {
+                self.lane.handle_input(self.desk.now, &bytes[..len]);
+            }
+            if let Some((ticket, outcome)) = self.lane.poll_outcome() {
+                assert_eq!(ticket, Ticket(1));
+                return outcome;
+            }
+            self.desk.pass(1);
+            self.lane.handle_timeout(self.desk.now);
+        }
+        panic!("{command:?} never ends");
+    }
+
+    fn verb(&mut self, verb: Verb) -> Outcome {
+        self.run(Command::new(verb))
+    }
+
+    fn done(&mut self, command: Command) {
+        let outcome = self.run(command);
+        assert!(matches!(outcome, Outcome::Done(_)), "{command:?}: {outcome:?}");
+    }
+
+    /// Degrees of the shaft by the drive's own count.
+    fn degrees(&mut self) -> f64 {
+        f64::from(self.desk.counts()) * 0.036
+    }
+}
+
+fn usual() -> &'static Profile {
+    SyntronTs::profiles()[0]
+}
+
+fn radians(degrees: f64) -> f64 {
+    degrees.to_radians()
+}
+
+#[test]
+fn the_host_refuses_to_move_until_the_mode_fits() {
+    let mut pair = Pair::new(usual());
+    let target = Some(1.0);
+    for command in [
+        Command::new(Verb::Enable),
+        Command { velocity: Some(10.0), ..Command::new(Verb::Velocity) },
+        Command { target, ..Command::new(Verb::MoveTo) },
+        Command { target, ..Command::new(Verb::MoveBy) },
+        Command::new(Verb::Home),
+    ] {
+        match pair.run(command) {
+            Outcome::NotDone(Failure::NotReady { hint }) => assert!(hint.contains("Fn_00 = ")),
+            other => panic!("{command:?}: {other:?}"),
+        }
+    }
+    assert_eq!(pair.desk.truth().flash_writes, 0, "and wrote nothing");
+}
+
+#[test]
+fn speed_runs_stops_and_costs_one_flash_write() {
+    let mut pair = Pair::new(usual());
+    pair.desk.write(fns::MODE, 1);
+    let before = pair.desk.truth().flash_writes;
+    let velocity = Some(300.0 * core::f64::consts::TAU / 60.0);
+    for _ in 0..2 {
+        pair.done(Command { velocity, ..Command::new(Verb::Velocity) });
+        pair.desk.pass(1000);
+        assert_eq!(pair.desk.rpm(), 300);
+        pair.done(Command::new(Verb::Stop));
+        assert!(pair.desk.truth().velocity.abs() < 0.6 && pair.desk.truth().enabled);
+    }
+    pair.done(Command::new(Verb::Disable));
+    assert!(!pair.desk.truth().enabled);
+    pair.done(Command::new(Verb::Enable));
+    assert!(pair.desk.truth().enabled);
+    assert_eq!(pair.desk.truth().flash_writes - before, 1, "Fn_99, once");
+}
+
+#[test]
+fn moves_reach_degrees_of_the_shaft() {
+    let mut pair = Pair::new(usual());
+    pair.desk.write(fns::MODE, 14);
+    pair.desk.write(fns::MOTOR_TURNS, 3);
+    pair.desk.write(fns::TRAVEL, 10);
+    let velocity = Some(60.0);
+    for (verb, degrees, end) in
+        [(Verb::MoveTo, 90.0, 90.0), (Verb::MoveBy, -450.0, -360.0), (Verb::MoveTo, 7.5, 7.5)]
+    {
+        pair.done(Command { target: Some(radians(degrees)), velocity, ..Command::new(verb) });
+        pair.done(Command::new(Verb::Reached));
+        pair.desk.pass(800);
+        let found = pair.degrees();
+        assert!((found - end).abs() < 0.3, "{verb:?} {degrees}: at {found}");
+    }
+    assert_eq!(pair.desk.truth().unrepeatable, 3, "each move ran once");
+}
+
+#[test]
+fn a_stop_ends_a_move_and_the_next_one_starts() {
+    for verb in [Verb::Stop, Verb::QuickStop] {
+        let mut pair = Pair::new(usual());
+        pair.desk.write(fns::MODE, 14);
+        let target = Some(radians(36_000.0));
+        pair.done(Command { target, ..Command::new(Verb::MoveTo) });
+        pair.desk.pass(1000);
+        pair.done(Command::new(verb));
+        let truth = pair.desk.truth();
+        assert!(truth.velocity.abs() < 0.6 && truth.enabled, "{verb:?}");
+        assert_eq!(pair.desk.read(fns::PATH_STOP), 0, "not left blocked");
+        pair.done(Command { target: Some(0.0), ..Command::new(Verb::MoveTo) });
+        pair.done(Command::new(Verb::Reached));
+        pair.desk.pass(800);
+        assert!(pair.degrees().abs() < 0.3);
+    }
+}
+
+#[test]
+fn home_finds_the_switch() {
+    let mut pair = Pair::new(usual());
+    pair.desk.write(fns::MODE, 14);
+    pair.done(Command::new(Verb::Home));
+    pair.desk.pass(800);
+    assert!(pair.degrees().abs() < 0.3);
+    assert!((pair.desk.truth().position + core::f64::consts::PI).abs() < 0.01);
+}
+
+#[test]
+fn an_alarm_stops_the_plans_and_the_way_out_is_told() {
+    let mut pair = Pair::new(usual());
+    pair.desk.write(fns::MODE, 1);
+    pair.done(Command::new(Verb::Clear));
+    pair.desk.act(Act::Fault(0x1614));
+    assert_eq!(pair.verb(Verb::Enable), Outcome::NotDone(Failure::Faulted { code: 0x1614 }));
+    let Outcome::NotDone(Failure::NotReady { hint }) = pair.verb(Verb::Clear) else {
+        panic!("a TS cannot clear over the line")
+    };
+    assert!(hint.contains("off and on"));
+}
+
+#[test]
+fn the_sibling_clears_over_the_line_and_tells_its_torque() {
+    let mut pair = Pair::new(SyntronTs::profiles()[1]);
+    pair.desk.write(fns::MODE, 1);
+    pair.desk.act(Act::Fault(0x1614));
+    pair.done(Command::new(Verb::Clear));
+    pair.done(Command::new(Verb::Enable));
+    assert!(SyntronTs::profiles()[1].signal(Signal::Torque).is_some());
+    assert!(usual().signal(Signal::Torque).is_none());
+}
