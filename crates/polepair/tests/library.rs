@@ -1,0 +1,231 @@
+//! The library against simulated drives, in virtual time.
+
+use polepair::connect::connect;
+use polepair::error::Exit;
+use polepair::scan::{Numbers, scan};
+use polepair::simulate::{Pace, Simulation, rack_of_text, rack_of_words};
+use polepair::{Connector, Error, Identified};
+use polepair_core::axis::{Command, Verb};
+use polepair_core::profile::Signal;
+use std::time::Duration;
+
+#[test]
+fn a_simulated_drive_is_identified_and_read_by_name() {
+    let link = connect("sim:syntron-ts?time=virtual#1").unwrap();
+    let axis = link.axis(1).unwrap();
+    assert_eq!(axis.profile().name, "syntron-ts");
+    assert!(matches!(axis.identified(), Identified::Asked { .. }));
+    assert_eq!(axis.get("Fn_00").unwrap().to_string(), "position by pulses");
+    assert_eq!(axis.get_raw("alarm code").unwrap(), 0);
+    let error = axis.get("controll mode").unwrap_err();
+    assert_eq!(error.code(), "E213");
+    assert!(error.to_string().contains("did you mean `control mode`?"), "{error}");
+    assert!(link.axis(2).unwrap_err().hint().contains("axis 1"));
+}
+
+#[test]
+fn both_modbus_encodings_reach_the_same_drive() {
+    for url in ["sim:modbus-rtu?time=virtual", "sim:modbus-ascii?time=virtual"] {
+        let link = connect(url).unwrap();
+        assert_eq!(link.axes()[0].get_raw("control mode").unwrap(), 2, "{url}");
+    }
+}
+
+#[test]
+fn a_value_outside_its_limits_is_refused_before_a_byte_is_sent() {
+    let link = connect("sim:syntron-ts?time=virtual").unwrap();
+    let axis = &link.axes()[0];
+    let before = link.counters(axis).sent;
+    let error = axis.set_raw("control mode", 21).unwrap_err();
+    assert_eq!((error.code(), error.exit(), error.executed()), ("E216", Exit::Usage, Some(false)));
+    assert_eq!(axis.set("alarm code", 1).unwrap_err().code(), "E214");
+    assert_eq!(axis.velocity("60 rpm").unwrap_err().code(), "E219");
+    assert_eq!(axis.set("control mode", "3 A").unwrap_err().code(), "E217");
+    assert_eq!(link.counters(axis).sent, before);
+}
+
+#[test]
+fn a_word_sets_a_value_and_a_rehearsal_sends_nothing() {
+    let link = connect("sim:syntron-ts?time=virtual").unwrap();
+    let axis = &link.axes()[0];
+    let before = link.counters(axis).sent;
+    let steps = axis.rehearse(Command::new(Verb::Disable)).unwrap();
+    assert!(!steps.is_empty() && steps.iter().any(|step| !step.bytes.is_empty()));
+    assert_eq!(link.counters(axis).sent, before);
+    axis.arm(true);
+    axis.set("Fn_00", "internal speed").unwrap();
+    assert_eq!(axis.get_raw("Fn_00").unwrap(), 1);
+    assert!(axis.signals(&[Signal::Mode, Signal::Fault]).unwrap().iter().all(|r| r.at.is_some()));
+}
+
+#[test]
+fn a_drive_that_is_not_ready_says_what_to_do() {
+    let link = connect("sim:syntron-ts?time=virtual").unwrap();
+    let error = link.axes()[0].armed().map(drop).unwrap_err();
+    assert_eq!((error.code(), error.exit()), ("E602", Exit::Refused));
+    assert!(error.hint().contains("Fn_00"), "{error}: {}", error.hint());
+    assert!(!link.axes()[0].state().armed);
+}
+
+#[test]
+fn a_scan_finds_who_is_there_and_says_what_it_tried() {
+    let connector = Connector::default();
+    let url = "sim:syntron-ts?axes=3&time=virtual";
+    let mut asked = 0;
+    let scan = scan(&connector, url, 1..=5, &mut |_| asked += 1).unwrap();
+    assert_eq!(asked, 5);
+    let numbers: Vec<u32> = scan.found.iter().map(|found| found.number).collect();
+    assert_eq!(numbers, [1, 2, 3]);
+    assert!(scan.found.iter().all(|found| found.profile.name == "syntron-ts"));
+    assert!(scan.found.iter().all(|found| found.clash.is_none()), "{:?}", scan.found);
+    assert!(scan.tried[0].contains("addresses 1 to 5"), "{:?}", scan.tried);
+}
+
+#[test]
+fn a_silent_address_is_an_error_that_says_so() {
+    let rack = "sim:syntron-ts:3?time=virtual";
+    assert_eq!(connect(rack).unwrap().axes()[0].number(), 3);
+    let connector = Connector::default();
+    let none = scan(&connector, rack, 4..=5, &mut |_| {}).unwrap();
+    assert!(none.found.is_empty());
+    let all = scan(&connector, rack, Numbers::ALL, &mut |_| {}).unwrap();
+    assert_eq!(all.found.len(), 1);
+}
+
+#[test]
+fn threads_share_a_link() {
+    let link = connect("sim:syntron-ts?axes=2&time=virtual").unwrap();
+    std::thread::scope(|scope| {
+        for axis in link.axes() {
+            scope.spawn(move || {
+                for _ in 0..20 {
+                    assert_eq!(axis.get_raw("control mode").unwrap(), 2);
+                }
+            });
+        }
+    });
+}
+
+/// A register map that no shipped profile knows, tried on a drive that has registers there.
+const UNKNOWN: &str = r#"
+name = "acme-7"
+protocol = "modbus"
+title = "Acme 7"
+axis = "rotary"
+
+[[parameter]]
+name = "what it follows"
+index = 0x0000
+max = 3
+values = { 2 = "pulses", 1 = "registers" }
+
+[[parameter]]
+name = "set speed"
+index = 0x0033
+encoding = "i16"
+unit = "rpm"
+min = -3000
+max = 3000
+
+[plans.stop]
+steps = ["write set speed = 0"]
+"#;
+
+#[test]
+fn a_users_file_makes_an_unknown_drive_speak_by_name() {
+    let folder = std::env::temp_dir().join(format!("polepair-acme-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("acme-7.toml");
+    std::fs::write(&file, UNKNOWN).unwrap();
+    let connector = Connector::default().with_profile(&file).unwrap();
+    let link = connector.connect("sim:modbus-rtu?time=virtual&profile=acme-7").unwrap();
+    let axis = &link.axes()[0];
+    assert_eq!((axis.profile().name, axis.identified()), ("acme-7", &Identified::Named));
+    assert_eq!(axis.get("What-It-Follows").unwrap().to_string(), "pulses");
+    axis.set("set speed", "-150 rpm").unwrap();
+    assert_eq!(axis.get("set speed").unwrap().to_string(), "-150 rpm");
+    let error = axis.set("set speed", "4000 rpm").unwrap_err();
+    assert!(error.hint().contains("-3000 rpm to 3000 rpm"), "{error}: {}", error.hint());
+    axis.stop().unwrap();
+    assert_eq!(axis.get_raw("set speed").unwrap(), 0);
+    axis.arm(true);
+    assert_eq!(axis.velocity(1.0).unwrap_err().code(), "E218");
+    let error = connector.connect("sim:modbus-rtu?time=virtual&profile=acme-8").unwrap_err();
+    assert!(error.to_string().contains("did you mean `acme-7`?"), "{error}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_rack_file_has_named_drives_on_several_links() {
+    let text = "[[link]]\nname = \"a\"\nbaud = 115200\n[[link.drive]]\nname = \"x\"\n\
+                profile = \"syntron-ts\"\naddress = 4\nload = 0.1\n[[link]]\nname = \"b\"\n\
+                protocol = \"modbus-ascii\"\n[[link.drive]]\nname = \"y\"\n\
+                profile = \"syntron-ts\"\naddress = 4\n";
+    let file = std::env::temp_dir().join(format!("polepair-rack-{}.toml", std::process::id()));
+    std::fs::write(&file, text).unwrap();
+    let link = connect(&format!("sim:{}?time=virtual", file.display())).unwrap();
+    assert_eq!(link.axes().len(), 2);
+    assert_eq!(link.named("y").unwrap().protocol(), "modbus-ascii");
+    assert_eq!(link.named("x").unwrap().get_raw("control mode").unwrap(), 2);
+    assert_eq!(link.axis(4).unwrap_err().code(), "E212");
+    std::fs::remove_file(&file).unwrap();
+
+    for (from, to, said) in [
+        ("syntron-ts", "syntron-tx", "did you mean `syntron-ts`?"),
+        ("modbus-ascii", "modbus-asci", "did you mean `modbus-ascii`?"),
+        ("load = 0.1", "laod = 0.1", "rack.toml:8:1: unknown key `laod`; did you mean `load`?"),
+        ("baud = 115200", "baud = 115200\nfaults = { flip = 2 }", "it must be 0 to 1"),
+        ("name = \"a\"", "duplex = \"both\"", "neither half nor full"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let error = rack_of_text("rack.toml", &text.replacen(from, to, 1), 1).unwrap_err();
+        assert!(error.to_string().contains(said), "{error}");
+    }
+}
+
+#[test]
+fn words_make_racks() {
+    let rack = rack_of_words(&["modbus-rtu:1,2", "syntron-ds102:7"], 1).unwrap();
+    assert_eq!(rack.rack.links.len(), 2);
+    assert_eq!(rack.rack.links[0].drives[1].address, Some(2));
+    assert_eq!(rack.rack.links[1].drives[0].profile.name, "syntron-ds102");
+    assert!(rack_of_words(&["modbus-rtu:one"], 1).is_err());
+    let error = rack_of_words(&["modbus-rtx"], 1).unwrap_err();
+    assert!(error.to_string().contains("did you mean `modbus-rtu`?"), "{error}");
+    let simulation = Simulation::new(&rack, 1, Pace::Virtual).unwrap();
+    assert!(simulation.truth(0, 1).is_some() && simulation.truth(0, 2).is_none());
+    let before = simulation.now();
+    simulation.pass(Duration::from_millis(5));
+    assert_eq!(simulation.now().since(before), Duration::from_millis(5));
+}
+
+#[test]
+fn real_time_passes_as_on_the_wall() {
+    let link = connect("sim:modbus-rtu").unwrap();
+    let simulation = link.simulation().unwrap();
+    let before = simulation.now();
+    assert_eq!(link.axes()[0].get_raw("control mode").unwrap(), 2);
+    link.sleep(Duration::from_millis(20));
+    assert!(simulation.now().since(before) >= Duration::from_millis(20));
+}
+
+#[test]
+fn named_links_are_looked_up_from_the_folder_upward() {
+    let folder = std::env::temp_dir().join(format!("polepair-config-{}", std::process::id()));
+    let deep = folder.join("a/b");
+    std::fs::create_dir_all(&deep).unwrap();
+    let text = "[links]\narm = \"sim:modbus-rtu?time=virtual&seed=3#1\"\n";
+    std::fs::write(folder.join("polepair.toml"), text).unwrap();
+    let config = polepair::config::Config::discover_from(&deep, None).unwrap();
+    let expanded = |text: &str| config.expand(text).unwrap();
+    assert_eq!(expanded("@arm"), "sim:modbus-rtu?time=virtual&seed=3#1");
+    assert_eq!(expanded("@arm?seed=4#2"), "sim:modbus-rtu?time=virtual&seed=4#2");
+    assert_eq!(expanded("sim:tmcl"), "sim:tmcl");
+    let error: Error = config.expand("@amr").unwrap_err();
+    assert_eq!(error.code(), "E211");
+    assert!(error.to_string().contains("did you mean `arm`?"), "{error}");
+    std::fs::write(folder.join("polepair.toml"), "[link]\n").unwrap();
+    let error = polepair::config::Config::discover_from(&deep, None).unwrap_err();
+    assert!(error.to_string().contains("polepair.toml:1:"), "{error}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}

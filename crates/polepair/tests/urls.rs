@@ -1,0 +1,67 @@
+//! Every form of a connection string, and what each mistake is told.
+
+use polepair::url::{Target, Url};
+
+#[test]
+fn every_form_is_read_and_written_back() {
+    for text in [
+        "tmcl+serial:///dev/ttyUSB0:9600#1",
+        "tmcl+serial:///dev/ttyUSB0",
+        "tmcl+serial://COM3:9600#1",
+        "tmcl+serial:///dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0#1",
+        "tmcl+tcp://10.0.0.5:4001#1,2",
+        "modbus-rtu+tcp://[::1]:502?timeout=50&gap=0#247",
+        "modbus-rtu+serial:///dev/ttyUSB0:115200?parity=even&stop=2#1",
+        "modbus-ascii+serial:///tmp/a%23b#1",
+        "sim:tmcl?axes=3&seed=1",
+        "sim:rack.toml",
+        "sim:modbus-rtu?time=virtual#1,2,3",
+        "sim:syntron-ts?variant=position",
+    ] {
+        let url: Url = text.parse().unwrap_or_else(|error| panic!("{text}: {error}"));
+        assert_eq!(url.to_string(), text);
+        assert_eq!(url.to_string().parse::<Url>().unwrap(), url);
+    }
+}
+
+#[test]
+fn short_forms_mean_the_long_ones() {
+    let long = |text: &str| text.parse::<Url>().unwrap().to_string();
+    assert_eq!(long("tmcl:///dev/ttyUSB0#1-3"), "tmcl+serial:///dev/ttyUSB0#1,2,3");
+    assert_eq!(long("tmcl://10.0.0.5:4001"), "tmcl+tcp://10.0.0.5:4001");
+    assert_eq!(long("tmcl://COM7:9600#0x10"), "tmcl+serial://COM7:9600#16");
+    assert_eq!(long("sim://tmcl"), "sim:tmcl");
+    let url: Url = "tmcl+serial:///dev/ttyUSB0?timeout=0.2s&gap=2&echo=yes".parse().unwrap();
+    assert_eq!(url.target, Target::Serial { path: "/dev/ttyUSB0".into(), baud: None });
+    assert_eq!(url.milliseconds("timeout").unwrap(), Some(200.0));
+    assert_eq!(url.milliseconds("gap").unwrap(), Some(2.0));
+    assert!(url.flag("echo").unwrap());
+}
+
+#[test]
+fn mistakes_are_told_with_the_nearest_word() {
+    for (text, code, said) in [
+        ("tmlc+serial:///dev/ttyUSB0", "E203", "did you mean `tmcl`?"),
+        ("modbus-rtx+tcp://a:1", "E203", "did you mean `modbus-rtu`?"),
+        ("tmcl+serail:///dev/ttyUSB0", "E210", "did you mean `serial`?"),
+        ("tmcl+serial:///dev/ttyUSB0?timeuot=5", "E210", "did you mean `timeout`?"),
+        ("sim:tmcl?axis=3", "E210", "did you mean `axes`?"),
+        ("tmcl+serial:///dev/ttyUSB0?colour=red", "E210", "unknown key `colour`"),
+        ("tmcl+serial:///dev/ttyUSB0?gap=1&gap=2", "E210", "`gap` is given twice"),
+        ("tmcl+serial:///dev/ttyUSB0:0", "E210", "no possible baud rate"),
+        ("tmcl+serial://", "E210", "names nothing to open"),
+        ("tmcl+tcp://10.0.0.5", "E210", "has no port number"),
+        ("tmcl+tcp://:502", "E210", "has no port number"),
+        ("/dev/ttyUSB0", "E210", "is no connection string"),
+        ("sim:", "E210", "names no drive"),
+        ("tmcl+serial:///dev/ttyUSB0#x", "E210", "`x` is no axis number"),
+        ("tmcl+serial:///dev/ttyUSB0#1,1", "E210", "axis 1 twice"),
+        ("tmcl+serial:///dev/ttyUSB0#3-1", "E210", "upwards"),
+        ("tmcl+serial:///dev/ttyUSB0#0-4294967295", "E210", "at most 256 axes"),
+        ("tmcl+serial:///dev/tty%2", "E210", "two hex digits"),
+    ] {
+        let error = text.parse::<Url>().unwrap_err();
+        assert_eq!(error.code(), code, "{text}: {error}");
+        assert!(error.to_string().contains(said), "{text}: {error}");
+    }
+}
