@@ -4,6 +4,7 @@
 mod codegen;
 mod pages;
 mod swarm;
+mod tidy;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -11,6 +12,7 @@ use std::process::ExitCode;
 const USAGE: &str = "\
 usage: cargo xtask COMMAND
   codegen [--check]   profiles/*.toml as Rust constants and drive pages, or what is stale
+  tidy                the architecture's never-rules, checked
   swarm [--seeds N] [--from S] [--jobs J]   seeded worlds with faults; 8000 seeds from 1 by default";
 
 fn main() -> ExitCode {
@@ -19,6 +21,7 @@ fn main() -> ExitCode {
     let result = match words.as_slice() {
         ["codegen"] => codegen::run(&root(), false),
         ["codegen", "--check"] => codegen::run(&root(), true),
+        ["tidy"] => tidy::run(&root()),
         ["swarm", rest @ ..] => swarm::run(rest),
         _ => {
             eprintln!("{USAGE}");

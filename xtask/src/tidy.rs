@@ -1,0 +1,388 @@
+//! The never-rules of the architecture, held mechanically: files are parsed and paths resolved.
+//!
+//! What stands below `#[cfg(test)]`, in `tests.rs`, `tests/`, `benches/` and `examples/` may do
+//! what tests must; generated files may be long.
+
+mod docs;
+mod names;
+#[cfg(test)]
+mod tests;
+
+use names::Names;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use syn::visit::{self, Visit};
+
+/// Lines of a file that people write.
+const LINES_MAX: usize = 700;
+/// Characters of a line of code; rustfmt holds code to 100, and leaves texts and comments alone.
+const COLUMNS_MAX: usize = 120;
+/// Words that say nothing of what a thing is.
+const EMPTY_WORDS: [&str; 5] = ["Manager", "Helper", "Utils", "Util", "Handler"];
+const EMPTY_MODULES: [&str; 5] = ["common", "utils", "util", "helpers", "helper"];
+/// Files of a protocol that know bytes alone.
+const WIRE_FILES: [&str; 5] = ["wire", "explain", "rtu", "ascii", "opcode"];
+
+/// What still breaks a rule, file and rule: to be paid off, never to grow.
+const DEBTS: [(&str, &str); 1] = [("crates/core/src/proto/modbus/explain.rs", "rule 2")];
+
+/// Checks the workspace; every violation is a line with place and rule.
+pub fn run(root: &Path) -> Result<(), String> {
+    let names = Names::of(root);
+    let mut broken = Vec::new();
+    for file in rust_files(root) {
+        let text =
+            std::fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
+        broken.extend(check(&shown(root, &file), &text, &names));
+    }
+    broken.retain(|b| !DEBTS.iter().any(|(file, rule)| b.starts_with(file) && b.contains(rule)));
+    broken.extend(docs::check(root));
+    if broken.is_empty() { Ok(()) } else { Err(broken.join("\n")) }
+}
+
+fn shown(root: &Path, file: &Path) -> String {
+    let short = file.strip_prefix(root).unwrap_or(file);
+    short.to_string_lossy().replace('\\', "/")
+}
+
+fn rust_files(root: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    let mut folders = vec![root.join("crates"), root.join("xtask")];
+    while let Some(folder) = folders.pop() {
+        let Ok(entries) = std::fs::read_dir(&folder) else { continue };
+        for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+            if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+/// What one file breaks. `path` is relative to the workspace, with slashes.
+pub(crate) fn check(path: &str, text: &str, names: &Names) -> Vec<String> {
+    let mut broken = Vec::new();
+    if !text.starts_with("//! Generated") {
+        shape(path, text, &mut broken);
+    }
+    let Ok(file) = syn::parse_file(text) else {
+        broken.push(format!("{path}: it does not parse"));
+        return broken;
+    };
+    let place = Place::of(path);
+    if place.is_root && !forbids_unsafe(&file) {
+        broken.push(format!("{path}: rule 13: neither forbids nor denies unsafe code"));
+    }
+    let mut eyes = Eyes { path, place, names, broken: BTreeSet::new() };
+    eyes.visit_file(&file);
+    broken.extend(eyes.broken.into_iter().map(|(line, what)| format!("{path}:{line}: {what}")));
+    broken
+}
+
+fn shape(path: &str, text: &str, broken: &mut Vec<String>) {
+    let lines = text.lines().count();
+    if lines > LINES_MAX {
+        broken.push(format!("{path}: {lines} lines; at most {LINES_MAX}"));
+    }
+    for (n, line) in text.lines().enumerate() {
+        let columns = line.chars().count();
+        if columns > COLUMNS_MAX {
+            broken.push(format!("{path}:{}: {columns} columns; at most {COLUMNS_MAX}", n + 1));
+        }
+    }
+}
+
+fn forbids_unsafe(file: &syn::File) -> bool {
+    file.attrs.iter().any(|attribute| {
+        let lint = attribute.path().is_ident("forbid") || attribute.path().is_ident("deny");
+        let list = attribute.meta.require_list().map(|list| list.tokens.to_string());
+        lint && list.is_ok_and(|list| list.contains("unsafe_code"))
+    })
+}
+
+/// Where a file stands in the layers.
+struct Place {
+    krate: String,
+    /// Folders and file below `src`, without the ending; `mod` dropped.
+    modules: Vec<String>,
+    test: bool,
+    is_root: bool,
+}
+
+impl Place {
+    fn of(path: &str) -> Self {
+        let parts: Vec<&str> = path.split('/').collect();
+        let (krate, rest) = match parts.as_slice() {
+            ["crates", krate, rest @ ..] => (*krate, rest),
+            [krate, rest @ ..] => (*krate, rest),
+            [] => ("", &[][..]),
+        };
+        let source = rest.first() == Some(&"src");
+        let modules: Vec<String> =
+            rest.iter().skip(1).map(|part| part.trim_end_matches(".rs").to_owned()).collect();
+        let test = !source || modules.iter().any(|m| m == "tests" || m.starts_with("tests_"));
+        let root = modules.len() == 1 && (modules[0] == "lib" || modules[0] == "main");
+        let modules = modules.into_iter().filter(|module| module != "mod").collect();
+        Self { krate: krate.to_owned(), modules, test, is_root: source && root }
+    }
+
+    fn in_core(&self) -> bool {
+        self.krate == "core"
+    }
+
+    fn file(&self) -> &str {
+        self.modules.last().map_or("", String::as_str)
+    }
+
+    /// The protocol or family whose folder this is in.
+    fn folder_of(&self, list: &str) -> Option<&str> {
+        match self.modules.as_slice() {
+            [first, folder, ..] if first == list => Some(folder),
+            _ => None,
+        }
+    }
+
+    /// Files that must not know which protocols and families there are.
+    fn is_general(&self) -> bool {
+        match self.krate.as_str() {
+            "core" => {
+                let first = self.modules.first().map_or("", String::as_str);
+                matches!(first, "axis" | "lane" | "mux" | "plan" | "profile" | "station")
+            }
+            "polepair" | "cli" | "link" | "python" | "ffi" => true,
+            _ => false,
+        }
+    }
+}
+
+struct Eyes<'a> {
+    path: &'a str,
+    place: Place,
+    names: &'a Names,
+    broken: BTreeSet<(usize, String)>,
+}
+
+impl Eyes<'_> {
+    fn break_at(&mut self, span: proc_macro2::Span, what: impl Into<String>) {
+        self.broken.insert((span.start().line, what.into()));
+    }
+
+    /// Judges a path, `use` trees taken apart, `self` and `super` resolved.
+    fn path(&mut self, span: proc_macro2::Span, segments: &[String]) {
+        let path = self.resolved(segments);
+        let has = |word: &str| path.iter().any(|segment| segment == word);
+        let first = path.first().map_or("", String::as_str);
+        if self.place.in_core() && first == "std" {
+            self.break_at(span, "rule 1: core uses std");
+        }
+        let may_allocate =
+            matches!(self.place.modules.first().map(String::as_str), Some("lane" | "mux"));
+        if self.place.in_core() && first == "alloc" && !may_allocate {
+            self.break_at(span, "rule 1: core allocates outside lane and mux");
+        }
+        self.layers(span, &path);
+        if self.place.is_general() {
+            if let Some(name) = self.names.known().find(|name| has(name)) {
+                self.break_at(span, format!("rule 5: names `{name}`"));
+            }
+        }
+        self.time(span, &path);
+    }
+
+    fn layers(&mut self, span: proc_macro2::Span, path: &[String]) {
+        let has = |word: &str| path.iter().any(|segment| segment == word);
+        let own = |list: &str| self.place.folder_of(list).map(str::to_owned);
+        let (protocol, family) = (own("proto"), own("drives"));
+        let file = self.place.file().to_owned();
+        let inside = path.first().is_some_and(|first| first == "crate");
+        if !inside || !self.place.in_core() {
+            return;
+        }
+        if protocol.is_some() && WIRE_FILES.contains(&file.as_str()) {
+            for layer in ["host", "device", "session", "drives", "time", "station", "axis"] {
+                if path.get(1).is_some_and(|p| p == layer)
+                    || path.get(3).is_some_and(|p| p == layer)
+                {
+                    self.break_at(span, format!("rule 2: {file} knows {layer}"));
+                }
+            }
+        }
+        if file == "host" && path.get(3).is_some_and(|p| p == "device") {
+            self.break_at(span, "rule 3: the host knows the device");
+        }
+        if file == "device" && path.get(3).is_some_and(|p| p == "host") {
+            self.break_at(span, "rule 3: the device knows the host");
+        }
+        if let Some(protocol) = protocol {
+            if has("drives") {
+                self.break_at(span, "rule 4: a protocol knows drives");
+            }
+            let other = path.get(1).is_some_and(|p| p == "proto")
+                && path.get(2).is_some_and(|p| *p != protocol && self.names.protocols.contains(p));
+            if other {
+                self.break_at(span, "rule 4: one protocol knows another");
+            }
+        }
+        if let Some(family) = family {
+            let other = path.get(1).is_some_and(|p| p == "drives")
+                && path.get(2).is_some_and(|p| *p != family && self.names.families.contains(p));
+            if other {
+                self.break_at(span, "rule 4: one family knows another");
+            }
+        }
+    }
+
+    fn time(&mut self, span: proc_macro2::Span, path: &[String]) {
+        let ends = |a: &str, b: &str| matches!(path, [.., x, y] if x == a && y == b);
+        let clock = ends("SystemTime", "now") || ends("Instant", "now");
+        // The tool drawer measures how long its runs take; it is not shipped.
+        if clock && self.place.krate != "xtask" && self.path != "crates/link/src/clock.rs" {
+            self.break_at(span, "rule 6: reads the clock outside link/clock");
+        }
+        let waits = ends("thread", "sleep") || ends("thread", "spawn");
+        let link = self.place.krate == "link" || self.place.krate == "xtask";
+        let spawns =
+            matches!(self.place.krate.as_str(), "capture" | "cli") && ends("thread", "spawn");
+        if waits && !link && !spawns {
+            self.break_at(span, "rule 6: sleeps or spawns outside link");
+        }
+    }
+
+    /// The path from `crate`, where it begins with `self` or `super`.
+    fn resolved(&self, segments: &[String]) -> Vec<String> {
+        let mut base = self.place.modules.clone();
+        if self.place.is_root {
+            base.clear();
+        }
+        let mut rest = segments;
+        let mut relative = false;
+        while let [first, tail @ ..] = rest {
+            match first.as_str() {
+                "self" => relative = true,
+                "super" => {
+                    base.pop();
+                    relative = true;
+                }
+                _ => break,
+            }
+            rest = tail;
+        }
+        if !relative {
+            return segments.to_vec();
+        }
+        let root = std::iter::once("crate".to_owned());
+        root.chain(base).chain(rest.iter().cloned()).collect()
+    }
+
+    fn ident(&mut self, ident: &syn::Ident) {
+        let name = ident.to_string();
+        if let Some(word) = EMPTY_WORDS.iter().find(|word| name.contains(**word)) {
+            self.break_at(ident.span(), format!("`{name}`: `{word}` says nothing"));
+        }
+    }
+
+    fn tree(&mut self, prefix: &mut Vec<String>, tree: &syn::UseTree) {
+        match tree {
+            syn::UseTree::Path(path) => {
+                prefix.push(path.ident.to_string());
+                self.tree(prefix, &path.tree);
+                prefix.pop();
+            }
+            syn::UseTree::Name(syn::UseName { ident })
+            | syn::UseTree::Rename(syn::UseRename { ident, .. }) => {
+                prefix.push(ident.to_string());
+                self.path(ident.span(), prefix);
+                prefix.pop();
+            }
+            syn::UseTree::Glob(glob) => self.path(glob.star_token.spans[0], prefix),
+            syn::UseTree::Group(group) => group.items.iter().for_each(|t| self.tree(prefix, t)),
+        }
+    }
+}
+
+fn is_test(attributes: &[syn::Attribute]) -> bool {
+    attributes.iter().any(|attribute| {
+        let list = attribute.meta.require_list().map(|list| list.tokens.to_string());
+        attribute.path().is_ident("test")
+            || attribute.path().is_ident("cfg") && list.is_ok_and(|list| list == "test")
+    })
+}
+
+fn attributes(item: &syn::Item) -> &[syn::Attribute] {
+    match item {
+        syn::Item::Mod(item) => &item.attrs,
+        syn::Item::Fn(item) => &item.attrs,
+        syn::Item::Use(item) => &item.attrs,
+        syn::Item::ExternCrate(item) => &item.attrs,
+        syn::Item::Impl(item) => &item.attrs,
+        _ => &[],
+    }
+}
+
+impl<'ast> Visit<'ast> for Eyes<'_> {
+    fn visit_item(&mut self, item: &'ast syn::Item) {
+        if !self.place.test && !is_test(attributes(item)) {
+            visit::visit_item(self, item);
+        }
+    }
+
+    fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
+        self.tree(&mut Vec::new(), &item.tree);
+    }
+
+    fn visit_item_extern_crate(&mut self, item: &'ast syn::ItemExternCrate) {
+        if self.place.in_core() && item.ident == "std" {
+            self.break_at(item.ident.span(), "rule 1: core uses std");
+        }
+    }
+
+    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        if EMPTY_MODULES.iter().any(|word| item.ident == word) {
+            self.break_at(item.ident.span(), format!("module `{}` says nothing", item.ident));
+        }
+        visit::visit_item_mod(self, item);
+    }
+
+    fn visit_item_struct(&mut self, item: &'ast syn::ItemStruct) {
+        self.ident(&item.ident);
+        visit::visit_item_struct(self, item);
+    }
+
+    fn visit_item_enum(&mut self, item: &'ast syn::ItemEnum) {
+        self.ident(&item.ident);
+        visit::visit_item_enum(self, item);
+    }
+
+    fn visit_item_trait(&mut self, item: &'ast syn::ItemTrait) {
+        self.ident(&item.ident);
+        visit::visit_item_trait(self, item);
+    }
+
+    fn visit_signature(&mut self, signature: &'ast syn::Signature) {
+        let sync = ["core", "sim", "link", "polepair"].contains(&self.place.krate.as_str());
+        if sync && signature.asyncness.is_some() {
+            self.break_at(signature.ident.span(), "rule 7: an async fn");
+        }
+        visit::visit_signature(self, signature);
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        let segments: Vec<String> = path.segments.iter().map(|s| s.ident.to_string()).collect();
+        if let (true, Some(last)) = (segments.len() > 1, path.segments.last()) {
+            self.path(last.ident.span(), &segments);
+        }
+        visit::visit_path(self, path);
+    }
+
+    fn visit_macro(&mut self, invoked: &'ast syn::Macro) {
+        let name = invoked.path.segments.last().map(|s| s.ident.to_string()).unwrap_or_default();
+        if name == "todo" || name == "unimplemented" {
+            let span = syn::spanned::Spanned::span(&invoked.path);
+            self.break_at(span, format!("{name}! is not done"));
+        }
+        visit::visit_macro(self, invoked);
+    }
+}

@@ -1,0 +1,94 @@
+//! Each rule refuses a small snippet that breaks it, and lets its decent twin through.
+
+use super::names::Names;
+use super::{check, docs, run};
+use std::path::Path;
+
+fn names() -> Names {
+    let list = |words: &[&str]| words.iter().map(|w| (*w).to_owned()).collect();
+    Names { protocols: list(&["tmcl", "modbus"]), families: list(&["tmcm17x", "syntron_ts"]) }
+}
+
+#[test]
+fn the_workspace_is_tidy() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    if let Err(broken) = run(root) {
+        panic!("\n{broken}\n");
+    }
+}
+
+#[test]
+fn every_rule_refuses_a_snippet_that_breaks_it() {
+    for (path, text, rule) in [
+        ("crates/core/src/plan.rs", "use std::vec::Vec;", "rule 1: core uses std"),
+        ("crates/core/src/plan.rs", "fn f() { std::mem::drop(1) }", "rule 1: core uses std"),
+        ("crates/core/src/plan.rs", "extern crate std;", "rule 1: core uses std"),
+        ("crates/core/src/plan.rs", "use alloc::vec::Vec;", "rule 1: core allocates"),
+        ("crates/core/src/proto/tmcl/wire.rs", "use super::host::Host;", "rule 2: wire knows host"),
+        ("crates/core/src/proto/tmcl/explain.rs", "use crate::time::Instant;", "rule 2: explain"),
+        ("crates/core/src/proto/tmcl/host.rs", "use super::device::Device;", "rule 3: the host"),
+        ("crates/core/src/proto/tmcl/device.rs", "use super::host::Host;", "rule 3: the device"),
+        ("crates/core/src/proto/tmcl/host.rs", "use crate::proto::modbus::wire;", "rule 4: one p"),
+        ("crates/core/src/proto/tmcl/host.rs", "use super::super::modbus::wire;", "rule 4: one p"),
+        ("crates/core/src/proto/tmcl/axis.rs", "use crate::drives::bench;", "rule 4: a protocol"),
+        (
+            "crates/core/src/drives/tmcm17x/axis.rs",
+            "use super::super::syntron_ts::device as d;",
+            "rule 4: one family",
+        ),
+        ("crates/core/src/lane.rs", "fn f() { crate::proto::tmcl::f() }", "rule 5: names `tmcl`"),
+        ("crates/polepair/src/url.rs", "use polepair_core::proto::modbus;", "rule 5: names"),
+        ("crates/cli/src/cmd/get.rs", "use polepair_core::drives::tmcm17x::f;", "rule 5: names"),
+        ("crates/polepair/src/url.rs", "fn f() { std::time::Instant::now(); }", "rule 6: reads"),
+        ("crates/link/src/tcp.rs", "fn f() { SystemTime::now(); }", "rule 6: reads"),
+        ("crates/sim/src/world.rs", "fn f() { std::thread::sleep(d); }", "rule 6: sleeps"),
+        ("crates/polepair/src/url.rs", "fn f() { thread::spawn(g); }", "rule 6: sleeps"),
+        ("crates/link/src/tcp.rs", "async fn f() {}", "rule 7: an async fn"),
+        ("crates/sim/src/lib.rs", "mod a;", "rule 13: neither forbids"),
+        ("crates/sim/src/a.rs", "struct WireManager;", "`Manager` says nothing"),
+        ("crates/sim/src/a.rs", "enum FrameHandler {}", "`Handler` says nothing"),
+        ("crates/sim/src/a.rs", "mod common;", "module `common` says nothing"),
+        ("crates/sim/src/a.rs", "fn f() { todo!() }", "todo! is not done"),
+        ("crates/sim/src/a.rs", "fn f( {", "it does not parse"),
+    ] {
+        let broken = check(path, text, &names());
+        assert!(broken.iter().any(|b| b.contains(rule)), "{path}: {text}: {broken:?}");
+    }
+}
+
+#[test]
+fn long_files_and_wide_lines_are_refused_unless_generated() {
+    let long = "\n".repeat(701);
+    assert!(check("crates/sim/src/a.rs", &long, &names())[0].contains("701 lines"));
+    let wide = format!("// {}", "x".repeat(118));
+    assert!(check("crates/sim/src/a.rs", &wide, &names())[0].contains("121 columns"));
+    let generated = format!("//! Generated from data.\n{long}{wide}");
+    assert_eq!(check("crates/sim/src/a.rs", &generated, &names()), [""; 0]);
+}
+
+#[test]
+fn decent_code_passes() {
+    for (path, text) in [
+        ("crates/core/src/lane.rs", "use alloc::vec::Vec; use crate::station::Host;"),
+        ("crates/core/src/plan.rs", "#[cfg(test)] mod tests { extern crate std; use std::vec; }"),
+        ("crates/core/src/lane/tests.rs", "extern crate std; use crate::proto::tmcl;"),
+        ("crates/core/src/proto/tmcl/host.rs", "use super::wire::Reply; use crate::time::Instant;"),
+        ("crates/core/src/proto/mod.rs", "pub mod tmcl; fn v() { tmcl::f() }"),
+        ("crates/core/src/drives/tmcm17x/device.rs", "use crate::proto::tmcl::device::Firmware;"),
+        ("crates/polepair/src/url.rs", "fn f() -> &'static str { \"tmcl\" }"),
+        ("crates/link/src/clock.rs", "fn f() { std::time::Instant::now(); }"),
+        ("crates/link/src/keeper.rs", "fn f() { std::thread::spawn(g); }"),
+    ] {
+        assert_eq!(check(path, text, &names()), [""; 0], "{path}: {text}");
+    }
+}
+
+#[test]
+fn commands_in_docs_must_exist() {
+    let list = |words: &[&str]| words.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>();
+    let text =
+        "polepair nonsense\n```sh\npolepair get sim:tmcl\n$ polepair gte x\nmake demo\n```\n";
+    let broken = docs::unknown(text, &list(&["get"]), &list(&["demo"]));
+    assert_eq!(broken, [(4, "`polepair gte` does not exist".to_owned())]);
+    assert_eq!(docs::unknown(text, &list(&["get", "gte"]), &[]).len(), 1);
+}
