@@ -42,7 +42,7 @@ pub use connection::{AnyLane, Connection, Interrupter, Pending, Waited};
 pub use error::{Cause, LinkError};
 pub use link::{Link, Received};
 pub use ports::{Port, ports};
-pub use serve::{Wire, serve};
+pub use serve::{Served, Stop, Wire, serve};
 pub use tap::{Direction, Tap, Tapped};
 pub use wake::Waker;
 

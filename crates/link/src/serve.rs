@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 
 use polepair_core::medium::{STREAM_UNIT_MAX, Stream};
 use polepair_core::station::{LineEvent, Station};
@@ -66,6 +67,54 @@ impl Stop {
 
     fn is_set(&self) -> bool {
         self.stopped.load(Ordering::Acquire)
+    }
+}
+
+/// A drive that is served on a thread of its own. Dropped, it is stopped.
+#[derive(Debug)]
+pub struct Served {
+    stop: Stop,
+    thread: Option<JoinHandle<Result<(), LinkError>>>,
+}
+
+impl Served {
+    /// Begins to serve `wire` on `link`.
+    pub fn new(link: Box<dyn Link<Stream>>, mut wire: impl Wire + 'static) -> Self {
+        let stop = Stop::of(&*link);
+        let ended = stop.clone();
+        let thread = std::thread::spawn(move || serve(&*link, &mut wire, &ended));
+        Self { stop, thread: Some(thread) }
+    }
+
+    /// What ends it, or makes it look at its station, from elsewhere.
+    #[must_use]
+    pub fn stop(&self) -> Stop {
+        self.stop.clone()
+    }
+
+    /// Waits until it ends.
+    ///
+    /// # Errors
+    /// [`LinkError`] that ended it.
+    ///
+    /// # Panics
+    /// When the station did.
+    pub fn wait(mut self) -> Result<(), LinkError> {
+        match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(ended)) => ended,
+            Some(Err(panic)) => std::panic::resume_unwind(panic),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.stop.stop();
+        if let Some(thread) = self.thread.take() {
+            // A station that panicked has said so on stderr.
+            let _ = thread.join();
+        }
     }
 }
 
