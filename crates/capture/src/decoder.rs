@@ -40,6 +40,8 @@ pub struct Event<'a> {
     pub remote: bool,
     /// The host's own request, heard back through its adapter.
     pub echo: bool,
+    /// These bytes have not the shape of a frame.
+    pub stray: bool,
     /// What it says.
     pub explained: &'a Explained,
     /// What is wrong with it.
@@ -161,6 +163,18 @@ impl Decoder {
         self.scratch = scratch;
     }
 
+    /// Takes bytes of a serial line as they were read or written.
+    pub fn chunk(
+        &mut self,
+        time: Option<Stamp>,
+        link: &str,
+        direction: Option<Direction>,
+        bytes: &[u8],
+        out: Out<'_>,
+    ) {
+        self.take(&Line { time, link, direction, data: Data::Bytes(bytes) }, out);
+    }
+
     /// Ends the capture: what waits for more is given out as it is.
     pub fn finish(&mut self, out: Out<'_>) {
         let mut lines = core::mem::take(&mut self.lines);
@@ -278,6 +292,7 @@ impl Decoder {
             extended: false,
             remote: false,
             echo,
+            stray: piece.shape == Shape::Junk,
             explained: &self.explained,
             wrong,
         });
@@ -307,6 +322,7 @@ impl Decoder {
             extended: frame.extended,
             remote: frame.remote,
             echo: false,
+            stray: false,
             explained: &self.explained,
             wrong: self.explained.error.map(Wrong::Wire),
         });

@@ -6,7 +6,7 @@ use core::fmt;
 use polepair_core::explain::Dissector;
 use polepair_core::proto;
 
-use crate::decoder::{Decoder, Event, Wrong};
+use crate::decoder::{Decoder, Event};
 use crate::rules::{Rule, Rules, Scope};
 
 /// Share of bytes that a weak check (an 8-bit sum over nine bytes, tried at every offset) explains
@@ -130,9 +130,14 @@ impl Judge {
     fn verdict(&self, link: &str) -> Verdict {
         let mut ranked: Vec<(&Reader, &Tally)> =
             self.readers.iter().filter_map(|reader| Some((reader, reader.tally(link)?))).collect();
-        ranked.sort_by(|(_, a), (_, b)| b.share().total_cmp(&a.share()));
-        let second = ranked.get(1).filter(|(_, tally)| tally.share() > 0.0);
-        let runner_up = second.map(|(reader, tally)| (reader.dissector.name(), tally.share()));
+        // Of two that find no whole frame, the one with fewer pieces reads more into the bytes.
+        ranked.sort_by(|(_, a), (_, b)| {
+            b.share().total_cmp(&a.share()).then(a.broken.cmp(&b.broken))
+        });
+        let rivals = ranked.iter().skip(1).filter(|(_, tally)| tally.good_bytes > 0);
+        let runner_up = rivals
+            .map(|(reader, tally)| (reader.dissector.name(), tally.good_share()))
+            .max_by(|(_, a), (_, b)| a.total_cmp(b));
         let Some((reader, best)) = ranked.first() else {
             return Verdict::unknown(link);
         };
@@ -202,6 +207,11 @@ impl Tally {
         self.good_bytes + self.broken_bytes + self.stray_bytes
     }
 
+    /// Share of the bytes that are in frames whose check agrees.
+    fn good_share(&self) -> f64 {
+        self.good_bytes as f64 / self.bytes().max(1) as f64
+    }
+
     /// Share of the bytes that are explained.
     fn share(&self) -> f64 {
         let good = self.good_bytes as f64 + BROKEN_WORTH * self.broken_bytes as f64;
@@ -221,16 +231,13 @@ fn weigh(tallies: &mut Vec<Tally>, event: &Event<'_>) {
     });
     let tally = &mut tallies[at];
     let bytes = event.bytes.len().max(1) as u64;
-    match event.wrong {
-        _ if event.protocol.is_none() => tally.stray_bytes += bytes,
-        None => {
-            tally.frames += 1;
-            tally.good_bytes += bytes;
-        }
-        Some(Wrong::Wire(_) | Wrong::Broken) => {
-            tally.broken += 1;
-            tally.broken_bytes += bytes;
-        }
-        Some(Wrong::Stray(_)) => tally.stray_bytes += bytes,
+    if event.protocol.is_none() || event.stray {
+        tally.stray_bytes += bytes;
+    } else if event.wrong.is_some() {
+        tally.broken += 1;
+        tally.broken_bytes += bytes;
+    } else {
+        tally.frames += 1;
+        tally.good_bytes += bytes;
     }
 }
