@@ -2,8 +2,14 @@
 #![forbid(unsafe_code)]
 
 mod cmd;
+mod interrupt;
+mod motion;
+mod outcome;
 mod problem;
+mod session;
+mod target;
 mod terminal;
+mod value;
 
 use std::process::ExitCode;
 

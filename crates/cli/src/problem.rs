@@ -3,32 +3,7 @@
 
 use std::fmt::Write as _;
 
-/// Exit codes, fixed: scripts rely on them.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-#[repr(u8)]
-#[allow(dead_code, reason = "verbs that talk to drives use the rest")]
-pub enum Exit {
-    /// All done.
-    Ok = 0,
-    /// A negative result: a difference, a move that was not reached.
-    Negative = 1,
-    /// The command line cannot be carried out.
-    Usage = 2,
-    /// No adapter, no permission, no file.
-    Adapter = 3,
-    /// Nobody answered.
-    NoReply = 4,
-    /// An answer that is corrupt or to another question.
-    Corrupt = 5,
-    /// The drive said no.
-    Refused = 6,
-    /// Done in part.
-    Partial = 7,
-    /// The drive reports a fault.
-    DriveFault = 8,
-    /// Ctrl-C.
-    Interrupted = 130,
-}
+pub use polepair::error::Exit;
 
 /// An error as the user sees it.
 #[derive(Debug)]
@@ -57,6 +32,11 @@ impl Problem {
     /// Something about the command line.
     pub fn usage(code: &'static str, what: impl Into<String>) -> Self {
         Self::new(Exit::Usage, code, what)
+    }
+
+    /// Ctrl-C.
+    pub fn interrupted() -> Self {
+        Self::new(Exit::Interrupted, "E130", "")
     }
 
     /// Adds the reason.

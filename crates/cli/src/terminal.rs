@@ -54,6 +54,12 @@ impl Output {
         &mut self.gathered
     }
 
+    /// Adds a line.
+    pub fn line(&mut self, text: &str) {
+        self.gathered.extend_from_slice(text.as_bytes());
+        self.gathered.push(b'\n');
+    }
+
     /// Writes if enough was gathered.
     pub fn spill(&mut self) -> Result<()> {
         if self.gathered.len() < GATHER { Ok(()) } else { self.flush() }

@@ -186,7 +186,7 @@ fn report(decoder: &Decoder) -> Result {
         say(&format!("{damaged} of {lines} lines could not be read"));
     }
     if damaged > 0 && damaged == lines {
-        return Err(Problem::new(Exit::Corrupt, "E501", "this is not a capture.")
+        return Err(Problem::new(Exit::Corrupt, "E510", "this is not a capture.")
             .why("None of its lines could be read.")
             .hint("polepair decode --help shows what lines look like"));
     }

@@ -76,7 +76,7 @@ impl Encode {
     fn not_of_the_language(&self, error: TextError) -> Problem {
         let before = self.text.char_indices().take_while(|(at, _)| *at < error.at);
         let column = before.count();
-        Problem::usage("E210", format!("this is not {}.", self.protocol))
+        Problem::usage("E241", format!("this is not {}.", self.protocol))
             .why(format!("{}\n{:column$}^ expected {}", self.text, "", error.expected))
     }
 }

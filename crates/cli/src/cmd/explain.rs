@@ -6,6 +6,7 @@ use polepair_core::explain::{Context, Direction, Dissector};
 use polepair_core::profile::{Fault, Profile, Severity};
 use polepair_core::{drives, proto};
 
+use crate::outcome::faults;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::{Output, Table, colour_out};
 
@@ -82,7 +83,7 @@ impl Explain {
 
     fn unknown(&self, text: &str) -> Problem {
         let name = &self.subject;
-        Problem::new(Exit::Negative, "E101", format!("nothing is known of {text:?} in {name}."))
+        Problem::new(Exit::Negative, "E110", format!("nothing is known of {text:?} in {name}."))
             .why("It is neither a code, nor a fault's name, nor bytes in hexadecimal.")
             .hint(format!("polepair params {name} for what a drive has"))
     }
@@ -151,16 +152,6 @@ impl Subject {
             profile.faults.iter().find(same).map(|fault| show_fault(profile, fault))
         })
     }
-}
-
-/// The fault of that code; where a drive tells faults as bits, every bit that is set.
-pub fn faults(profile: &'static Profile, code: u32) -> Vec<&'static Fault> {
-    if let Some(fault) = profile.faults.iter().find(|fault| fault.code == code) {
-        return vec![fault];
-    }
-    let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
-    let set = |fault: &&Fault| bits && fault.code & code != 0;
-    profile.faults.iter().filter(set).collect()
 }
 
 fn show_fault(profile: &Profile, fault: &Fault) -> String {

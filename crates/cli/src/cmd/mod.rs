@@ -4,9 +4,24 @@ mod completions;
 mod decode;
 mod encode;
 mod explain;
+mod get;
+mod info;
+mod moves;
+mod params;
+mod ports;
+mod scan;
+mod set;
+mod sim;
+mod verbs;
+mod watch;
 
-use clap::{Parser, Subcommand};
+use std::path::PathBuf;
 
+use clap::{Args, Parser, Subcommand};
+use polepair::Connector;
+use polepair_core::profile::Profile;
+
+use crate::outcome;
 use crate::problem::Result;
 
 /// Talk to motor drives, simulate them, and read what others said to them.
@@ -36,6 +51,40 @@ pub enum Verb {
     Encode(encode::Encode),
     /// Say what a fault, a status, an exception or a frame means
     Explain(explain::Explain),
+    /// Find the drives on a link
+    Scan(scan::Scan),
+    /// Show who a drive is, what it does, and its faults in words
+    Info(info::Info),
+    /// Read parameters by name, with units
+    Get(get::Get),
+    /// Write parameters by name, with units
+    Set(set::Set),
+    /// Power the motor, holding it where it stands
+    Enable(verbs::Enable),
+    /// Take power off the motor
+    Disable(verbs::Disable),
+    /// Bring motors to rest; without #AXES every axis on the link
+    Stop(verbs::Stop),
+    /// Clear faults
+    Clear(verbs::Clear),
+    /// Turn a motor at a speed until Ctrl-C
+    Spin(moves::Spin),
+    /// Move an axis to a position
+    Move(moves::Move),
+    /// Turn a motor with a torque until Ctrl-C
+    Torque(moves::Torque),
+    /// Find an axis' reference position
+    Home(moves::Home),
+    /// Turn a motor slowly until Ctrl-C
+    Jog(moves::Jog),
+    /// Show signals or parameters again and again
+    Watch(watch::Watch),
+    /// List the serial adapters, and why one cannot be used
+    Ports(ports::Ports),
+    /// Show what a drive has: units, ranges, defaults, manual sections
+    Params(params::Params),
+    /// Simulate drives that any program can talk to
+    Sim(sim::Sim),
     /// Print a completion script for a shell
     Completions(completions::Completions),
 }
@@ -46,6 +95,47 @@ pub fn run(verb: Verb) -> Result {
         Verb::Decode(verb) => verb.run(),
         Verb::Encode(verb) => verb.run(),
         Verb::Explain(verb) => verb.run(),
+        Verb::Scan(verb) => verb.run(),
+        Verb::Info(verb) => verb.run(),
+        Verb::Get(verb) => verb.run(),
+        Verb::Set(verb) => verb.run(),
+        Verb::Enable(verb) => verb.run(),
+        Verb::Disable(verb) => verb.run(),
+        Verb::Stop(verb) => verb.run(),
+        Verb::Clear(verb) => verb.run(),
+        Verb::Spin(verb) => verb.run(),
+        Verb::Move(verb) => verb.run(),
+        Verb::Torque(verb) => verb.run(),
+        Verb::Home(verb) => verb.run(),
+        Verb::Jog(verb) => verb.run(),
+        Verb::Watch(verb) => verb.run(),
+        Verb::Ports(verb) => verb.run(),
+        Verb::Params(verb) => verb.run(),
+        Verb::Sim(verb) => verb.run(),
         Verb::Completions(verb) => verb.run(),
+    }
+}
+
+/// A user's own profile.
+#[derive(Args, Debug)]
+pub struct ProfileFile {
+    /// Describe a drive by a TOML file of your own
+    #[arg(long = "profile", value_name = "FILE")]
+    file: Option<PathBuf>,
+}
+
+impl ProfileFile {
+    /// How links are opened, with the profile.
+    pub fn connector(&self) -> Result<Connector> {
+        let connector = Connector::discover().map_err(outcome::error)?;
+        match &self.file {
+            Some(file) => connector.with_profile(file).map_err(outcome::error),
+            None => Ok(connector),
+        }
+    }
+
+    /// Every profile that is known, the user's own first.
+    pub fn known(&self) -> Result<Vec<&'static Profile>> {
+        Ok(self.connector()?.config.all_profiles().collect())
     }
 }

@@ -1,0 +1,238 @@
+//! `polepair spin|move|torque|home|jog URL VALUE[unit]`
+
+use clap::Args;
+use polepair::Axis;
+use polepair_core::axis::{Command, Verb};
+use polepair_core::plan::Argument;
+use polepair_core::profile::Signal;
+
+use crate::cmd::info;
+use crate::motion::{self, Then, argument};
+use crate::problem::Result;
+use crate::target::Target;
+use crate::terminal::Output;
+use crate::value;
+
+/// What a jog does unless a speed is given.
+const JOG: &str = "60 rpm";
+
+/// How a motion that lasts is ended.
+#[derive(Args, Debug)]
+struct Lasting {
+    /// Stop after this time instead of at Ctrl-C: 2s, 500ms, 1min
+    #[arg(long = "for", value_name = "TIME", value_parser = value::span)]
+    seconds: Option<f64>,
+    /// Leave the motor running, and print what stops it
+    #[arg(long, conflicts_with = "seconds")]
+    detach: bool,
+    /// Print the frames and send nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// How a motion that arrives is ended.
+#[derive(Args, Debug)]
+struct Arriving {
+    /// Return at once and print what would stop it
+    #[arg(long)]
+    detach: bool,
+    /// Wait until it has arrived (the default)
+    #[arg(long, conflicts_with = "detach", hide = true)]
+    wait: bool,
+    /// Give up waiting after this time
+    #[arg(long, value_name = "TIME", value_parser = value::span)]
+    timeout: Option<f64>,
+    /// Print the frames and send nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// Turns a motor at a speed until Ctrl-C.
+///
+/// The axis is armed and powered for as long, and stopped at the end.
+#[derive(Args, Debug)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "\
+Examples:
+  polepair spin tmcl+serial:///dev/ttyUSB0#1 350rpm
+  polepair spin sim:tmcl --for 2s -- -20rad/s
+  polepair spin sim:modbus-rtu 200rpm --dry-run"
+)]
+pub struct Spin {
+    #[command(flatten)]
+    target: Target,
+    /// Speed with a unit, or in the drive's own
+    #[arg(value_name = "SPEED", allow_hyphen_values = true)]
+    speed: String,
+    /// Acceleration
+    #[arg(long, value_name = "VALUE")]
+    acc: Option<String>,
+    #[command(flatten)]
+    lasting: Lasting,
+}
+
+/// Turns a motor slowly until Ctrl-C.
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  polepair jog tmcl+serial:///dev/ttyUSB0#1 30rpm --for 1s")]
+pub struct Jog {
+    #[command(flatten)]
+    target: Target,
+    /// Speed with a unit, or in the drive's own [default: 60 rpm]
+    #[arg(value_name = "SPEED", allow_hyphen_values = true)]
+    speed: Option<String>,
+    #[command(flatten)]
+    lasting: Lasting,
+}
+
+/// Turns a motor with a torque until Ctrl-C.
+#[derive(Args, Debug)]
+#[command(after_help = "Example:\n  polepair torque tmcl+serial:///dev/ttyUSB0#1 0.5A --for 1s")]
+pub struct Torque {
+    #[command(flatten)]
+    target: Target,
+    /// Torque, or what stands for it in this drive: Nm, A or %
+    #[arg(value_name = "TORQUE", allow_hyphen_values = true)]
+    torque: String,
+    #[command(flatten)]
+    lasting: Lasting,
+}
+
+/// Moves an axis to a position and waits until it is there.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair move tmcl+serial:///dev/ttyUSB0#1 90deg --vel 200rpm
+  polepair move sim:tmcl --rel 2turn --timeout 5s")]
+pub struct Move {
+    #[command(flatten)]
+    target: Target,
+    /// Position with a unit, or in the drive's own
+    #[arg(value_name = "POSITION", allow_hyphen_values = true)]
+    position: String,
+    /// By so far, from where it is
+    #[arg(long)]
+    rel: bool,
+    /// Speed
+    #[arg(long, value_name = "VALUE")]
+    vel: Option<String>,
+    /// Acceleration
+    #[arg(long, value_name = "VALUE")]
+    acc: Option<String>,
+    #[command(flatten)]
+    arriving: Arriving,
+}
+
+/// Finds an axis' reference position and waits until it is found.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Example:\n  polepair home modbus-rtu+serial:///dev/ttyUSB0#1 --timeout 30s"
+)]
+pub struct Home {
+    #[command(flatten)]
+    target: Target,
+    /// Speed of the search
+    #[arg(long, value_name = "VALUE")]
+    vel: Option<String>,
+    #[command(flatten)]
+    arriving: Arriving,
+}
+
+impl Spin {
+    pub fn run(self) -> Result {
+        let command = |axis: &Axis| {
+            let mut command = Command::new(Verb::Velocity);
+            command.velocity =
+                Some(argument(axis, Verb::Velocity, Argument::Velocity, &self.speed)?);
+            command.acceleration = given(axis, Verb::Velocity, Argument::Acceleration, &self.acc)?;
+            Ok(command)
+        };
+        lasting(&self.target, &self.lasting, command)
+    }
+}
+
+impl Jog {
+    pub fn run(self) -> Result {
+        let speed = self.speed.as_deref().unwrap_or(JOG);
+        let command = |axis: &Axis| {
+            let mut command = Command::new(Verb::Velocity);
+            command.velocity = Some(argument(axis, Verb::Velocity, Argument::Velocity, speed)?);
+            Ok(command)
+        };
+        lasting(&self.target, &self.lasting, command)
+    }
+}
+
+impl Torque {
+    pub fn run(self) -> Result {
+        let command = |axis: &Axis| {
+            let mut command = Command::new(Verb::Torque);
+            command.torque = Some(argument(axis, Verb::Torque, Argument::Torque, &self.torque)?);
+            Ok(command)
+        };
+        lasting(&self.target, &self.lasting, command)
+    }
+}
+
+impl Move {
+    pub fn run(self) -> Result {
+        let verb = if self.rel { Verb::MoveBy } else { Verb::MoveTo };
+        let command = |axis: &Axis| {
+            let mut command = Command::new(verb);
+            command.target = Some(argument(axis, verb, Argument::Target, &self.position)?);
+            command.velocity = given(axis, verb, Argument::Velocity, &self.vel)?;
+            command.acceleration = given(axis, verb, Argument::Acceleration, &self.acc)?;
+            Ok(command)
+        };
+        arriving(&self.target, &self.arriving, command)
+    }
+}
+
+impl Home {
+    pub fn run(self) -> Result {
+        let command = |axis: &Axis| {
+            let mut command = Command::new(Verb::Home);
+            command.velocity = given(axis, Verb::Home, Argument::Velocity, &self.vel)?;
+            Ok(command)
+        };
+        arriving(&self.target, &self.arriving, command)
+    }
+}
+
+fn given(axis: &Axis, verb: Verb, which: Argument, text: &Option<String>) -> Result<Option<f64>> {
+    text.as_deref().map(|text| argument(axis, verb, which, text)).transpose()
+}
+
+fn lasting(target: &Target, how: &Lasting, command: impl Fn(&Axis) -> Result<Command>) -> Result {
+    if how.dry_run {
+        return target.rehearse(command);
+    }
+    let session = target.open()?;
+    let commands = each(session.axes(), command)?;
+    let then = if how.detach { Then::Detach } else { Then::Hold(how.seconds) };
+    motion::run(&session, &commands, then)
+}
+
+fn arriving(target: &Target, how: &Arriving, command: impl Fn(&Axis) -> Result<Command>) -> Result {
+    if how.dry_run {
+        return target.rehearse(command);
+    }
+    let session = target.open()?;
+    let commands = each(session.axes(), command)?;
+    let then = if how.detach { Then::Detach } else { Then::Arrive(how.timeout) };
+    let exit = motion::run(&session, &commands, then)?;
+    if then != Then::Detach {
+        let mut out = Output::stdout();
+        for axis in session.axes() {
+            if let Some(position) = info::shown(axis, Signal::Position)? {
+                out.line(&format!("{}position = {position}", session.who(axis)));
+            }
+        }
+        out.flush()?;
+    }
+    Ok(exit)
+}
+
+fn each(axes: &[Axis], command: impl Fn(&Axis) -> Result<Command>) -> Result<Vec<(Axis, Command)>> {
+    axes.iter().map(|axis| command(axis).map(|command| (axis.clone(), command))).collect()
+}

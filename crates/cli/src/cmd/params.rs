@@ -1,0 +1,216 @@
+//! `polepair params [FAMILY] [NAME]`
+
+use clap::Args;
+use polepair_core::profile::{Access, Certainty, Encoding, Parameter, Persistence, Profile};
+
+use crate::problem::{Exit, Problem, Result};
+use crate::terminal::{Output, Table, colour_out};
+use crate::value::{fixed_scale, number, with_unit};
+
+/// Shows what a drive has: names, units, ranges, defaults, where the manual says so.
+///
+/// Without FAMILY the drives that are known are listed.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair params
+  polepair params tmcm-171
+  polepair params tmcm-171 \"max current\"
+  polepair params syntron-ts Fn_33")]
+pub struct Params {
+    /// A drive or a family: tmcm-171, syntron-ts, …
+    family: Option<String>,
+    /// One parameter, by its name or by the manual's symbol, or a part of it
+    name: Option<String>,
+    #[command(flatten)]
+    profiles: super::ProfileFile,
+}
+
+impl Params {
+    pub fn run(self) -> Result {
+        let known = self.profiles.known()?;
+        let text = match (&self.family, &self.name) {
+            (None, _) => drives_known(&known),
+            (Some(family), None) => parameters(find(&known, family)?, |_| true),
+            (Some(family), Some(name)) => one(find(&known, family)?, name)?,
+        };
+        let mut out = Output::stdout();
+        out.buffer().extend_from_slice(text.as_bytes());
+        out.flush()?;
+        Ok(Exit::Ok)
+    }
+}
+
+/// Every drive that is compiled in, by the word users type.
+pub fn find(known: &[&'static Profile], word: &str) -> Result<&'static Profile> {
+    let named = known.iter().find(|profile| profile.name.eq_ignore_ascii_case(word));
+    let of_family = || known.iter().find(|profile| profile.family.eq_ignore_ascii_case(word));
+    named.or_else(of_family).copied().ok_or_else(|| {
+        let names: Vec<&str> = known.iter().map(|profile| profile.name).collect();
+        let nearest = polepair_capture::nearest(word, names.iter().copied());
+        Problem::usage("E204", format!("{word:?} is not a drive that polepair knows."))
+            .why(format!("It knows {}.", crate::problem::list(&names)))
+            .hint_if(nearest.map(|name| format!("{name} (the nearest)")))
+            .hint("--profile FILE describes a drive of your own")
+    })
+}
+
+fn drives_known(known: &[&'static Profile]) -> String {
+    let mut table = Table::with_heads(&["drive", "protocol", "parameters", "faults", "product"]);
+    for profile in known {
+        table.row([
+            profile.name.to_owned(),
+            profile.protocol.to_owned(),
+            profile.parameters.len().to_string(),
+            profile.faults.len().to_string(),
+            profile.title.to_owned(),
+        ]);
+    }
+    table.render(colour_out())
+}
+
+fn parameters(profile: &Profile, wanted: impl Fn(&Parameter) -> bool) -> String {
+    let heads = ["name", "symbol", "range", "default", "access", "kept", "section"];
+    let mut table = Table::with_heads(&heads);
+    for parameter in profile.parameters.iter().filter(|parameter| wanted(parameter)) {
+        let sure = match parameter.certainty {
+            Certainty::Documented => "",
+            Certainty::Inferred => " (inferred)",
+            Certainty::Undocumented => " (undocumented)",
+        };
+        table.row([
+            parameter.name.to_owned(),
+            parameter.symbol.to_owned(),
+            range(parameter),
+            parameter.default.map_or_else(String::new, |raw| in_unit(parameter, raw)),
+            access(parameter).to_owned(),
+            kept(parameter).to_owned(),
+            format!("{}{sure}", parameter.section),
+        ]);
+    }
+    table.render(colour_out())
+}
+
+/// One parameter in full; or all whose names contain the word.
+fn one(profile: &'static Profile, name: &str) -> Result<String> {
+    if let Some(parameter) = profile.find(name).and_then(|id| profile.parameter(id)) {
+        return Ok(in_full(profile, parameter));
+    }
+    let part = name.to_ascii_lowercase();
+    let contains = |p: &Parameter| {
+        p.name.to_ascii_lowercase().contains(&part) || p.symbol.to_ascii_lowercase().contains(&part)
+    };
+    if profile.parameters.iter().any(contains) {
+        return Ok(parameters(profile, contains));
+    }
+    Err(no_such_parameter(profile, name))
+}
+
+/// A name that the drive does not have.
+pub fn no_such_parameter(profile: &Profile, name: &str) -> Problem {
+    let names = profile.parameters.iter().flat_map(|p| [p.name, p.symbol]);
+    let nearest = polepair_capture::nearest(name, names);
+    Problem::usage("E205", format!("{} has no parameter {name:?}.", profile.name))
+        .hint_if(nearest.map(|name| format!("{name:?} (the nearest)")))
+        .hint(format!("polepair params {} lists them all", profile.name))
+}
+
+fn in_full(profile: &Profile, parameter: &Parameter) -> String {
+    let mut text = format!("{} ({}, {})\n", parameter.name, parameter.symbol, profile.name);
+    if !parameter.about.is_empty() {
+        text.push_str(&format!("{}\n", parameter.about));
+    }
+    let mut table = Table::default();
+    let mut fact = |word: &str, value: String| {
+        if !value.is_empty() {
+            table.row([format!("  {word}"), value]);
+        }
+    };
+    fact("range", range(parameter));
+    fact("default", parameter.default.map_or_else(String::new, |raw| in_unit(parameter, raw)));
+    fact("unit", parameter.unit.symbol().to_owned());
+    fact("scale", scale(profile, parameter));
+    fact("raw", format!("{} to {}, {}", parameter.min, parameter.max, encoding(parameter)));
+    fact("access", access(parameter).to_owned());
+    fact("kept", kept(parameter).to_owned());
+    if parameter.moves {
+        fact("moves", "writing it may start or change motion: the axis must be armed".to_owned());
+    }
+    fact("source", source(profile, parameter));
+    for (raw, name) in parameter.values {
+        fact(&format!("{raw}"), (*name).to_owned());
+    }
+    text.push_str(&table.render(false));
+    text
+}
+
+fn source(profile: &Profile, parameter: &Parameter) -> String {
+    let section = match parameter.section {
+        "" => String::new(),
+        section => format!(", {section}"),
+    };
+    let sure = match parameter.certainty {
+        Certainty::Documented => "",
+        Certainty::Inferred => " (inferred from sibling products)",
+        Certainty::Undocumented => " (no source says what it is)",
+    };
+    format!("{}{section}{sure}", profile.source)
+}
+
+fn scale(profile: &Profile, parameter: &Parameter) -> String {
+    let name = |id| profile.parameter(id).map_or("?", |other| other.name);
+    let scale = parameter.scale;
+    let times = scale.times.map_or_else(String::new, |id| format!(" x {:?}", name(id)));
+    let over = scale.over.map_or_else(String::new, |id| format!(" / {:?}", name(id)));
+    if scale.factor == 1.0 && times.is_empty() && over.is_empty() {
+        return String::new();
+    }
+    format!("raw x {}{times}{over}", number(scale.factor))
+}
+
+fn range(parameter: &Parameter) -> String {
+    match (fixed_scale(parameter, parameter.min), fixed_scale(parameter, parameter.max)) {
+        (Some(min), Some(max)) => format!("{} .. {}", number(min), with_unit(max, parameter.unit)),
+        _ => format!("{} .. {} raw, in {}", parameter.min, parameter.max, parameter.unit.symbol()),
+    }
+}
+
+fn in_unit(parameter: &Parameter, raw: i64) -> String {
+    let value = match fixed_scale(parameter, raw) {
+        Some(value) => with_unit(value, parameter.unit),
+        None => format!("{raw} raw"),
+    };
+    match crate::value::value_name(parameter, raw) {
+        Some(name) => format!("{value} ({name})"),
+        None => value,
+    }
+}
+
+const fn access(parameter: &Parameter) -> &'static str {
+    match parameter.access {
+        Access::Read => "read",
+        Access::Write => "write",
+        Access::ReadWrite => "read, write",
+    }
+}
+
+const fn kept(parameter: &Parameter) -> &'static str {
+    match parameter.persistence {
+        Persistence::Volatile => "",
+        Persistence::Storable => "when stored",
+        Persistence::Always => "at every write",
+        Persistence::UnlessRam => "at every write, unless in RAM mode",
+    }
+}
+
+const fn encoding(parameter: &Parameter) -> &'static str {
+    match parameter.encoding {
+        Encoding::Bit => "one bit",
+        Encoding::U16 => "16 bits",
+        Encoding::I16 => "16 bits, signed",
+        Encoding::U32 => "32 bits",
+        Encoding::I32 => "32 bits, signed",
+        Encoding::I32LowFirst => "32 bits, signed, low word first",
+        Encoding::TensAndThousandths => "tens in one register, thousandths in the next",
+    }
+}

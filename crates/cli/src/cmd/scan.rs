@@ -1,0 +1,102 @@
+//! `polepair scan URL [--ids 1-32]`
+
+use std::io::IsTerminal as _;
+use std::ops::RangeInclusive;
+
+use clap::Args;
+use polepair::scan::{Found, Numbers, Progress};
+use polepair_capture::jsonl;
+
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::target::{Format, Target};
+use crate::terminal::{Output, Table, colour_out, say};
+
+/// Looks for drives on a link, by reads only.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair scan tmcl+serial:///dev/ttyUSB0:9600
+  polepair scan modbus-rtu+serial:///dev/ttyUSB0:115200 --ids 1-32
+  polepair scan sim:tmcl?axes=3")]
+pub struct Scan {
+    #[command(flatten)]
+    target: Target,
+    /// Addresses to try [default: all that the protocol has]
+    #[arg(long, value_name = "FIRST-LAST", value_parser = ids)]
+    ids: Option<RangeInclusive<u32>>,
+    /// How they are printed
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
+}
+
+impl Scan {
+    pub fn run(self) -> Result {
+        let connector = self.target.connector()?;
+        let numbers = self.ids.clone().map_or(Numbers::ALL, Numbers::from);
+        let live = std::io::stderr().is_terminal();
+        let mut progress = |at: Progress| {
+            if live {
+                eprint!("\r\x1b[Kasking address {} ({} of {})", at.number, at.done + 1, at.of);
+            }
+        };
+        let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut progress);
+        if live {
+            eprint!("\r\x1b[K");
+        }
+        let scan = scan.map_err(outcome::error)?;
+        let mut out = Output::stdout();
+        match self.format {
+            Format::Text if scan.found.is_empty() => {}
+            Format::Text => out.buffer().extend_from_slice(table(&scan.found).as_bytes()),
+            Format::Jsonl => scan.found.iter().for_each(|found| object(found, out.buffer())),
+        }
+        out.flush()?;
+        scan.tried.iter().for_each(|tried| say(&format!("tried {tried}")));
+        if scan.found.is_empty() {
+            return Err(Problem::new(Exit::NoReply, "E403", "no drive answered.")
+                .why("Every address that was tried stayed silent.")
+                .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
+                .hint("polepair ports lists the adapters"));
+        }
+        Ok(Exit::Ok)
+    }
+}
+
+fn ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    let number = |text: &str| text.trim().parse::<u32>().ok();
+    match (number(first), number(last)) {
+        (Some(first), Some(last)) if first <= last => Ok(first..=last),
+        _ => Err("write one address, or FIRST-LAST such as 1-32".to_owned()),
+    }
+}
+
+fn table(found: &[Found]) -> String {
+    let mut table = Table::with_heads(&["axis", "drive", "known by", "product"]);
+    for one in found {
+        table.row([
+            one.number.to_string(),
+            one.profile.name.to_owned(),
+            one.identified.to_string(),
+            one.profile.title.to_owned(),
+        ]);
+    }
+    let mut text = table.render(colour_out());
+    for one in found {
+        if let Some(clash) = &one.clash {
+            text.push_str(&format!("axis {}: {clash}\n", one.number));
+        }
+    }
+    text
+}
+
+fn object(found: &Found, out: &mut Vec<u8>) {
+    out.extend_from_slice(format!("{{\"axis\":{},\"drive\":", found.number).as_bytes());
+    jsonl::string(out, found.profile.name);
+    out.extend_from_slice(b",\"product\":");
+    jsonl::string(out, found.profile.title);
+    out.extend_from_slice(b",\"known\":");
+    jsonl::string(out, &found.identified.to_string());
+    out.extend_from_slice(format!(",\"clash\":{}}}\n", found.clash.is_some()).as_bytes());
+}

@@ -1,0 +1,138 @@
+//! `polepair set URL NAME=VALUE…`
+
+use clap::Args;
+use polepair::{Amount, Axis};
+use polepair_core::profile::{Access, Parameter, ParameterId};
+
+use crate::cmd::get::named;
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::session::{Session, read};
+use crate::target::Target;
+use crate::terminal::Output;
+
+/// Writes parameters by name, with units, checked against their limits.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair set tmcl+serial:///dev/ttyUSB0#1 \"max current=1.2A\"
+  polepair set sim:tmcl \"AP 4=2000\" --raw --store
+  polepair set sim:modbus-rtu \"internal speed=200rpm\" --arm")]
+pub struct Set {
+    #[command(flatten)]
+    target: Target,
+    /// NAME=VALUE, with a unit or in the parameter's own; a value may be a name
+    #[arg(required = true, value_name = "NAME=VALUE")]
+    settings: Vec<String>,
+    /// The values are numbers as on the wire
+    #[arg(long)]
+    raw: bool,
+    /// Keep the settings in the drive's permanent memory
+    #[arg(long)]
+    store: bool,
+    /// Let writes through that may start or change motion
+    #[arg(long)]
+    arm: bool,
+}
+
+impl Set {
+    pub fn run(self) -> Result {
+        let session = self.target.open()?;
+        session.listen();
+        let mut out = Output::stdout();
+        for axis in session.axes() {
+            // All are checked before the first is written.
+            let mut writes = Vec::new();
+            for setting in &self.settings {
+                let (name, value) = split(setting)?;
+                let id = named(axis, name)?;
+                writes.push((id, self.value(axis, id, value)?));
+            }
+            if self.arm {
+                axis.arm(true);
+            }
+            for (id, raw) in writes {
+                self.set(&session, axis, id, raw, &mut out)?;
+                out.flush()?;
+            }
+            axis.arm(false);
+        }
+        Ok(Exit::Ok)
+    }
+
+    /// The raw value that `text` means, within the limits.
+    fn value(&self, axis: &Axis, id: ParameterId, text: &str) -> Result<i64> {
+        let Some(parameter) = axis.profile().parameter(id) else { return Ok(0) };
+        if self.raw {
+            return whole(text).ok_or_else(|| {
+                let what = format!("{text:?} is not a whole number.");
+                Problem::usage("E217", what).why("Nothing was sent.")
+            });
+        }
+        if let Some(raw) = switched(parameter, text) {
+            return Ok(raw);
+        }
+        let raw = axis.raw_of(id, &Amount::from(text)).map_err(outcome::error)?;
+        if raw < parameter.min || raw > parameter.max {
+            return Err(out_of_range(axis, id, parameter, text));
+        }
+        Ok(raw)
+    }
+
+    fn set(
+        &self,
+        session: &Session,
+        axis: &Axis,
+        id: ParameterId,
+        raw: i64,
+        out: &mut Output,
+    ) -> Result<()> {
+        let Some(parameter) = axis.profile().parameter(id) else { return Ok(()) };
+        axis.write(id, raw, self.store).map_err(outcome::error)?;
+        let value = match parameter.access {
+            Access::Write => axis.value(id, raw).map_err(outcome::error)?,
+            _ => read(axis, id)?,
+        };
+        let shown = if self.raw { value.raw.to_string() } else { value.to_string() };
+        out.line(&format!("{}{} = {shown}", session.who(axis), parameter.name));
+        if value.raw == raw {
+            return Ok(());
+        }
+        let what = format!("{:?} did not keep what was written.", parameter.name);
+        Err(Problem::new(Exit::Negative, "E111", what)
+            .why(format!("{raw} raw was written and accepted, {} raw is read back.", value.raw)))
+    }
+}
+
+fn split(setting: &str) -> Result<(&str, &str)> {
+    setting.split_once('=').map(|(name, value)| (name.trim(), value.trim())).ok_or_else(|| {
+        Problem::usage("E242", format!("{setting:?} is not NAME=VALUE."))
+            .why("Nothing was sent.")
+            .hint(format!("polepair get URL {setting:?} reads it"))
+    })
+}
+
+fn whole(text: &str) -> Option<i64> {
+    match text.strip_prefix("0x") {
+        Some(digits) => i64::from_str_radix(digits, 16).ok(),
+        None => text.parse().ok(),
+    }
+}
+
+/// `on` and `off` for what is a bit and has no words of its own.
+fn switched(parameter: &Parameter, text: &str) -> Option<i64> {
+    let bit = (parameter.min, parameter.max) == (0, 1) && parameter.values.is_empty();
+    match text {
+        "on" | "true" | "yes" if bit => Some(1),
+        "off" | "false" | "no" if bit => Some(0),
+        _ => None,
+    }
+}
+
+fn out_of_range(axis: &Axis, id: ParameterId, parameter: &Parameter, text: &str) -> Problem {
+    let shown = |raw| axis.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());
+    let (min, max) = (shown(parameter.min), shown(parameter.max));
+    Problem::usage("E216", format!("{text} is out of range for {:?}.", parameter.name))
+        .why(format!("It takes {min} to {max}; nothing was sent."))
+        .hint(format!("polepair params {} {:?}", axis.profile().name, parameter.name))
+}

@@ -1,0 +1,276 @@
+//! What the motion verbs share: the caution, arming, enabling, holding, stopping.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use polepair::Axis;
+use polepair_core::axis::{Command, Verb};
+use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::profile::{AxisKind, Profile, Severity, Signal, Watchdog};
+use polepair_core::units::Unit;
+use polepair_link::clock;
+
+use crate::interrupt;
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::session::{Session, signal, verb_if_any};
+use crate::terminal::{self, say};
+
+/// How often a held motion looks for Ctrl-C and its end.
+const LOOK_MS: u32 = 25;
+/// How often it reads the drive.
+const READ_MS: u32 = 250;
+/// How long a move may take unless the user says otherwise.
+const ARRIVE_MAX: Duration = Duration::from_secs(600);
+
+/// What to do with a motion once it runs.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Then {
+    /// Hold it for some seconds, or until Ctrl-C, and stop it.
+    Hold(Option<f64>),
+    /// Wait until it has arrived, at most so many seconds.
+    Arrive(Option<f64>),
+    /// Leave it running.
+    Detach,
+}
+
+/// The unit in which a verb's argument is taken: that of the parameter which the plan writes.
+/// `None` when the plan has no use for it.
+pub fn unit_of(profile: &Profile, verb: Verb, argument: Argument) -> Option<Unit> {
+    let takes = |operand: &Operand| match operand {
+        Operand::Argument(found) | Operand::Given(found) => *found == argument,
+        Operand::Is(_) => false,
+    };
+    let id = profile.plan(verb)?.steps.iter().find_map(|step| match step {
+        Step::Write(id, operand) if takes(operand) => Some(Some(*id)),
+        Step::Send { operand, like, .. } if takes(operand) => Some(*like),
+        _ => None,
+    })?;
+    let unit = id.and_then(|id| profile.parameter(id)).map_or(Unit::None, |found| found.unit);
+    Some(if unit == Unit::None { customary(profile.axis, argument) } else { unit })
+}
+
+/// What people say for an axis of that kind.
+const fn customary(kind: AxisKind, argument: Argument) -> Unit {
+    match (kind, argument) {
+        (AxisKind::Rotary, Argument::Target) => Unit::Degree,
+        (AxisKind::Rotary, Argument::Velocity) => Unit::Rpm,
+        (AxisKind::Rotary, Argument::Acceleration) => Unit::RpmPerSecond,
+        (AxisKind::Linear, Argument::Target) => Unit::Millimetre,
+        (AxisKind::Ratio, Argument::Target) => Unit::Percent,
+        _ => Unit::None,
+    }
+}
+
+/// Reads an argument in its unit.
+pub fn argument(axis: &Axis, verb: Verb, which: Argument, text: &str) -> Result<f64> {
+    let Some(unit) = unit_of(axis.profile(), verb, which) else {
+        let option = match which {
+            Argument::Velocity => "--vel",
+            Argument::Acceleration => "--acc",
+            Argument::Torque => "--torque",
+            Argument::Target => "VALUE",
+        };
+        let name = axis.profile().name;
+        let what = match axis.profile().plan(verb) {
+            None => format!("{name} cannot {}.", verb.name().replace('-', " ")),
+            Some(_) => format!("{name} takes no {option} with this verb."),
+        };
+        return Err(Problem::usage("E218", what)
+            .why("Its profile has no steps for that; nothing was sent."));
+    };
+    let measure = polepair::quantity::parse(text).map_err(outcome::error)?;
+    measure.in_unit(unit).map_err(outcome::error)
+}
+
+/// Says what to watch out for, once per product, before anything moves.
+pub fn caution(session: &Session) {
+    let mut told: Vec<&str> = Vec::new();
+    for axis in session.axes() {
+        let profile = axis.profile();
+        if told.contains(&profile.name) {
+            continue;
+        }
+        told.push(profile.name);
+        if !profile.caution.is_empty() {
+            say(&format!("caution: {}: {}", profile.name, profile.caution));
+        }
+        say(&format!("watchdog: {}", watchdog(profile)));
+    }
+}
+
+/// What the drive does when the link dies.
+pub fn watchdog(profile: &Profile) -> String {
+    match profile.watchdog {
+        Watchdog::None => {
+            "none - the motor keeps doing what it was last told if the link dies".into()
+        }
+        Watchdog::Fixed { after_ms } => {
+            format!("the drive stops {after_ms} ms after the link dies")
+        }
+        Watchdog::Configurable { parameter } => {
+            let name = profile.parameter(parameter).map_or("?", |parameter| parameter.name);
+            format!("the drive stops after the time in {name:?} without requests, 0 is never")
+        }
+    }
+}
+
+/// Carries a motion out on every axis of the session, and stops what it started when it ends early.
+pub fn run(session: &Session, commands: &[(Axis, Command)], then: Then) -> Result {
+    caution(session);
+    session.listen();
+    let mut started: Vec<Started> = Vec::new();
+    let ended = begin(commands, &mut started).and_then(|()| match then {
+        Then::Hold(seconds) => hold(commands, seconds),
+        Then::Arrive(seconds) => arrive(commands, seconds),
+        Then::Detach => Ok(()),
+    });
+    if then == Then::Detach && ended.is_ok() {
+        say(&format!("left running; this stops it: polepair stop {}", session.url));
+        return Ok(Exit::Ok);
+    }
+    let arrived = matches!(then, Then::Arrive(_)) && ended.is_ok();
+    let stopped = finish(&started, arrived);
+    match ended {
+        Err(problem) if problem.exit == Exit::Interrupted => {
+            stopped?;
+            say("interrupted: the motion was stopped");
+            Err(problem)
+        }
+        Err(problem) => Err(problem),
+        Ok(()) => stopped.map(|()| Exit::Ok),
+    }
+}
+
+/// An axis that this verb set in motion.
+struct Started {
+    axis: Axis,
+    /// It was not powered before.
+    enabled_here: bool,
+}
+
+fn begin(commands: &[(Axis, Command)], started: &mut Vec<Started>) -> Result<()> {
+    for (axis, command) in commands {
+        let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
+        axis.arm(true);
+        started.push(Started { axis: axis.clone(), enabled_here: !enabled });
+        if !enabled {
+            verb_if_any(axis, Verb::Enable)?;
+        }
+        axis.run(*command).map_err(outcome::error)?;
+    }
+    Ok(())
+}
+
+/// Waits, and shows what the drive does where a person looks.
+fn hold(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
+    let begun = clock::now();
+    let end = seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
+    let mut next = begun;
+    let mut live = Live::new();
+    if seconds.is_none() {
+        say("holding; Ctrl-C stops it");
+    }
+    loop {
+        let now = clock::now();
+        if interrupt::came() {
+            return Err(Problem::interrupted());
+        }
+        if end.is_some_and(|end| now >= end) {
+            return Ok(());
+        }
+        if now >= next {
+            next = now.plus_ms(READ_MS);
+            for (axis, _) in commands {
+                check_fault(axis)?;
+            }
+            live.show(commands)?;
+        }
+        let until = now.plus_ms(LOOK_MS);
+        clock::sleep_until(end.map_or(until, |end| until.min(end)));
+    }
+}
+
+/// Ends with the drive's fault, if it has one that stops it.
+pub fn check_fault(axis: &Axis) -> Result<()> {
+    let Some(value) = signal(axis, Signal::Fault)? else { return Ok(()) };
+    let code = u32::try_from(value.raw).unwrap_or(0);
+    let faults = outcome::faults(axis.profile(), code);
+    let Some(fault) = faults.iter().find(|fault| fault.severity == Severity::Fault) else {
+        return Ok(());
+    };
+    let what = format!("{} reports a fault: {} ({})", axis.label(), fault.text, fault.name);
+    Err(Problem::new(Exit::DriveFault, "E801", outcome::sentence(&what))
+        .why(fault.cause)
+        .hint_if(Some(fault.remedy).filter(|remedy| !remedy.is_empty())))
+}
+
+/// Waits until the drives say that they have arrived.
+fn arrive(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
+    for (axis, command) in commands {
+        // Homing ends when the reference is found.
+        if command.verb == Verb::Home {
+            continue;
+        }
+        if axis.profile().plan(Verb::Reached).is_none() {
+            say(&format!("{} cannot tell when it arrives; it was started", axis.label()));
+            continue;
+        }
+        let within = seconds.map_or(ARRIVE_MAX, Duration::from_secs_f64);
+        axis.wait(within).map_err(outcome::error)?;
+    }
+    Ok(())
+}
+
+/// Stops what was started and takes the power off that was put on.
+fn finish(started: &[Started], arrived: bool) -> Result<()> {
+    let mut ended = Ok(());
+    for Started { axis, enabled_here } in started.iter().rev() {
+        let stopped = if arrived { Ok(None) } else { verb_if_any(axis, Verb::Stop) };
+        let stopped = stopped.and_then(|_| match enabled_here {
+            true => verb_if_any(axis, Verb::Disable),
+            false => Ok(None),
+        });
+        axis.arm(false);
+        ended = ended.and(stopped.map(drop));
+    }
+    ended
+}
+
+/// One line on a terminal, drawn again and again.
+struct Live {
+    shown: bool,
+}
+
+impl Live {
+    fn new() -> Self {
+        use std::io::IsTerminal as _;
+        Self { shown: std::io::stderr().is_terminal() && terminal::colour_err() }
+    }
+
+    fn show(&mut self, commands: &[(Axis, Command)]) -> Result<()> {
+        if !self.shown {
+            return Ok(());
+        }
+        let mut line = String::new();
+        for (axis, _) in commands {
+            let _ = write!(line, "{}", axis.label());
+            for wanted in [Signal::Velocity, Signal::Position, Signal::Current] {
+                if let Some(value) = signal(axis, wanted)? {
+                    let _ = write!(line, "  {} {value}", wanted.name());
+                }
+            }
+            line.push_str("   ");
+        }
+        eprint!("\r\x1b[K{line}");
+        Ok(())
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        if self.shown {
+            eprint!("\r\x1b[K");
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! An open link as the verbs use it: interruptible, with errors in sentences.
+
+use polepair::{Axis, Link, Value};
+use polepair_core::axis::{Command, Verb};
+use polepair_core::profile::{ParameterId, Signal};
+
+use crate::outcome;
+use crate::problem::Result;
+
+/// A link, and how the user named it.
+pub struct Session {
+    pub link: Link,
+    pub url: String,
+}
+
+impl Session {
+    /// Makes Ctrl-C end what waits.
+    pub fn listen(&self) {
+        let interrupters = self.link.interrupters();
+        crate::interrupt::listen(move || {
+            interrupters.iter().for_each(polepair_link::Interrupter::interrupt);
+        });
+    }
+
+    /// Every axis.
+    pub fn axes(&self) -> &[Axis] {
+        self.link.axes()
+    }
+
+    /// `#1 ` before what concerns an axis, where there are several.
+    pub fn who(&self, axis: &Axis) -> String {
+        match (self.axes().len(), axis.name()) {
+            (0 | 1, _) => String::new(),
+            (_, "") => format!("#{} ", axis.number()),
+            (_, name) => format!("{name} "),
+        }
+    }
+}
+
+/// Reads a parameter in its unit.
+pub fn read(axis: &Axis, id: ParameterId) -> Result<Value> {
+    axis.read(id).and_then(|raw| axis.value(id, raw)).map_err(outcome::error)
+}
+
+/// Carries out a verb without arguments.
+pub fn verb(axis: &Axis, verb: Verb) -> Result<i64> {
+    axis.run(Command::new(verb)).map_err(outcome::error)
+}
+
+/// Carries out a verb that the drive may not have; `None` if it has not.
+pub fn verb_if_any(axis: &Axis, wanted: Verb) -> Result<Option<i64>> {
+    match axis.profile().plan(wanted) {
+        None => Ok(None),
+        Some(_) => verb(axis, wanted).map(Some),
+    }
+}
+
+/// Reads a signal, if the drive has it. Flags are 0 or 1, without a unit.
+pub fn signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
+    let Some(source) = axis.profile().signal(signal) else { return Ok(None) };
+    let value = read(axis, source.parameter)?;
+    let masked = value.raw & source.mask;
+    let plain = |raw: i64| Value {
+        raw,
+        value: raw as f64,
+        unit: polepair_core::units::Unit::None,
+        word: None,
+    };
+    Ok(Some(match source.equals {
+        Some(equals) => plain(i64::from(masked == equals)),
+        None if source.mask == -1 => value,
+        None => plain(masked),
+    }))
+}

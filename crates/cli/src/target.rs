@@ -1,0 +1,189 @@
+//! The options that every verb on drives has, and how a connection string becomes a session.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use polepair::axis::Rehearsal;
+use polepair::scan::{self, Numbers};
+use polepair::{Axis, Connector};
+use polepair_capture::{Decoder, Rules, Stamp, text};
+use polepair_core::axis::{Command, RehearsedStep};
+use polepair_core::explain::Direction as Said;
+use polepair_core::time::Instant;
+use polepair_link::clock;
+use polepair_link::tap::{Direction, SerialLog, Tap};
+
+use crate::outcome;
+use crate::problem::{self, Exit, Problem, Result};
+use crate::session::Session;
+use crate::terminal::{self, Output};
+
+/// A drive, and how the talk with it is shown.
+#[derive(Args, Debug)]
+pub struct Target {
+    /// The link and its axes: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
+    #[arg(value_name = "URL")]
+    pub url: String,
+    /// Show the frames, explained, on stderr
+    #[arg(short, long)]
+    pub verbose: bool,
+    /// Keep the frames in a file that decode reads
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
+    #[command(flatten)]
+    pub profiles: crate::cmd::ProfileFile,
+}
+
+/// How readings are printed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub enum Format {
+    /// For people
+    Text,
+    /// One JSON object a reading
+    Jsonl,
+}
+
+impl Target {
+    /// Opens the link and finds out what is there.
+    pub fn open(&self) -> Result<Session> {
+        self.open_url(&self.url)
+    }
+
+    /// Opens the link with every axis that answers, if the user named none.
+    pub fn open_all(&self) -> Result<Session> {
+        let connector = self.connector()?;
+        let url = connector.url(&self.url).map_err(outcome::error)?;
+        let simulated = matches!(url.target, polepair::url::Target::Sim { .. });
+        if !url.axes.is_empty() || simulated {
+            return self.open();
+        }
+        let found = scan::scan(&connector, &self.url, Numbers::ALL, &mut |_| {});
+        let found = found.map_err(outcome::error)?.found;
+        if found.is_empty() {
+            return self.open();
+        }
+        let axes: Vec<String> = found.iter().map(|found| found.number.to_string()).collect();
+        self.open_url(&format!("{}#{}", self.url, axes.join(",")))
+    }
+
+    /// How links are opened, with what shows or keeps the frames.
+    pub fn connector(&self) -> Result<Connector> {
+        let mut connector = self.profiles.connector()?;
+        let trace = self
+            .trace
+            .as_deref()
+            .map(|path| File::create(path).map_err(|error| problem::file(path, "write", &error)));
+        let trace = trace.transpose()?;
+        if self.verbose || trace.is_some() {
+            let name = link_name(&self.url);
+            let trace = trace.map(|file| SerialLog::new(BufWriter::new(file), &name));
+            let shown = self.verbose.then(|| Shown::new(&self.url, name));
+            connector = connector.with_tap(Frames { trace, shown });
+        }
+        Ok(connector)
+    }
+
+    /// Prints the frames of a command, step by step, and sends nothing of it.
+    pub fn rehearse(&self, command: impl Fn(&Axis) -> Result<Command>) -> Result {
+        let session = self.open()?;
+        let mut out = Output::stdout();
+        for axis in session.axes() {
+            let steps = axis.rehearse(command(axis)?).map_err(outcome::error)?;
+            for step in &steps {
+                out.line(&format!("{}{}", session.who(axis), rehearsed(axis, step)));
+            }
+        }
+        out.flush()?;
+        terminal::say("dry run: none of this was sent");
+        Ok(Exit::Ok)
+    }
+
+    fn open_url(&self, url: &str) -> Result<Session> {
+        let link = self.connector()?.connect(url).map_err(outcome::error)?;
+        if link.axes().is_empty() {
+            return Err(Problem::new(Exit::NoReply, "E402", format!("there is no axis on {url}.")));
+        }
+        Ok(Session { link, url: self.url.clone() })
+    }
+}
+
+/// One step of a plan: its bytes, and what they do.
+fn rehearsed(axis: &Axis, step: &Rehearsal) -> String {
+    let name = |id| axis.profile().parameter(id).map_or("?", |parameter| parameter.name);
+    let does = match step.step {
+        RehearsedStep::Read(id) => format!("read {}", name(id)),
+        RehearsedStep::Write(id, raw) => format!("write {} = {raw} raw", name(id)),
+        RehearsedStep::WriteIfDifferent(id, raw) => {
+            format!("write {} = {raw} raw unless it is", name(id))
+        }
+        RehearsedStep::WriteWhatWasRead(from, to) => {
+            format!("read {} and write it to {}", name(from), name(to))
+        }
+        RehearsedStep::Send => "send".to_owned(),
+        RehearsedStep::Wait(ms) => format!("wait {ms} ms"),
+        #[allow(unreachable_patterns, reason = "later steps are shown by their bytes")]
+        _ => "step".to_owned(),
+    };
+    let mut bytes = Vec::new();
+    text::spaced_hex(&mut bytes, &step.bytes);
+    format!("{:<26}  {does}", String::from_utf8_lossy(&bytes))
+}
+
+/// The last part of the link's address, as captures name links.
+fn link_name(url: &str) -> String {
+    let link = url.split(['?', '#']).next().unwrap_or(url);
+    let name = link.rsplit('/').next().unwrap_or(link);
+    name.split(':').find(|part| !part.is_empty()).unwrap_or("link").to_owned()
+}
+
+/// What `-v` and `--trace` do with the frames.
+struct Frames {
+    trace: Option<SerialLog<BufWriter<File>>>,
+    shown: Option<Shown>,
+}
+
+impl Tap for Frames {
+    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
+        if let Some(trace) = &mut self.trace {
+            trace.unit(at, direction, bytes);
+        }
+        if let Some(shown) = &mut self.shown {
+            shown.unit(at, direction, bytes);
+        }
+    }
+}
+
+/// Frames, explained, on stderr.
+pub struct Shown {
+    decoder: Decoder,
+    text: text::Text,
+    name: String,
+}
+
+impl Shown {
+    /// For a link of that connection string.
+    pub fn new(url: &str, name: String) -> Self {
+        let word = url.strip_prefix("sim:").unwrap_or(url);
+        let word = word.split(['+', ':', '?', '#']).next().unwrap_or(word);
+        // A rack's protocol is not in its name: its frames are shown as bytes.
+        let rules = Rules::parse(word).unwrap_or_default();
+        let style = text::Style { colour: terminal::colour_err() };
+        Self { decoder: Decoder::new(rules), text: text::Text::new(style), name }
+    }
+}
+
+impl Tap for Shown {
+    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
+        let said = match direction {
+            Direction::ToDrive => Said::ToDrive,
+            Direction::ToHost => Said::ToHost,
+        };
+        let Self { decoder, text, name } = self;
+        let mut lines = Vec::new();
+        let time = Some(Stamp(clock::wall_ns(at)));
+        decoder.chunk(time, name, Some(said), bytes, &mut |event| text.write(event, &mut lines));
+        eprint!("{}", String::from_utf8_lossy(&lines));
+    }
+}

@@ -1,0 +1,62 @@
+//! Numbers with units, as people read them.
+
+use polepair_core::profile::{Parameter, Scale};
+use polepair_core::units::Unit;
+
+/// A span of time in seconds: `2`, `2s`, `500ms`, `1min`.
+///
+/// # Errors
+/// What is wrong with it, in words.
+pub fn span(text: &str) -> Result<f64, String> {
+    let measure = polepair::quantity::parse(text).map_err(|error| error.to_string())?;
+    let seconds = measure.in_unit(Unit::Second).map_err(|error| error.to_string())?;
+    if (0.0..=1e6).contains(&seconds) { Ok(seconds) } else { Err("not a span of time".to_owned()) }
+}
+
+/// A number with at most six digits that matter, without trailing zeros.
+pub fn number(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return if value == 0.0 { "0".to_owned() } else { value.to_string() };
+    }
+    let digits = (5 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{value:.digits$}");
+    let text = if digits > 0 { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+/// A number with its unit.
+pub fn with_unit(value: f64, unit: Unit) -> String {
+    let symbol = unit.symbol();
+    if symbol.is_empty() { number(value) } else { format!("{} {symbol}", number(value)) }
+}
+
+/// A raw value in the parameter's own unit, where no other parameter scales it.
+pub fn fixed_scale(parameter: &Parameter, raw: i64) -> Option<f64> {
+    let Scale { factor, times, over } = parameter.scale;
+    (times.is_none() && over.is_none()).then_some(raw as f64 * factor)
+}
+
+/// The name of a raw value, if it has one.
+pub fn value_name(parameter: &Parameter, raw: i64) -> Option<&'static str> {
+    parameter.values.iter().find(|(value, _)| *value == raw).map(|(_, name)| *name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{number, span};
+
+    #[test]
+    fn spans() {
+        assert_eq!(span("500ms"), Ok(0.5));
+        assert_eq!(span("2"), Ok(2.0));
+        assert!(span("-1s").is_err() && span("2 rpm").is_err());
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let shown = [(350.0, "350"), (0.1 + 0.2, "0.3"), (1e6, "1000000"), (-0.0001, "-0.0001")];
+        for (value, text) in shown {
+            assert_eq!(number(value), text);
+        }
+    }
+}

@@ -1,0 +1,172 @@
+//! Every golden vector through `polepair decode -` and back through `polepair encode`.
+
+mod run;
+
+use std::collections::BTreeMap;
+
+use run::{hex, polepair, polepair_with, text, vectors};
+use serde_json::Value;
+
+/// Decodes a capture, and groups the frames by link.
+fn decode(capture: &str, arguments: &[&str]) -> BTreeMap<String, Vec<Value>> {
+    let arguments = [&["decode", "-", "--format", "jsonl"], arguments].concat();
+    let ran = polepair_with(&arguments, capture);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let mut links: BTreeMap<String, Vec<Value>> = BTreeMap::new();
+    for line in ran.out.lines() {
+        let frame: Value = serde_json::from_str(line).expect("one object a line");
+        links.entry(text(&frame, "link").to_owned()).or_default().push(frame);
+    }
+    links
+}
+
+/// A capture's line for a vector, on a link of its own.
+fn line(vector: &Value) -> String {
+    let (name, bytes) = (text(vector, "name"), text(vector, "bytes"));
+    if let Some(id) = vector["can_id"].as_u64() {
+        return format!("(1.0) {name} {id:03X}#{}\n", hex(vector));
+    }
+    let arrow = if text(vector, "direction").starts_with("host") { '>' } else { '<' };
+    format!("(1.0) {name} {arrow} {bytes}\n")
+}
+
+fn ok(frame: &Value) -> bool {
+    frame["ok"].as_bool().expect("ok is a flag")
+}
+
+#[test]
+fn every_tmcl_vector_decodes() {
+    let vectors = vectors("tmcl");
+    let capture: String = vectors.iter().map(line).collect();
+    let links = decode(&capture, &["--as", "tmcl"]);
+    for vector in &vectors {
+        let (name, transport) = (text(vector, "name"), text(vector, "transport"));
+        let frames = &links[name];
+        let bytes: String = frames.iter().map(|frame| text(frame, "bytes")).collect();
+        assert_eq!(bytes, hex(vector), "{name}");
+        let count = if transport == "serial-stream" { 2 } else { 1 };
+        assert_eq!(frames.len(), count, "{name}: {frames:?}");
+        assert_eq!(frames[0]["protocol"], "tmcl", "{name}");
+        let whole = vector["valid"] == true && transport != "serial8-without-checksum";
+        assert_eq!(ok(&frames[0]), whole, "{name}: {frames:?}");
+        if let Some(fields) = vector["fields"].as_object() {
+            for (field, value) in fields {
+                assert_eq!(&frames[0]["fields"][field], value, "{name}: {field}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_breaks_is_named() {
+    let capture = "(1.0) a > 01 01 00 00 00 00 01 5E 60\n(1.0) b > 01 01 00 02 00 00 01 5E\n";
+    let links = decode(capture, &["--as", "tmcl"]);
+    assert_eq!(links["a"][0]["error"], "checksum: computed 61, found 60");
+    assert_eq!(links["b"][0]["error"], "length: needed 9 bytes, found 8");
+}
+
+#[test]
+fn frames_split_over_lines_and_glued_are_found() {
+    let capture = "\
+(1.000000) x > 01 06 01
+(1.000400) x > 00 00 00 00 00 08
+(1.001000) x < 02 01 64 06 00 00 02 C7 36 02 01 64 03 00
+(1.001300) x < 00 00 00 6A
+";
+    let frames = &decode(capture, &["--as", "tmcl"])["x"];
+    let found: Vec<&str> = frames.iter().map(|frame| text(frame, "bytes")).collect();
+    let expected = ["010601000000000008", "0201640600 0002C736", "02016403000000006A"];
+    assert_eq!(found, expected.map(|bytes| bytes.replace(' ', "")));
+    assert!(frames.iter().all(ok), "{frames:?}");
+    assert_eq!(frames[0]["time"].to_string(), "1.0");
+}
+
+#[test]
+fn a_host_that_hears_itself_is_told_from_a_reply() {
+    let capture = "\
+(1.0) x > 01 06 01 00 00 00 00 00 08
+(1.1) x < 01 06 01 00 00 00 00 00 08 02 01 64 06 00 00 02 C7 36
+";
+    let frames = &decode(capture, &["--as", "tmcl"])["x"];
+    assert!(text(&frames[1], "text").starts_with("echo: "), "{frames:?}");
+    assert_eq!(frames[1]["kind"], "GAP");
+    assert_eq!(frames[2]["fields"]["value"], 711);
+}
+
+#[test]
+fn without_a_word_the_capture_is_judged() {
+    let capture = "(1.0) x > 01 06 01 00 00 00 00 00 08\n(1.1) x < 02 01 64 06 00 00 02 C7 36\n";
+    let ran = polepair_with(&["decode", "-", "--format", "jsonl"], capture);
+    assert_eq!(ran.out.matches(r#""protocol":"tmcl""#).count(), 2, "{}", ran.out);
+    assert!(
+        ran.err.starts_with("x: tmcl, ") && ran.err.contains("% sure (2 frames"),
+        "{}",
+        ran.err
+    );
+}
+
+#[test]
+fn the_order_of_the_fields_is_fixed() {
+    let capture = "(1700000000.000500) ttyUSB0 > 01 01 00 00 00 00 01 5E 61\n";
+    let ran = polepair_with(&["decode", "-", "--format", "jsonl", "--as", "tmcl"], capture);
+    let expected = r#"{"time":1700000000.0005,"link":"ttyUSB0","direction":"tx","protocol":"tmcl","bytes":"010100000000015E61","id":null,"extended":null,"kind":"ROR","axis":1,"fields":{"address":1,"opcode":1,"type":0,"motor":0,"value":350,"checksum":97},"text":"#;
+    assert!(ran.out.starts_with(expected), "{}", ran.out);
+    assert!(ran.out.ends_with(",\"ok\":true,\"error\":null}\n"), "{}", ran.out);
+}
+
+#[test]
+fn a_live_capture_is_explained_line_by_line() {
+    use std::io::{BufRead as _, BufReader, Write as _};
+    let mut command = run::command(&["decode", "-", "--as", "tmcl"]);
+    let mut child = command.stdin(std::process::Stdio::piped()).spawn().expect("starts");
+    let mut stdin = child.stdin.take().expect("a pipe");
+    let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+    for _ in 0..3 {
+        stdin.write_all(b"(1.0) x > 01 03 00 00 00 00 00 00 04\n").expect("written");
+        // The next line is not written before this one is explained.
+        let line = lines.next().expect("a line").expect("text");
+        assert!(line.contains("MST 0"), "{line}");
+    }
+    drop(stdin);
+    assert!(child.wait().expect("ends").success());
+}
+
+#[test]
+fn what_decode_says_encode_understands() {
+    let vectors = vectors("tmcl");
+    let requests = vectors.iter().filter(|vector| {
+        let serial = text(vector, "transport") == "serial9";
+        serial && text(vector, "direction").starts_with("host") && vector["valid"] == true
+    });
+    let mut tried = 0;
+    let requests: Vec<&Value> = requests.collect();
+    let capture: String = requests.iter().map(|vector| line(vector)).collect();
+    let links = decode(&capture, &["--as", "tmcl"]);
+    for vector in requests {
+        let frame = &links[text(vector, "name")][0];
+        let said = text(frame, "text").split(':').next().unwrap_or("");
+        let axis = frame["axis"].to_string();
+        let ran = polepair(&["encode", "tmcl", said, "--axis", &axis]);
+        assert_eq!(ran.out.trim().replace(' ', ""), hex(vector), "{said}: {}", ran.err);
+        tried += 1;
+    }
+    assert!(tried > 10, "only {tried} requests");
+}
+
+#[test]
+fn the_examples_of_the_help_are_true() {
+    assert_eq!(
+        polepair(&["encode", "tmcl", "ROR 0, 350", "--axis", "1"]).out,
+        "01 01 00 00 00 00 01 5E 61\n"
+    );
+    assert_eq!(
+        polepair(&["encode", "tmcl", "GAP 1, 0", "--via", "can"]).out,
+        "001#06010000000000\n"
+    );
+    let json = polepair(&["encode", "tmcl", "GAP 1, 0", "--format", "json"]).out;
+    let json: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(
+        (&json["answer"]["bytes"], &json["fields"]["type"]),
+        (&Value::from(9), &Value::from(1))
+    );
+}
