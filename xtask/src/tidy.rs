@@ -184,10 +184,9 @@ impl Eyes<'_> {
             self.break_at(span, "rule 1: core allocates outside lane and mux");
         }
         self.layers(span, &path);
-        if self.place.is_general() {
-            if let Some(name) = self.names.known().find(|name| has(name)) {
-                self.break_at(span, format!("rule 5: names `{name}`"));
-            }
+        let named = self.names.known().find(|name| has(name)).filter(|_| self.place.is_general());
+        if let Some(name) = named.map(str::to_owned) {
+            self.break_at(span, format!("rule 5: names `{name}`"));
         }
         self.time(span, &path);
     }
