@@ -264,6 +264,12 @@ impl Motion {
     }
 
     fn search(&mut self, way: Way, scene: &mut Scene<'_>) {
+        let slow = way.z_search || matches!(way.after, After::Align | After::Unknown(_));
+        let still = |number| scene.register(number) == 0;
+        if still(fns::HOMING_SPEED) || (slow && still(fns::HOMING_SLOW)) {
+            // It would never arrive `[I]`.
+            return self.refuse(Alarm::SL);
+        }
         self.homed = false;
         let toward = way.direction;
         self.task = Task::Search { way, home: None, toward, turned: false, torque: 0 };

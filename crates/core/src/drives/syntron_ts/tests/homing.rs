@@ -167,6 +167,18 @@ fn a_stop_ends_homing() {
 }
 
 #[test]
+fn a_speed_that_never_arrives_is_an_alarm() {
+    for (number, a, alarm) in [(0x201, 0, 0x1A14), (0x202, 0, 0x1A14), (0x202, 33, 0)] {
+        let mut desk = Desk::positioning(&[]);
+        desk.write(number, 0);
+        desk.write(fns::HOMING_WAY, 20_000 + a);
+        desk.write(fns::HOMING_TRIGGER, 1);
+        desk.pass(2);
+        assert_eq!((desk.alarm(), desk.busy()), (alarm, alarm == 0), "Fn_{number:X}, A = {a}");
+    }
+}
+
+#[test]
 fn an_input_triggers_homing() {
     let mut desk = Desk::positioning(&[]);
     desk.write(fns::TRIGGER_SOURCE, 0);
