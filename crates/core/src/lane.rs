@@ -129,7 +129,12 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 continue;
             }
             if job.asked == Asked::Nothing {
-                self.end(n, Outcome::NotDone(Failure::Cancelled));
+                let failure = Failure::Cancelled;
+                let touched = execute::may_have_been_executed(job);
+                self.end(
+                    n,
+                    if touched { Outcome::Unknown(failure) } else { Outcome::NotDone(failure) },
+                );
             } else {
                 job.cancelled = true;
             }

@@ -169,9 +169,13 @@ pub fn sent<R: Request>(job: &mut Job<R>, asked: Asked) {
     }
 }
 
-/// Whether the request that is out could have changed the drive.
+/// Whether what was sent so far could have changed the drive.
 pub fn may_have_been_executed<R: Request>(job: &Job<R>) -> bool {
-    matches!(job.asked, Asked::Write(..) | Asked::Send(_) | Asked::Confirm(..))
+    let run = match job.task {
+        Task::Run(run) => run.touched || matches!(run.stage, Stage::Confirm(..)),
+        _ => false,
+    };
+    run || matches!(job.asked, Asked::Write(..) | Asked::Send(_) | Asked::Confirm(..))
 }
 
 /// What an answer, or its lack, makes of a job.
@@ -186,7 +190,7 @@ pub fn answered<R: Request, A: Copy + 'static>(
         slot.note(now, id, raw);
     }
     match &mut job.task {
-        _ if job.cancelled => Next::End(outcome(asked, raw, Failure::Cancelled)),
+        Task::Run(run) if job.cancelled => Next::End(cancelled(run, asked, raw)),
         Task::Read(id) => match (asked, raw) {
             (Asked::Factor(id), _) => {
                 slot.tried(id);
@@ -206,7 +210,22 @@ pub fn answered<R: Request, A: Copy + 'static>(
     }
 }
 
-/// How a request ends whose answer does not matter any more.
+/// How a run ends that a stop cut short while a request of it was out.
+fn cancelled(run: &Run, asked: Asked, raw: Result<i64, Failure>) -> Outcome {
+    let last = run.undoing.is_none() && run.steps.step(run.at + 1).is_none();
+    match (asked, raw) {
+        (Asked::Write(..) | Asked::Send(_), Ok(raw)) if last => Outcome::Done(raw),
+        (Asked::Confirm(_, value), Ok(raw)) if last && raw == value => Outcome::Done(raw),
+        (Asked::Confirm(..), Err(_))
+        | (Asked::Write(..) | Asked::Send(_), Err(Failure::Silent | Failure::Misbehaved)) => {
+            Outcome::Unknown(Failure::Cancelled)
+        }
+        _ if run.touched => Outcome::Unknown(Failure::Cancelled),
+        _ => Outcome::NotDone(Failure::Cancelled),
+    }
+}
+
+/// How a request ends that brought no answer, or a refusal.
 fn outcome(asked: Asked, raw: Result<i64, Failure>, failure: Failure) -> Outcome {
     match (asked, raw) {
         (Asked::Send(Class::Idempotent), Err(_)) => Outcome::NotDone(failure),
