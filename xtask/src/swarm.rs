@@ -9,7 +9,7 @@ use polepair_sim::swarm::{self, Report};
 /// Seeds that are named at most when they break something.
 const NAMED_MAX: usize = 20;
 
-/// `--seeds N --from S --jobs J`.
+/// `--seeds N --from S --jobs J`; `--replay S` tells everything about one seed.
 #[derive(Clone, Copy, Debug)]
 struct Order {
     seeds: u64,
@@ -22,6 +22,12 @@ struct Order {
 /// # Errors
 /// A word that is not understood, or the seeds that broke an invariant.
 pub fn run(words: &[&str]) -> Result<(), String> {
+    if let ["--replay", seed] = words {
+        let seed = seed.parse().map_err(|_| format!("--replay {seed}: not a number"))?;
+        let report = swarm::replay(seed, &mut |line| println!("{line}"));
+        let told: Vec<_> = report.violations.iter().map(|v| v.to_string()).collect();
+        return if told.is_empty() { Ok(()) } else { Err(told.join("\n")) };
+    }
     let order = parse(words)?;
     let begun = Instant::now();
     let (total, broken) = live(order);
@@ -30,7 +36,7 @@ pub fn run(words: &[&str]) -> Result<(), String> {
     if broken.is_empty() {
         return Ok(());
     }
-    let again = |seed| format!("replay: cargo xtask swarm --from {seed} --seeds 1");
+    let again = |seed| format!("replay: cargo xtask swarm --replay {seed}");
     let lines = broken.iter().take(NAMED_MAX).map(|report| {
         let told: Vec<_> = report.violations.iter().map(|v| format!("  {v}")).collect();
         format!("seed {}\n{}\n  {}", report.seed, told.join("\n"), again(report.seed))

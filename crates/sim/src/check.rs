@@ -5,14 +5,11 @@
 //! believes something else broke an invariant; unless the bytes it believed were changed on the way
 //! and still passed every check of their protocol: that is a *wire collision*, and only counted.
 
-use std::collections::HashSet;
-
 use polepair_core::explain::{Cut, Direction, Dissector};
 use polepair_core::proto;
 use polepair_core::station::Counters;
 use polepair_core::time::Instant;
 
-use crate::random::History;
 use crate::serial_line::Label;
 use crate::world::{NodeId, WireId, World};
 
@@ -40,8 +37,6 @@ pub struct Watch {
     dissector: Option<&'static dyn Dissector>,
     sent: Label,
     counters: Counters,
-    /// The contents of all requests so far, as hashes.
-    asked: HashSet<u64>,
     /// The reply that was matched last was changed on the wire, or answers a changed request.
     pub(crate) last_match_tainted: bool,
 }
@@ -62,7 +57,6 @@ impl Watch {
             dissector: proto::dissector(protocol),
             sent: Label::default(),
             counters: Counters::default(),
-            asked: HashSet::new(),
             last_match_tainted: false,
         }
     }
@@ -73,9 +67,6 @@ impl Watch {
         let before = std::mem::replace(&mut self.counters, counters);
         let known = world.knowledge(self.wire, self.host);
         let asked = std::mem::replace(&mut self.sent, known.sent);
-        if asked.tag != known.sent.tag {
-            self.asked.insert(known.sent.content);
-        }
         if counters.answered == before.answered {
             return None;
         }
@@ -98,16 +89,13 @@ impl Watch {
     }
 
     /// Whether what `drive` heard lately holds a frame that passes every check of its protocol and
-    /// that the host never sent: the drive may have done what nobody asked for.
+    /// that nobody sent: the drive may have done what nobody asked for.
     #[must_use]
     pub fn misled(&self, world: &World, drive: NodeId) -> bool {
         let (bytes, fresh) = world.heard(self.wire, drive);
         let Some(dissector) = self.dissector else { return true };
-        frames(dissector, bytes, fresh, Direction::ToDrive).any(|frame| {
-            let mut content = History::default();
-            content.note_bytes(frame);
-            !self.asked.contains(&content.value())
-        })
+        frames(dissector, bytes, fresh, Direction::ToDrive)
+            .any(|frame| !world.was_meant(self.wire, frame))
     }
 }
 

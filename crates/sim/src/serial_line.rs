@@ -15,6 +15,9 @@ use crate::uart;
 /// Bytes that are kept of what a station heard.
 const MEMORY_MAX: usize = 1200;
 
+/// Contents of transmissions that a wire remembers; a power of two.
+const CONTENTS: usize = 4096;
+
 /// How the stations on a serial wire hear each other.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Duplex {
@@ -179,6 +182,8 @@ pub(crate) struct SerialWire {
     pub(crate) faults: Faults,
     pub(crate) made: Made,
     pub(crate) down: bool,
+    /// Contents of the latest transmissions, each at its own place.
+    contents: Box<[u64; CONTENTS]>,
     random: Random,
     flying: Vec<usize>,
     scratch: Vec<u8>,
@@ -192,6 +197,7 @@ impl SerialWire {
             faults: Faults::NONE,
             made: Made::default(),
             down: false,
+            contents: Box::new([0; CONTENTS]),
             random,
             flying: Vec::new(),
             scratch: Vec::new(),
@@ -249,6 +255,13 @@ impl SerialWire {
             self.plugs[from].busy_until = chunk.start.max(until);
         }
         self.scratch = meant;
+    }
+
+    /// Whether somebody lately meant to send just these bytes.
+    pub(crate) fn was_meant(&self, bytes: &[u8]) -> bool {
+        let mut content = History::default();
+        content.note_bytes(bytes);
+        self.contents[content.value() as usize % CONTENTS] == content.value()
     }
 
     /// Takes a chunk off the wire to deliver it.
@@ -314,6 +327,7 @@ impl SerialWire {
         };
         plug.taint = false;
         plug.sent = label;
+        self.contents[label.content as usize % CONTENTS] = label.content;
         plug.memory.speak();
         label
     }

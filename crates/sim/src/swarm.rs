@@ -52,6 +52,9 @@ pub struct Report {
     pub cuts: u64,
     /// Invariants broken.
     pub violations: Vec<Violation>,
+    /// What happened since somebody was told; kept in replays only.
+    diary: Vec<String>,
+    keeps_diary: bool,
 }
 
 impl Report {
@@ -71,10 +74,28 @@ impl Report {
         self.violations.extend(other.violations.iter().cloned());
     }
 
+    fn write(&mut self, at: Instant, line: impl FnOnce() -> String) {
+        if self.keeps_diary {
+            self.diary.push(format!("{:12.6} {}", at.0 as f64 / 1e9, line()));
+        }
+    }
+
     fn violations_of(&mut self, found: impl IntoIterator<Item = Violation>) {
+        let found: Vec<_> = found.into_iter().collect();
+        for violation in &found {
+            self.write(violation.at, || format!("!!! {violation}"));
+        }
         let room = VIOLATIONS_MAX.saturating_sub(self.violations.len());
         self.violations.extend(found.into_iter().take(room));
     }
+}
+
+/// Lives through the world of a seed and tells everything: who asks what and how it ends, what
+/// breaks, and every byte that is heard.
+pub fn replay(seed: u64, tell: &mut dyn FnMut(&str)) -> Report {
+    let mut scene = scene::Scene::new(seed);
+    scene.keep_diary();
+    scene.tell(tell)
 }
 
 /// Lives through the world of a seed. A panic anywhere in it breaks I8.

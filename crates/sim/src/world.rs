@@ -31,8 +31,10 @@ use crate::serial_line::{Air, Label, Serial, SerialWire};
 
 /// Transmissions that one station may make in answer to one event.
 const TRANSMISSIONS_MAX: usize = 64;
-/// Events that may happen at one instant before the clock is pushed on by a microsecond.
-const SAME_INSTANT_MAX: u32 = 10_000;
+/// Events that may happen at one instant before whoever wants more time is made to wait.
+const SAME_INSTANT_MAX: u32 = 1_000;
+/// How long such a node waits.
+const SPIN_PAUSE_NS: u64 = 1_000_000;
 /// Bytes that wait at an outside end; what comes beyond is dropped and counted.
 const INBOX_MAX: usize = 1 << 20;
 
@@ -68,6 +70,21 @@ pub struct Knowledge {
     pub heard: Label,
 }
 
+/// Bytes that somebody heard on a serial wire.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Heard {
+    /// When the last of them arrived.
+    pub at: Instant,
+    /// On which wire.
+    pub wire: WireId,
+    /// Who; `None` for an outside end.
+    pub by: Option<NodeId>,
+    /// The bytes.
+    pub bytes: Vec<u8>,
+    /// What the world knows of them.
+    pub label: Label,
+}
+
 /// Drives, hosts and wires under one virtual clock.
 pub struct World {
     now: Instant,
@@ -80,7 +97,9 @@ pub struct World {
     history: History,
     events: u64,
     same_instant: u32,
+    spins: u64,
     tags: u32,
+    log: Option<Vec<Heard>>,
     buffer: Vec<u8>,
     heard: Vec<u8>,
 }
@@ -107,7 +126,9 @@ impl World {
             history: History::default(),
             events: 0,
             same_instant: 0,
+            spins: 0,
             tags: 0,
+            log: None,
             buffer: vec![0; STREAM_UNIT_MAX],
             heard: Vec::with_capacity(STREAM_UNIT_MAX),
         }
@@ -129,6 +150,23 @@ impl World {
     #[must_use]
     pub const fn history(&self) -> u64 {
         self.history.value()
+    }
+
+    /// How often a node was made to wait because it wanted time again and again at one instant.
+    /// Anything but zero is a fault of that node: on a real link it would keep a processor busy.
+    #[must_use]
+    pub const fn spins(&self) -> u64 {
+        self.spins
+    }
+
+    /// Begins to keep what everybody hears, for [`World::take_log`].
+    pub fn keep_log(&mut self) {
+        self.log = Some(Vec::new());
+    }
+
+    /// What everybody heard since this was last called.
+    pub fn take_log(&mut self) -> Vec<Heard> {
+        self.log.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
     /// Adds a serial wire.
@@ -214,6 +252,15 @@ impl World {
                 (&memory.bytes, memory.fresh())
             }
             _ => (&[], 0),
+        }
+    }
+
+    /// Whether some station on a serial wire lately meant to send just these bytes.
+    #[must_use]
+    pub fn was_meant(&self, wire: WireId, bytes: &[u8]) -> bool {
+        match &self.wires[wire.0].kind {
+            Kind::Serial(serial) => serial.was_meant(bytes),
+            Kind::Can(_) => false,
         }
     }
 
@@ -437,6 +484,15 @@ impl World {
                 },
             };
             let broken = serial.hear(to, &chunk, line, &mut self.heard);
+            let label = serial.plugs[to].heard;
+            if let Some(log) = &mut self.log {
+                let by = match party {
+                    Party::Node(node, _) => Some(NodeId(node)),
+                    Party::Outside(_) => None,
+                };
+                let (at, wire, bytes) = (self.now, WireId(chunk.wire), self.heard.clone());
+                log.push(Heard { at, wire, by, bytes, label });
+            }
             self.hand_over(party, broken);
         }
         let wire = chunk.wire;
@@ -556,9 +612,11 @@ impl World {
     fn arm(&mut self, node: usize) {
         let slot = &mut self.nodes[node];
         let Some(wanted) = slot.node.poll_timeout() else { return };
-        let soonest =
-            if self.same_instant < SAME_INSTANT_MAX { self.now } else { self.now.plus_ns(1_000) };
-        let at = wanted.max(soonest);
+        let mut at = wanted.max(self.now);
+        if self.same_instant >= SAME_INSTANT_MAX && at == self.now {
+            at = self.now.plus_ns(SPIN_PAUSE_NS);
+            self.spins += 1;
+        }
         if at < slot.armed {
             slot.armed = at;
             self.queue.push(at, Due::Time(node));

@@ -1,6 +1,6 @@
 //! Who asks: one host's user, who reads, writes, moves and stops at random and keeps the books.
 
-use polepair_core::error::Outcome;
+use polepair_core::error::{Failure, Outcome};
 use polepair_core::station::{Counters, Ticket};
 use polepair_core::time::Instant;
 
@@ -80,7 +80,10 @@ impl Client {
         if let Some(what) = what {
             self.tickets += 1;
             let ticket = Ticket(self.tickets);
-            self.axes[which].ask(world, self.host, ticket, what, &mut self.random);
+            let taken = self.axes[which].ask(world, self.host, ticket, what, &mut self.random);
+            report.write(now, || {
+                format!("{:?} {ticket:?} axis {which}: {what:?}, taken {taken}", self.host)
+            });
         }
     }
 
@@ -112,6 +115,7 @@ impl Client {
     }
 
     fn ended(&mut self, world: &mut World, report: &mut Report, ticket: Ticket, outcome: Outcome) {
+        report.write(world.now(), || format!("{:?} {ticket:?} ends: {outcome:?}", self.host));
         match outcome {
             Outcome::Done(_) => report.done += 1,
             Outcome::NotDone(_) => report.not_done += 1,
@@ -135,7 +139,9 @@ impl Client {
             }
         }
         let must_work = self.sound || open.is_some_and(|o| o.since >= self.calm_at);
-        let answered = matches!(outcome, Outcome::Done(_));
+        // A stop may end a read: that is an answer too.
+        let cancelled = outcome == Outcome::NotDone(Failure::Cancelled);
+        let answered = cancelled || matches!(outcome, Outcome::Done(_));
         let question = matches!(open.map(|o| o.what), Some(What::Read(_) | What::Look(..)));
         if must_work && question && !answered && !axis.spoiled {
             let what =

@@ -10,12 +10,13 @@ use super::axis::Axis;
 use super::client::Client;
 use super::inert::{host_options, inert};
 use super::{RECOVERY_MS, Report};
+use crate::check::Violation;
 use crate::fault::Faults;
 use crate::host::{self, Spoken};
 use crate::rack::RackDrive;
 use crate::random::{Ppm, Random};
 use crate::serial_line::{Duplex, Serial};
-use crate::world::{Happening, World};
+use crate::world::{Happening, Heard, World};
 
 /// Links in a world, drives on a link.
 const LINKS_MAX: i64 = 3;
@@ -68,14 +69,31 @@ impl Scene {
         scene
     }
 
-    /// Lives to the end and tells what happened.
-    pub fn live(mut self) -> Report {
+    /// Writes down what happens.
+    pub fn keep_diary(&mut self) {
+        self.world.keep_log();
+        self.report.keeps_diary = true;
+    }
+
+    /// Lives to the end and tells what came of it.
+    pub fn live(self) -> Report {
+        self.tell(&mut |_| {})
+    }
+
+    /// The same, and tells what happens meanwhile, if a diary is kept.
+    pub fn tell(mut self, tell: &mut dyn FnMut(&str)) -> Report {
         let end = self.calm_at.plus_ms(RECOVERY_MS + CALM_MS);
-        self.live_until(self.calm_at);
+        self.live_until(self.calm_at, tell);
         self.calm();
-        self.live_until(end);
+        self.live_until(end, tell);
         for client in &mut self.clients {
             client.close(&mut self.world, &mut self.report);
+        }
+        let spins = self.world.spins();
+        if spins > 0 {
+            let what = format!("a station wanted time {spins} times without making use of it");
+            let violation = Violation { invariant: "I8", at: self.world.now(), what };
+            self.report.violations_of([violation]);
         }
         self.report.events = self.world.events();
         self.report.history = self.world.history();
@@ -83,7 +101,7 @@ impl Scene {
         self.report
     }
 
-    fn live_until(&mut self, end: Instant) {
+    fn live_until(&mut self, end: Instant, tell: &mut dyn FnMut(&str)) {
         let mut calamities = std::mem::take(&mut self.calamities).into_iter().peekable();
         loop {
             let asks = self.clients.iter().map(|c| c.next_at).min().unwrap_or(Instant::FAR);
@@ -93,11 +111,15 @@ impl Scene {
             if next > end {
                 break;
             }
+            for line in self.report.diary.drain(..) {
+                tell(&line);
+            }
             if happens == next {
                 self.step();
             } else if breaks == next {
                 self.world.run_until(next);
                 let (_, calamity) = calamities.next().unwrap_or((end, Calamity::Cut(0, false)));
+                self.report.write(next, || format!("{calamity:?}"));
                 self.befall(calamity);
             } else {
                 self.world.run_until(next);
@@ -109,6 +131,13 @@ impl Scene {
 
     fn step(&mut self) {
         let happened = self.world.step();
+        for heard in self.world.take_log() {
+            let Heard { at, by, bytes, label, .. } = heard;
+            let changed = if label.tainted { " changed" } else { "" };
+            let (tag, answers) = (label.tag, label.answers);
+            self.report
+                .write(at, || format!("{by:?} hears {bytes:02X?} = {tag} to {answers}{changed}"));
+        }
         for client in &mut self.clients {
             let touched = match happened {
                 Some(Happening::Arrival(wire)) => wire == client.wire,
