@@ -13,6 +13,9 @@ use polepair_core::time::Instant;
 use crate::serial_line::Label;
 use crate::world::{NodeId, WireId, World};
 
+/// Requests that are kept as unanswered.
+const OPEN_MAX: usize = 16;
+
 /// An invariant that was broken.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Violation {
@@ -36,6 +39,8 @@ pub struct Watch {
     wire: WireId,
     dissector: Option<&'static dyn Dissector>,
     sent: Label,
+    /// Contents of requests that were sent since the last match and may still be answered.
+    open: Vec<u64>,
     counters: Counters,
     /// The reply that was matched last was changed on the wire, or answers a changed request.
     pub(crate) last_match_tainted: bool,
@@ -56,22 +61,34 @@ impl Watch {
             wire,
             dissector: proto::dissector(protocol),
             sent: Label::default(),
+            open: Vec::with_capacity(OPEN_MAX),
             counters: Counters::default(),
             last_match_tainted: false,
         }
     }
 
-    /// To be called after every event that touched the host.
-    pub fn after(&mut self, world: &mut World) -> Option<Violation> {
+    /// To be called after every event that touched the host. `gave_up` says that a ticket ended
+    /// without an answer: from then on no reply to what was sent for it may be taken.
+    pub fn after(&mut self, world: &mut World, gave_up: bool) -> Option<Violation> {
         let counters = world.look(self.host, |n, _| n.axes().map(|a| a.counters()))?;
         let before = std::mem::replace(&mut self.counters, counters);
         let known = world.knowledge(self.wire, self.host);
         let asked = std::mem::replace(&mut self.sent, known.sent);
-        if counters.answered == before.answered {
+        let matched = counters.answered > before.answered;
+        let place = self.open.iter().position(|content| *content == known.heard.question);
+        if matched || gave_up {
+            self.open.drain(..place.filter(|_| !gave_up).map_or(self.open.len(), |at| at + 1));
+        }
+        if known.sent.tag != asked.tag {
+            let old = (self.open.len() + 1).saturating_sub(OPEN_MAX);
+            self.open.drain(..old);
+            self.open.push(known.sent.content);
+        }
+        if !matched {
             return None;
         }
         self.last_match_tainted = known.heard.tainted;
-        if known.heard.tainted || known.heard.question == asked.content {
+        if known.heard.tainted || place.is_some() {
             return None;
         }
         let what =

@@ -90,12 +90,18 @@ impl Client {
     /// Checks everything after an event that touched this host.
     pub fn after(&mut self, world: &mut World, report: &mut Report) {
         self.notice_spoiling(world, report);
+        let mut gave_up = false;
         while let Some((ticket, outcome)) =
             world.look(self.host, |n, _| n.axes().and_then(|axes| axes.poll_outcome()))
         {
+            gave_up |= matches!(
+                outcome,
+                Outcome::NotDone(Failure::Silent | Failure::Misbehaved)
+                    | Outcome::Unknown(Failure::Silent | Failure::Misbehaved)
+            );
             self.ended(world, report, ticket, outcome);
         }
-        report.violations_of(self.watch.after(world));
+        report.violations_of(self.watch.after(world, gave_up));
     }
 
     /// A drive that answers after bytes were changed may have taken them for a request.

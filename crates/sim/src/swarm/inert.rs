@@ -11,6 +11,7 @@ use polepair_core::axis::Axes;
 use polepair_core::drives::bench::Act;
 use polepair_core::error::Outcome;
 use polepair_core::medium::SerialLine;
+use polepair_core::plan::Step;
 use polepair_core::profile::{Access, ParameterId, Persistence, Profile};
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
@@ -55,10 +56,21 @@ fn find(spoken: &Spoken, profile: &'static Profile) -> Vec<Inert> {
         })
     });
     candidates
+        .filter(|id| !planned(profile, *id))
         .take(TRIALS_MAX)
         .filter_map(|id| try_one(spoken, profile, id))
         .take(INERT_MAX)
         .collect()
+}
+
+/// Whether some plan of the product writes the parameter: then it is not ours alone.
+fn planned(profile: &Profile, id: ParameterId) -> bool {
+    let steps = profile.plans.iter().flat_map(|plan| plan.steps.iter().chain(plan.undo));
+    profile.ram.is_some_and(|ram| ram.parameter == id)
+        || steps.into_iter().any(|step| match *step {
+            Step::Write(to, _) | Step::Ensure(to, _) | Step::Copy { to, .. } => to == id,
+            _ => false,
+        })
 }
 
 fn try_one(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Option<Inert> {
