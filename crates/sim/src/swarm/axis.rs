@@ -217,7 +217,12 @@ impl Axis {
     fn read(&mut self, n: usize, raw: i64, doubtful: bool) -> Result<(), (&'static str, String)> {
         let (inert, possible) = &mut self.inert[n];
         let known = possible.clone();
-        if possible.agrees(raw) || doubtful {
+        if doubtful {
+            // The answer may be older than what made it doubtful.
+            *possible = Possible::ANY;
+            return Ok(());
+        }
+        if possible.agrees(raw) {
             return Ok(());
         }
         let name = self.profile.parameter(inert.id).map_or("?", |p| p.name);
