@@ -189,6 +189,15 @@ pub fn answered<R: Request, A: Copy + 'static>(
     if let (Some(id), Ok(raw)) = (asked.parameter(), raw) {
         slot.note(now, id, raw);
     }
+    if raw == Err(Failure::LinkDown) {
+        let asks = matches!(asked, Asked::Write(..) | Asked::Send(_) | Asked::Confirm(..));
+        let doubtful = asks || may_have_been_executed(job);
+        let failure = Failure::LinkDown;
+        return Next::End(match doubtful {
+            true => Outcome::Unknown(failure),
+            false => Outcome::NotDone(failure),
+        });
+    }
     match &mut job.task {
         Task::Run(run) if job.cancelled => Next::End(cancelled(run, asked, raw)),
         Task::Read(id) => match (asked, raw) {
