@@ -280,7 +280,8 @@ impl Axis {
             return Ok(());
         }
         let executed = after.unrepeatable.saturating_sub(open.before.unrepeatable);
-        if executed > 1 && verb != Verb::Home {
+        let once = matches!(verb, Verb::MoveBy | Verb::MoveTo | Verb::Velocity | Verb::Torque);
+        if executed > 1 && once {
             return Err(("I2", format!("{} was executed {executed} times", verb.name())));
         }
         let never = matches!(outcome, Outcome::NotDone(Failure::Silent | Failure::Misbehaved));
