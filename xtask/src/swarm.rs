@@ -116,6 +116,10 @@ fn print(total: &Report, order: Order, took: f64) {
         total.wire_collisions
     );
     println!("  and requests   {:>12}  changed on the way, and answered", total.requests_collided);
+    println!(
+        "copies taken     {:>12}  second copies of a reply taken for the next answer",
+        total.copies_taken
+    );
     println!("violations       {:>12}", total.violations.len());
     let rate = lived / took.max(1e-9);
     let (jobs, a_core) = (order.jobs, rate / order.jobs as f64);

@@ -44,6 +44,10 @@ pub struct Watch {
     counters: Counters,
     /// The reply that was matched last was changed on the wire, or answers a changed request.
     pub(crate) last_match_tainted: bool,
+    /// It was the second copy of the reply to an earlier request.
+    pub(crate) last_match_copied: bool,
+    /// How often that happened.
+    pub(crate) copies_taken: u64,
 }
 
 impl std::fmt::Debug for Watch {
@@ -64,6 +68,8 @@ impl Watch {
             open: Vec::with_capacity(OPEN_MAX),
             counters: Counters::default(),
             last_match_tainted: false,
+            last_match_copied: false,
+            copies_taken: 0,
         }
     }
 
@@ -88,7 +94,9 @@ impl Watch {
             return None;
         }
         self.last_match_tainted = known.heard.tainted;
-        if known.heard.tainted || place.is_some() {
+        self.last_match_copied = known.heard.copy && place.is_none();
+        self.copies_taken += u64::from(self.last_match_copied);
+        if known.heard.tainted || place.is_some() || known.heard.copy {
             return None;
         }
         let what =

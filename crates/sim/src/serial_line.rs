@@ -64,6 +64,8 @@ pub struct Label {
     pub question: u64,
     /// The wire changed it, or changed what it answers.
     pub tainted: bool,
+    /// It is the second copy that a fault made of a reply.
+    pub copy: bool,
 }
 
 /// One end of a serial wire as the world sees it.
@@ -249,6 +251,7 @@ impl SerialWire {
             self.cut(air, &mut chunk, &meant, &mut schedule);
             if reply && self.random.chance(self.faults.duplicate) {
                 self.made.duplicated += 1;
+                chunk.label.copy = true;
                 chunk.start = chunk.start.plus_ns(self.random.below(3 * character_ns + 1));
                 self.cut(air, &mut chunk, &meant, &mut schedule);
             }
@@ -324,6 +327,7 @@ impl SerialWire {
             content: content.value(),
             question: plug.heard.content,
             tainted: !plug.head && plug.taint,
+            copy: false,
         };
         plug.taint = false;
         plug.sent = label;

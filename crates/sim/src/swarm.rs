@@ -44,6 +44,9 @@ pub struct Report {
     pub wire_collisions: u64,
     /// Requests that were changed on the way, passed every check, and were answered by a drive.
     pub requests_collided: u64,
+    /// Second copies of a reply that a host took for the answer to its next request: they come
+    /// just when an answer could, and the protocol cannot tell them from one.
+    pub copies_taken: u64,
     /// The faults made.
     pub made: Made,
     /// Supplies cut and given back.
@@ -68,6 +71,7 @@ impl Report {
         self.unknown += other.unknown;
         self.wire_collisions += other.wire_collisions;
         self.requests_collided += other.requests_collided;
+        self.copies_taken += other.copies_taken;
         self.made.add(&other.made);
         self.resets += other.resets;
         self.cuts += other.cuts;

@@ -267,7 +267,12 @@ fn answered_run<R: Request, A: Copy + 'static>(
                 run.stage = Stage::Confirm(id, value);
                 return Next::Go;
             }
+            run.touched = true;
             failed(run, raw.err().unwrap_or(Failure::Silent))
+        }
+        (Asked::Confirm(..), Err(failure)) => {
+            run.touched = true;
+            failed(run, failure)
         }
         (Asked::Confirm(_, value), Ok(raw)) if raw != value => failed(run, Failure::Silent),
         (_, Err(failure)) => failed(run, failure),

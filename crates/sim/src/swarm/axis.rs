@@ -252,7 +252,8 @@ impl Axis {
         let (Some(reported), AxisKind::Rotary) = (reported, self.profile.axis) else {
             return Ok(());
         };
-        if truth.velocity.abs() > REST || self.spoiled {
+        let homing = self.open.iter().any(|open| open.what == What::Do(Verb::Home));
+        if truth.velocity.abs() > REST || self.spoiled || homing {
             return Ok(());
         }
         let offset = reported - truth.position;
@@ -276,6 +277,9 @@ impl Axis {
         open: &Open,
     ) -> Result<(), (&'static str, String)> {
         let after = self.truth(world);
+        if verb == Verb::Home {
+            self.offset = None;
+        }
         if open.doubtful || self.spoiled {
             return Ok(());
         }
@@ -287,10 +291,6 @@ impl Axis {
         let never = matches!(outcome, Outcome::NotDone(Failure::Silent | Failure::Misbehaved));
         if verb == Verb::MoveBy && never && executed != 0 {
             return Err(("I3", format!("move-by was executed, but ended as {outcome:?}")));
-        }
-        let done = matches!(outcome, Outcome::Done(_));
-        if verb == Verb::MoveBy && done && open.before.enabled && executed != 1 {
-            return Err(("I3", "move-by ended as done, but was not executed".to_owned()));
         }
         let still = open.before.velocity.abs() < REST && self.open.iter().all(|o| !moves(o.what));
         let jump = (after.position - open.before.position).abs();

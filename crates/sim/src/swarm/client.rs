@@ -90,18 +90,23 @@ impl Client {
     /// Checks everything after an event that touched this host.
     pub fn after(&mut self, world: &mut World, report: &mut Report) {
         self.notice_spoiling(world, report);
-        let mut gave_up = false;
-        while let Some((ticket, outcome)) =
+        let mut ends = Vec::new();
+        while let Some(end) =
             world.look(self.host, |n, _| n.axes().and_then(|axes| axes.poll_outcome()))
         {
-            gave_up |= matches!(
+            ends.push(end);
+        }
+        let gave_up = ends.iter().any(|(_, outcome)| {
+            matches!(
                 outcome,
                 Outcome::NotDone(Failure::Silent | Failure::Misbehaved)
                     | Outcome::Unknown(Failure::Silent | Failure::Misbehaved)
-            );
+            )
+        });
+        report.violations_of(self.watch.after(world, gave_up));
+        for (ticket, outcome) in ends {
             self.ended(world, report, ticket, outcome);
         }
-        report.violations_of(self.watch.after(world, gave_up));
     }
 
     /// A drive that answers after bytes were changed may have taken them for a request.
@@ -136,7 +141,9 @@ impl Client {
         let open = axis.open.iter().find(|o| o.ticket == ticket).copied();
         if let Err((invariant, what)) = axis.ended(world, self.host, ticket, outcome) {
             let name = axis.profile.name;
-            if self.watch.last_match_tainted && self.watch.collided(world) {
+            if self.watch.last_match_copied {
+                axis.forget();
+            } else if self.watch.last_match_tainted && self.watch.collided(world) {
                 report.wire_collisions += 1;
                 axis.forget();
             } else {
@@ -177,6 +184,7 @@ impl Client {
             world.look(self.host, |n, _| n.axes().map(|a| a.counters()));
         report.requests += counters.unwrap_or_default().sent;
         report.made.add(&world.made(self.wire));
+        report.copies_taken += self.watch.copies_taken;
         for axis in &mut self.axes {
             report.violations_of(axis.idle(world));
         }
