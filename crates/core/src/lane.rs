@@ -231,6 +231,8 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                     execute::sent(job, asked);
                     self.ready &= !(1 << n);
                     self.turn = n as u32;
+                    // A host may end a request at once that its protocol's rules forbid.
+                    self.settle(now);
                 }
                 Err(next) => {
                     self.ready &= !(1 << n);

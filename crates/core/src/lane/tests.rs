@@ -161,6 +161,7 @@ struct Toy {
     log: Vec<Ask>,
     lose: Vec<usize>,
     refuse: Option<u16>,
+    forbids: Option<u16>,
     out: Option<(Ticket, Ask)>,
     events: VecDeque<(To, Result<i64, Failure>)>,
 }
@@ -205,6 +206,11 @@ impl Host<Stream> for Toy {
     fn submit(&mut self, _: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
         if self.out.is_some() {
             return Err(request);
+        }
+        if self.forbids == Some(request.index) {
+            let failure = Failure::NotReady { hint: "never" };
+            self.events.push_back((To::Ticket(ticket), Err(failure)));
+            return Ok(());
         }
         self.out = Some((ticket, request));
         Ok(())
@@ -438,4 +444,15 @@ fn a_rehearsal_shows_what_would_be_sent_and_sends_nothing() {
     assert!(bench.lane.host.log.is_empty());
     let text = std::format!("{:?}", bench.lane);
     assert!(text.contains("toy"), "{}", String::from(&text));
+}
+
+#[test]
+fn what_the_host_itself_forbids_ends_at_once() {
+    let mut bench = Bench::new();
+    bench.lane.host.forbids = Some(MODE.0);
+    bench.lane.read(bench.now, Ticket(1), AXIS, MODE).unwrap();
+    bench.lane.read(bench.now, Ticket(2), AXIS, STEPS).unwrap();
+    assert!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_some(), "the other one goes out");
+    let failure = Failure::NotReady { hint: "never" };
+    assert_eq!(bench.lane.poll_outcome(), Some((Ticket(1), Outcome::NotDone(failure))));
 }
