@@ -6,7 +6,7 @@
 //! "don't care", so it is not compared.
 
 use super::opcode::{Opcode, Status};
-use super::session::{Answer, Arrived, Ask, Session};
+use super::session::{Answer, Ask, Session};
 use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
 use crate::error::Failure;
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
@@ -28,6 +28,10 @@ const SHIFT_PAUSE_MS: u32 = 25;
 pub struct SerialHost {
     session: Session,
     line: SerialLine,
+    /// How long a request and its reply take on the wire.
+    on_wire_ns: u64,
+    /// Silence before a request after bytes that were no reply.
+    quiet_ns: u64,
     host: u8,
     gap_ns: u64,
     buffer: [u8; DATAGRAM],
@@ -45,9 +49,12 @@ impl SerialHost {
     pub fn new(options: &HostOptions) -> Self {
         let host = options.host.and_then(|host| u8::try_from(host).ok()).unwrap_or(HOST);
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let line = SerialLine::n81(options.baud);
         Self {
             session: Session::new(host.into(), timeout),
-            line: SerialLine::n81(options.baud),
+            line,
+            on_wire_ns: line.characters_ns(2 * DATAGRAM as u32),
+            quiet_ns: line.characters_ns(QUIET_CHARACTERS),
             host,
             gap_ns: u64::from(options.gap_us.unwrap_or(0)) * 1_000,
             buffer: [0; DATAGRAM],
@@ -61,6 +68,7 @@ impl SerialHost {
     }
 
     /// Takes whole windows of nine bytes off `bytes` and returns how many bytes are done with.
+    #[inline]
     fn windows(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut at = 0;
         while let Some(window) = bytes[at..].first_chunk::<DATAGRAM>() {
@@ -70,16 +78,17 @@ impl SerialHost {
     }
 
     /// Judges nine bytes and returns how many of them are done with: all, or one.
+    #[inline]
     fn window(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
         if self.echo_due && *window == self.sent {
             self.echo_due = false;
             self.session.counters.echoed += DATAGRAM as u64;
             return DATAGRAM;
         }
-        let whole = checksum(window) == window[DATAGRAM - 1];
-        if let (true, Ok(reply)) = (whole, Reply::parse(window)) {
+        if checksum(window) == window[DATAGRAM - 1] {
+            let reply = Reply::unchecked(window);
             if reply.host == self.host && (is_known(&reply) || self.wants(Opcode::ReadMemory)) {
-                self.session.arrived(now, Arrived::Reply(reply));
+                self.session.reply(now, reply);
                 return DATAGRAM;
             }
             if is_known(&reply) {
@@ -91,7 +100,7 @@ impl SerialHost {
             && self.wants_text()
             && text.host == self.host
         {
-            self.session.arrived(now, Arrived::Text(text));
+            self.session.text(now, text);
             return DATAGRAM;
         }
         self.session.counters.corrupt += u64::from(window[0] == self.host);
@@ -147,19 +156,20 @@ impl Station<Stream> for SerialHost {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
-        if self.session.wants_shift() && !self.shifted {
+        if !self.session.has_unsent() {
+            return None;
+        }
+        if !self.shifted && self.session.wants_shift() {
             self.shifted = true;
             self.session.hold(now.plus_ms(SHIFT_PAUSE_MS));
             *out.first_mut()? = 0;
             return Some(1);
         }
-        let silence = self.line.characters_ns(QUIET_CHARACTERS);
-        let quiet = self.last_byte.plus_ns(self.gap_ns).max(self.noise.plus_ns(silence));
+        let quiet = self.last_byte.plus_ns(self.gap_ns).max(self.noise.plus_ns(self.quiet_ns));
         if now < quiet {
             self.session.hold(quiet);
         }
-        let on_wire = self.line.characters_ns(2 * DATAGRAM as u32);
-        let request = self.session.transmit(now, on_wire)?;
+        let request = self.session.transmit(now, self.on_wire_ns)?;
         self.shifted = false;
         self.session.counters.skipped += self.len as u64;
         self.len = 0;
@@ -178,10 +188,12 @@ impl Host<Stream> for SerialHost {
     type Request = Ask;
     type Answer = Answer;
 
+    #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
         self.session.submit(now, ticket, request)
     }
 
+    #[inline]
     fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
         self.session.poll_event()
     }
@@ -246,11 +258,11 @@ impl Station<Can> for CanHost {
         let text = expected.is_some_and(|r| r.opcode == Opcode::Version && r.kind == 0);
         let memory = expected.is_some_and(|r| r.opcode == Opcode::ReadMemory);
         if text && let Ok(text) = VersionText::parse_can(frame.bytes(), host) {
-            return self.session.arrived(now, Arrived::Text(text));
+            return self.session.text(now, text);
         }
         match Reply::parse_can(frame.bytes(), host) {
             Ok(reply) if is_known(&reply) || memory => {
-                self.session.arrived(now, Arrived::Reply(reply));
+                self.session.reply(now, reply);
             }
             _ => self.session.counters.corrupt += 1,
         }
@@ -275,10 +287,12 @@ impl Host<Can> for CanHost {
     type Request = Ask;
     type Answer = Answer;
 
+    #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
         self.session.submit(now, ticket, request)
     }
 
+    #[inline]
     fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
         self.session.poll_event()
     }

@@ -213,7 +213,12 @@ impl Status {
     /// Whether the module did what was asked. \[I\] 100 and above, as the vendor's host library
     /// takes it.
     #[must_use]
+    #[inline]
     pub const fn is_good(self) -> bool {
-        self.number() >= 100
+        match self {
+            Self::Ok | Self::Loaded | Self::Event | Self::Busy => true,
+            Self::Unknown(number) => number >= 100,
+            _ => false,
+        }
     }
 }

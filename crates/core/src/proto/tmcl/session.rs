@@ -72,13 +72,6 @@ pub enum Answer {
     Event(Reply),
 }
 
-/// Something that a wire delivered, with every check of the wire passed.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Arrived {
-    Reply(Reply),
-    Text(VersionText),
-}
-
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     /// `None` for a probe.
@@ -153,6 +146,7 @@ impl Session {
         }
     }
 
+    #[inline]
     pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
         if self.event_count > EVENTS_MAX - 4 {
             return Err(ask);
@@ -172,6 +166,7 @@ impl Session {
         Ok(())
     }
 
+    #[inline]
     pub(super) fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
         if self.event_count == 0 {
             return None;
@@ -184,6 +179,7 @@ impl Session {
 
     /// The request to send now, if one waits. `on_wire_ns` is how long it and its reply take on
     /// the wire.
+    #[inline]
     pub(super) fn transmit(&mut self, now: Instant, on_wire_ns: u64) -> Option<Request> {
         let pending = self.pending.as_mut()?;
         if pending.sent || now < pending.not_before {
@@ -202,6 +198,12 @@ impl Session {
             self.end(ticket, Ok(Answer::NoReply));
         }
         Some(request)
+    }
+
+    /// True while a request waits to be sent.
+    #[inline]
+    pub(super) fn has_unsent(&self) -> bool {
+        self.pending.as_ref().is_some_and(|pending| !pending.sent)
     }
 
     /// What waits for an answer now.
@@ -229,12 +231,15 @@ impl Session {
         }
     }
 
-    pub(super) fn arrived(&mut self, now: Instant, arrived: Arrived) {
-        match arrived {
-            Arrived::Reply(reply) if is_event(&reply) => self.event(reply),
-            Arrived::Reply(reply) => self.reply(now, reply),
-            Arrived::Text(text) => self.answered(now, Ok(Answer::Text(text))),
-        }
+    /// Takes a reply that passed every check of the wire.
+    #[inline]
+    pub(super) fn reply(&mut self, now: Instant, reply: Reply) {
+        if is_event(&reply) { self.event(reply) } else { self.judge(now, reply) }
+    }
+
+    /// Takes the version as text.
+    pub(super) fn text(&mut self, now: Instant, text: VersionText) {
+        self.answered(now, Ok(Answer::Text(text)));
     }
 
     pub(super) fn handle_timeout(&mut self, now: Instant) {
@@ -247,6 +252,7 @@ impl Session {
         self.next(now);
     }
 
+    #[inline]
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let pending = self.pending.as_ref().map(|p| if p.sent { p.deadline } else { p.not_before });
         // While something is out, its own deadline comes first; a suspect is let go after it.
@@ -274,6 +280,7 @@ impl Session {
         }
     }
 
+    #[inline]
     fn refusal(&self, ask: &Ask) -> Option<Failure> {
         const HINT: &str =
             "the host's address must differ from every module's; give another with host=";
@@ -316,6 +323,7 @@ impl Session {
         Ok(())
     }
 
+    #[inline]
     fn start(&mut self, now: Instant, ticket: Option<Ticket>, ask: Ask) {
         let mut ambiguous = 0;
         // After a lost MST another MST is the same request, and nothing but stops was sent since.
@@ -344,7 +352,8 @@ impl Session {
         });
     }
 
-    fn reply(&mut self, now: Instant, reply: Reply) {
+    #[inline]
+    fn judge(&mut self, now: Instant, reply: Reply) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
             self.counters.late += 1;
             return;
@@ -375,30 +384,48 @@ impl Session {
             self.counters.late += 1;
             return;
         }
-        self.answered(
-            now,
-            match stored {
-                true => Ok(Answer::Instruction(Instruction::of_reply(&reply))),
-                false if reply.status.is_good() => Ok(Answer::Reply(reply)),
-                false => Err(Failure::Refused { code: reply.status.number().into() }),
-            },
-        );
+        if stored {
+            self.memory(now, reply);
+        } else if reply.status.is_good() {
+            if let Some(ticket) = pending.ticket {
+                // Written where it lies: what happens most is copied nowhere.
+                *self.place() = (To::Ticket(ticket), Ok(Answer::Reply(reply)));
+            }
+            self.close(now);
+        } else {
+            let code = reply.status.number().into();
+            self.answered(now, Err(Failure::Refused { code }));
+        }
+    }
+
+    /// An instruction from program memory, in the place of a reply.
+    #[cold]
+    fn memory(&mut self, now: Instant, reply: Reply) {
+        self.answered(now, Ok(Answer::Instruction(Instruction::of_reply(&reply))));
     }
 
     fn answered(&mut self, now: Instant, answer: Result<Answer, Failure>) {
-        let Some(pending) = self.pending.take() else { return };
-        let module = pending.ask.request.address;
+        let Some(pending) = &self.pending else { return };
+        self.end(pending.ticket, answer);
+        self.close(now);
+    }
+
+    /// What is outstanding was answered: what that says of the module, and what comes next.
+    fn close(&mut self, now: Instant) {
+        let Some(pending) = &self.pending else { return };
+        let (probe, module) = (pending.ticket.is_none(), pending.ask.request.address);
+        let doubtful = pending.attempts > 1 || pending.bad_sum;
         self.heard[usize::from(module >> 6)] |= 1 << (module & 63);
         if self.early_streak < EARLY_MAX {
             self.early_streak = 0;
         }
         self.counters.answered += 1;
-        if pending.ticket.is_none() {
+        if probe {
             self.trust(module);
-        } else if pending.attempts > 1 || pending.bad_sum {
+        } else if doubtful && let Some(pending) = self.pending {
             self.suspect(now, &pending, true);
         }
-        self.end(pending.ticket, answer);
+        self.pending = None;
         self.next(now);
     }
 
@@ -442,6 +469,7 @@ impl Session {
     }
 
     /// What comes next when nothing is outstanding: a stop that waits, then a probe.
+    #[inline]
     fn next(&mut self, now: Instant) {
         if self.pending.is_some() {
             return;
@@ -529,9 +557,16 @@ impl Session {
     }
 
     fn push(&mut self, to: To, result: Result<Answer, Failure>) {
+        *self.place() = (to, result);
+    }
+
+    /// Where the next event goes.
+    #[inline]
+    fn place(&mut self) -> &mut (To, Result<Answer, Failure>) {
         debug_assert!(self.event_count < EVENTS_MAX, "submit leaves room for every end");
-        self.events[(self.event_first + self.event_count) % EVENTS_MAX] = (to, result);
+        let at = (self.event_first + self.event_count) % EVENTS_MAX;
         self.event_count += 1;
+        &mut self.events[at]
     }
 }
 

@@ -23,8 +23,9 @@ pub const HOST: u8 = 2;
 
 /// The sum over the first eight bytes.
 #[must_use]
-pub fn checksum(bytes: &[u8; DATAGRAM]) -> u8 {
-    bytes[..DATAGRAM - 1].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte))
+#[inline]
+pub fn checksum([body @ .., _]: &[u8; DATAGRAM]) -> u8 {
+    sum(u64::from_le_bytes(*body))
 }
 
 /// What a host asks.
@@ -47,9 +48,10 @@ impl Request {
     ///
     /// # Errors
     /// [`WireError::Short`], [`WireError::Long`], [`WireError::Checksum`].
+    #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
-        let whole = whole(bytes)?;
-        Ok(Self::from_body(whole[0], body(whole, 1)))
+        let [first, body @ .., _] = whole(bytes)?;
+        Ok(Self::from_body(*first, *body))
     }
 
     /// Reads the data of a CAN frame; `address` is what its identifier stands for.
@@ -62,9 +64,9 @@ impl Request {
 
     /// The nine bytes on a serial line.
     #[must_use]
+    #[inline]
     pub fn emit(&self) -> [u8; DATAGRAM] {
-        let [a, b, c, d] = self.value.to_be_bytes();
-        summed([self.address, self.opcode.number(), self.kind, self.motor, a, b, c, d, 0])
+        summed([self.address, self.opcode.number(), self.kind, self.motor], self.value)
     }
 
     /// The CAN frame, of seven data bytes, or of eight with the serial checksum as the last.
@@ -73,6 +75,7 @@ impl Request {
         Frame::standard(id, &self.emit()[1..if eight { 9 } else { 8 }])
     }
 
+    #[inline]
     fn from_body(address: u8, [opcode, kind, motor, a, b, c, d]: [u8; CAN_DATAGRAM]) -> Self {
         let value = i32::from_be_bytes([a, b, c, d]);
         Self { address, opcode: Opcode::from(opcode), kind, motor, value }
@@ -99,9 +102,16 @@ impl Reply {
     ///
     /// # Errors
     /// [`WireError::Short`], [`WireError::Long`], [`WireError::Checksum`].
+    #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
-        let whole = whole(bytes)?;
-        Ok(Self::from_body(whole[0], body(whole, 1)))
+        let [first, body @ .., _] = whole(bytes)?;
+        Ok(Self::from_body(*first, *body))
+    }
+
+    /// Reads nine bytes whose checksum is looked at elsewhere.
+    #[inline]
+    pub(super) fn unchecked([host, body @ .., _]: &[u8; DATAGRAM]) -> Self {
+        Self::from_body(*host, *body)
     }
 
     /// Reads the data of a CAN frame; `host` is what its identifier stands for.
@@ -114,10 +124,9 @@ impl Reply {
 
     /// The nine bytes on a serial line.
     #[must_use]
+    #[inline]
     pub fn emit(&self) -> [u8; DATAGRAM] {
-        let [a, b, c, d] = self.value.to_be_bytes();
-        let (status, opcode) = (self.status.number(), self.opcode.number());
-        summed([self.host, self.module, status, opcode, a, b, c, d, 0])
+        summed([self.host, self.module, self.status.number(), self.opcode.number()], self.value)
     }
 
     /// The CAN frame, of seven data bytes, or of eight with a zero as the last, as the TMCM-1260
@@ -129,6 +138,7 @@ impl Reply {
         frame
     }
 
+    #[inline]
     fn from_body(host: u8, [module, status, opcode, a, b, c, d]: [u8; CAN_DATAGRAM]) -> Self {
         let value = i32::from_be_bytes([a, b, c, d]);
         Self { host, module, status: Status::from(status), opcode: Opcode::from(opcode), value }
@@ -169,6 +179,7 @@ impl VersionText {
 
     /// The nine bytes on a serial line.
     #[must_use]
+    #[inline]
     pub fn emit(&self) -> [u8; DATAGRAM] {
         let mut out = [self.host; DATAGRAM];
         out[1..].copy_from_slice(&self.text);
@@ -204,6 +215,7 @@ pub struct Instruction {
 impl Instruction {
     /// Takes apart a reply whose fields hold an instruction.
     #[must_use]
+    #[inline]
     pub fn of_reply(reply: &Reply) -> Self {
         Self {
             opcode: reply.module,
@@ -226,20 +238,31 @@ impl Instruction {
     }
 }
 
-fn summed(mut bytes: [u8; DATAGRAM]) -> [u8; DATAGRAM] {
-    bytes[DATAGRAM - 1] = checksum(&bytes);
-    bytes
+/// Four bytes, a value and their sum. They are put together in a register: bytes just written one
+/// by one are slow to read again.
+#[inline]
+fn summed(head: [u8; 4], value: i32) -> [u8; DATAGRAM] {
+    let value = u32::from_le_bytes(value.to_be_bytes());
+    let body = u64::from(u32::from_le_bytes(head)) | u64::from(value) << 32;
+    let mut out = [sum(body); DATAGRAM];
+    out[..DATAGRAM - 1].copy_from_slice(&body.to_le_bytes());
+    out
 }
 
+/// The sum of eight bytes, modulo 256: pairs are added first, then all four pairs at once.
+#[inline]
+const fn sum(bytes: u64) -> u8 {
+    const EVEN: u64 = 0x00FF_00FF_00FF_00FF;
+    let pairs = (bytes & EVEN) + (bytes >> 8 & EVEN);
+    (pairs.wrapping_mul(0x0001_0001_0001_0001) >> 48) as u8
+}
+
+#[inline]
 fn nine(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
-    let found = bytes.len().min(usize::from(u16::MAX)) as u16;
-    let need = DATAGRAM as u16;
-    bytes.try_into().map_err(|_| match found < need {
-        true => WireError::Short { need, found },
-        false => WireError::Long { need, found },
-    })
+    bytes.try_into().map_err(|_| wrong_length(bytes))
 }
 
+#[inline]
 fn whole(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
     let nine = nine(bytes)?;
     let (computed, found) = (checksum(nine), nine[DATAGRAM - 1]);
@@ -249,8 +272,14 @@ fn whole(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
     Ok(nine)
 }
 
-fn body(bytes: &[u8; DATAGRAM], from: usize) -> [u8; CAN_DATAGRAM] {
-    core::array::from_fn(|i| bytes[from + i])
+#[cold]
+fn wrong_length(bytes: &[u8]) -> WireError {
+    let found = bytes.len().min(usize::from(u16::MAX)) as u16;
+    let need = DATAGRAM as u16;
+    match found < need {
+        true => WireError::Short { need, found },
+        false => WireError::Long { need, found },
+    }
 }
 
 fn can_body(data: &[u8]) -> Result<[u8; CAN_DATAGRAM], WireError> {
