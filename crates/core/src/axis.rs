@@ -179,7 +179,7 @@ pub trait Driver {
     /// The drive's address on the wire, as events name it.
     fn address(&self) -> u32;
 
-    /// The request that reads a parameter.
+    /// The request that reads a parameter: always the same one, so a lane asks for it once.
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol cannot; access was already checked.

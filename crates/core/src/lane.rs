@@ -109,6 +109,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         Ok(n)
     }
 
+    #[inline]
     fn end(&mut self, n: usize, outcome: Outcome) {
         if let Some(job) = &mut self.jobs[n] {
             job.outcome = Some(outcome);
@@ -180,7 +181,15 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let Some(Some(job)) = self.jobs.get_mut(n) else { return };
         let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
         let parameter = job.asked.parameter().and_then(|id| slot.profile.parameter(id));
-        let raw = answer.and_then(|answer| slot.driver.answer(parameter, &answer));
+        let raw = match &answer {
+            Ok(answer) => slot.driver.answer(parameter, answer),
+            Err(failure) => Err(*failure),
+        };
+        // What happens most, ahead of everything else: a read was answered.
+        if let (Task::Read(_), Asked::Read(id), Ok(raw)) = (&job.task, job.asked, &raw) {
+            slot.note(now, id, *raw);
+            return self.end(n, Outcome::Done(*raw));
+        }
         let next = execute::answered(now, job, slot, raw);
         self.follow(n, next);
     }
@@ -222,23 +231,27 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             let n = self.next_turn();
             let Some(job) = &mut self.jobs[n] else { return };
             let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
-            match execute::next(now, job, slot) {
-                Ok((request, asked)) => {
-                    if self.host.submit(now, Ticket(n as u32), request).is_err() {
-                        return;
+            let ticket = Ticket(n as u32);
+            let submitted = match execute::plain_read(job, slot) {
+                Some((id, request)) => {
+                    self.host.submit(now, ticket, *request).map(|()| Asked::Read(id))
+                }
+                None => match execute::next(now, job, slot) {
+                    Ok((request, asked)) => self.host.submit(now, ticket, request).map(|()| asked),
+                    Err(next) => {
+                        self.ready &= !(1 << n);
+                        self.follow(n, next);
+                        continue;
                     }
-                    job.asked = asked;
-                    execute::sent(job, asked);
-                    self.ready &= !(1 << n);
-                    self.turn = n as u32;
-                    // A host may end a request at once that its protocol's rules forbid.
-                    self.settle(now);
-                }
-                Err(next) => {
-                    self.ready &= !(1 << n);
-                    self.follow(n, next);
-                }
-            }
+                },
+            };
+            let Ok(asked) = submitted else { return };
+            job.asked = asked;
+            execute::sent(job, asked);
+            self.ready &= !(1 << n);
+            self.turn = n as u32;
+            // A host may end a request at once that its protocol's rules forbid.
+            self.settle(now);
         }
     }
 
@@ -359,7 +372,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         axis: AxisIndex,
         parameter: ParameterId,
     ) -> Result<(), Unsupported> {
-        self.slot(axis)?.readable(parameter)?;
+        self.slot(axis)?.read(parameter)?;
         self.add(ticket, axis, Task::Read(parameter)).map(drop)
     }
 
@@ -406,8 +419,10 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let n = self.ended.trailing_zeros() as usize;
         self.ended &= !(1 << n);
         self.used &= !(1 << n);
-        let job = self.jobs[n].take()?;
-        Some((job.ticket, job.outcome?))
+        let job = self.jobs[n].as_ref()?;
+        let ended = (job.ticket, job.outcome?);
+        self.jobs[n] = None;
+        Some(ended)
     }
 
     fn rehearse(
@@ -445,7 +460,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         command: &Command,
         show: &mut dyn FnMut(Rehearsed<'_>),
     ) -> Result<(), Unsupported> {
-        let read = |id| slot.driver.read(slot.readable(id)?);
+        let read = |id| slot.read(id).copied();
         let write = |id, raw| slot.driver.write(slot.writable(id, raw)?, raw, Class::Confirm);
         let (step, request) = match step {
             Step::Write(id, operand) => match slot.operand(operand, command, Some(id))? {

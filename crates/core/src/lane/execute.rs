@@ -28,7 +28,20 @@ fn impossible(reason: Unsupported) -> Next {
     Next::End(Outcome::NotDone(Failure::Impossible(reason)))
 }
 
+/// The request of a ready job that reads a parameter, where no scale is missing: what happens most,
+/// so it is looked at first and its request is copied nowhere.
+#[inline]
+pub fn plain_read<'a, R: Request, A: Copy + 'static>(
+    job: &Job<R>,
+    slot: &'a Slot<R, A>,
+) -> Option<(ParameterId, &'a R)> {
+    let Task::Read(id) = job.task else { return None };
+    let request = slot.read(id).ok()?;
+    slot.missing(id).is_none().then_some((id, request))
+}
+
 /// The request that a ready job has next. Changes nothing that matters if the host will not have it.
+#[inline]
 pub fn next<R: Request, A: Copy + 'static>(
     now: Instant,
     job: &mut Job<R>,
@@ -45,14 +58,16 @@ pub fn next<R: Request, A: Copy + 'static>(
     }
 }
 
+#[inline]
 fn read<R: Request, A: Copy + 'static>(
     slot: &Slot<R, A>,
     asked: Asked,
 ) -> Result<(R, Asked), Unsupported> {
     let id = asked.parameter().ok_or(Unsupported::NoSuchParameter)?;
-    Ok((slot.driver.read(slot.readable(id)?)?, asked))
+    Ok((*slot.read(id)?, asked))
 }
 
+#[inline(never)]
 fn next_of_run<R: Request, A: Copy + 'static>(
     now: Instant,
     run: &mut Run,
@@ -179,6 +194,7 @@ pub fn may_have_been_executed<R: Request>(job: &Job<R>) -> bool {
 }
 
 /// What an answer, or its lack, makes of a job.
+#[inline(never)]
 pub fn answered<R: Request, A: Copy + 'static>(
     now: Instant,
     job: &mut Job<R>,

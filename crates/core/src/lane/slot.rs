@@ -2,11 +2,12 @@
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use crate::axis::{Command, Driver, Reading, State};
 use crate::error::Unsupported;
 use crate::plan::{Operand, Step};
-use crate::profile::{Access, Parameter, ParameterId, Profile, Scale};
+use crate::profile::{Access, Parameter, ParameterId, Profile, Scale, SignalSource};
 use crate::time::Instant;
 
 /// A driver behind a pointer, so that one lane serves several families.
@@ -26,8 +27,23 @@ pub struct Slot<R, A> {
     pub profile: &'static Profile,
     pub state: State,
     factors: Vec<Factor>,
-    /// Per parameter: whether a reading of it tells a signal or a factor.
-    telling: Vec<bool>,
+    /// The request that reads each parameter, by [`ParameterId`].
+    reads: Vec<Result<R, Unsupported>>,
+    /// What a reading of each parameter tells, likewise.
+    tells: Vec<Tells>,
+    /// The profile's signals, those of one parameter side by side.
+    sources: Vec<SignalSource>,
+}
+
+/// What a reading of one parameter tells, worked out once.
+#[derive(Clone, Debug)]
+struct Tells {
+    /// SI value of one raw unit; `None` when other parameters have a say in it.
+    si: Option<f64>,
+    /// Its place among the factors.
+    factor: Option<usize>,
+    /// The place of its signals among the sources.
+    sources: Range<usize>,
 }
 
 impl<R, A> core::fmt::Debug for Slot<R, A> {
@@ -47,22 +63,41 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
                 }
             }
         }
-        let tells = |id: ParameterId| {
-            profile.signals.iter().any(|s| s.parameter == id)
-                || factors.iter().any(|f| f.parameter == id)
+        let mut slot = Self {
+            driver,
+            profile,
+            state: State::UNKNOWN,
+            factors,
+            reads: Vec::with_capacity(profile.parameters.len()),
+            tells: Vec::with_capacity(profile.parameters.len()),
+            sources: Vec::with_capacity(profile.signals.len()),
         };
-        let ids = (0..profile.parameters.len()).filter_map(|n| u16::try_from(n).ok());
-        let telling = ids.map(|n| tells(ParameterId(n))).collect();
-        Self { driver, profile, state: State::UNKNOWN, factors, telling }
+        for (id, parameter) in (0..=u16::MAX).map(ParameterId).zip(profile.parameters) {
+            slot.describe(id, parameter);
+        }
+        slot
     }
 
-    /// The parameter, if it exists and may be accessed that way.
-    pub fn readable(&self, id: ParameterId) -> Result<&'static Parameter, Unsupported> {
-        let parameter = self.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-        match parameter.access {
+    /// Works out once what a parameter needs again and again.
+    fn describe(&mut self, id: ParameterId, parameter: &Parameter) {
+        self.reads.push(match parameter.access {
             Access::Write => Err(Unsupported::WriteOnly(id)),
-            _ => Ok(parameter),
-        }
+            _ => self.driver.read(parameter),
+        });
+        let first = self.sources.len();
+        self.sources.extend(self.profile.signals.iter().filter(|s| s.parameter == id).copied());
+        self.tells.push(Tells {
+            si: constant_si(parameter),
+            factor: self.factors.iter().position(|f| f.parameter == id),
+            sources: first..self.sources.len(),
+        });
+    }
+
+    /// The request that reads a parameter, if it exists and may be read.
+    #[inline]
+    pub fn read(&self, id: ParameterId) -> Result<&R, Unsupported> {
+        let read = self.reads.get(usize::from(id.0)).ok_or(Unsupported::NoSuchParameter)?;
+        read.as_ref().map_err(|unsupported| *unsupported)
     }
 
     /// The parameter, if it may be written with that value.
@@ -76,14 +111,13 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     }
 
     /// Takes a raw reading of a parameter into the state and the scales.
+    #[inline]
     pub fn note(&mut self, now: Instant, id: ParameterId, raw: i64) {
-        if !self.telling.get(usize::from(id.0)).is_some_and(|t| *t) {
-            return;
-        }
-        if let Some(factor) = self.factors.iter_mut().find(|f| f.parameter == id) {
+        let Some(tells) = self.tells.get(usize::from(id.0)) else { return };
+        if let Some(factor) = tells.factor.and_then(|at| self.factors.get_mut(at)) {
             factor.raw = Some(raw);
         }
-        for source in self.profile.signals.iter().filter(|s| s.parameter == id) {
+        for source in self.sources.get(tells.sources.clone()).unwrap_or_default() {
             let masked = raw & source.mask;
             let (raw, value) = match source.equals {
                 Some(equals) => (i64::from(masked == equals), f64::from(masked == equals)),
@@ -102,8 +136,9 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     }
 
     /// A parameter that the scale of `id` depends on, not known and not yet asked for.
+    #[inline]
     pub fn missing(&self, id: ParameterId) -> Option<ParameterId> {
-        if self.factors.is_empty() {
+        if self.tells.get(usize::from(id.0))?.si.is_some() {
             return None;
         }
         let scale = self.profile.parameter(id)?.scale;
@@ -119,17 +154,27 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         }
     }
 
+    #[inline]
     pub fn to_si(&self, id: ParameterId, raw: i64) -> Option<f64> {
-        let parameter = self.profile.parameter(id)?;
-        Some(raw as f64 * self.factor(parameter.scale)? * parameter.unit.si())
+        Some(raw as f64 * self.si(id)?)
     }
 
     pub fn to_raw(&self, id: ParameterId, si: f64) -> Option<i64> {
-        let parameter = self.profile.parameter(id)?;
-        let raw = si / (self.factor(parameter.scale)? * parameter.unit.si());
-        let raw = libm::round(raw);
+        let raw = libm::round(si / self.si(id)?);
         // Beyond this a float no longer counts single steps; no drive has such a number.
         (raw.abs() < 9.0e15).then_some(raw as i64)
+    }
+
+    /// SI value of one raw unit.
+    #[inline]
+    fn si(&self, id: ParameterId) -> Option<f64> {
+        match self.tells.get(usize::from(id.0))?.si {
+            Some(si) => Some(si),
+            None => {
+                let parameter = self.profile.parameter(id)?;
+                Some(self.factor(parameter.scale)? * parameter.unit.si())
+            }
+        }
     }
 
     fn factor(&self, scale: Scale) -> Option<f64> {
@@ -187,6 +232,12 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         }
         Ok(true)
     }
+}
+
+fn constant_si(parameter: &Parameter) -> Option<f64> {
+    let scale = parameter.scale;
+    let constant = scale.times.is_none() && scale.over.is_none();
+    constant.then(|| scale.factor * parameter.unit.si())
 }
 
 fn in_range(parameter: &Parameter, id: ParameterId, raw: i64) -> Result<(), Unsupported> {
