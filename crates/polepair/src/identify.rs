@@ -49,6 +49,8 @@ pub(crate) struct Prober<'a> {
 pub(crate) enum Probe {
     /// Nobody answered anything.
     Silent,
+    /// The host may not ask there; nothing was sent.
+    Forbidden(&'static str),
     /// Somebody is there.
     Found { profile: &'static Profile, identified: Identified, stray: u64 },
 }
@@ -65,6 +67,10 @@ impl<'a> Prober<'a> {
     pub(crate) fn identify(&self, number: u32) -> Result<(&'static Profile, Identified), Error> {
         match self.probe(number)? {
             Probe::Found { profile, identified, .. } => Ok((profile, identified)),
+            Probe::Forbidden(hint) => {
+                let what = format!("axis {number} cannot be asked on {}", self.describe());
+                Err(Error::usage("E222", what, hint))
+            }
             Probe::Silent => Err(Error::Failed {
                 what: format!("axis {number} does not answer on {}", self.describe()),
                 outcome: Outcome::NotDone(Failure::Silent),
@@ -94,6 +100,9 @@ impl<'a> Prober<'a> {
             };
             asked.push((*identity, outcome));
             match outcome {
+                Some(Outcome::NotDone(Failure::NotReady { hint })) => {
+                    return Ok(Probe::Forbidden(hint));
+                }
                 Some(Outcome::Done(raw)) => {
                     heard = true;
                     let sure = identity.mask.count_ones();

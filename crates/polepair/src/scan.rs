@@ -88,7 +88,11 @@ pub fn scan(
         let prober = Prober::new(line, &connector.config);
         for (done, &number) in wanted.iter().enumerate() {
             progress(Progress { number, done, of: wanted.len() });
-            if let Probe::Found { profile, identified, stray } = prober.probe(number)? {
+            let probe = prober.probe(number)?;
+            if let Probe::Forbidden(hint) = probe {
+                scan.tried.push(format!("not address {number}: {hint}"));
+            }
+            if let Probe::Found { profile, identified, stray } = probe {
                 let clash = (stray > 0).then(|| {
                     format!("{stray} answers too many or damaged: two drives with this address?")
                 });

@@ -136,7 +136,8 @@ impl State {
         self.seen = now;
         for _ in 0..PUMP_MAX {
             let told = self.tell();
-            if !self.transmit(now) && !told {
+            // What the host ends at once, unsent, is told too.
+            if !self.transmit(now) && !told && !self.tell() {
                 break;
             }
         }
