@@ -1,0 +1,65 @@
+//! The programs in `examples/rust` do what they say, on simulated drives.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Lines that a program has at most: it is meant to be read at a glance.
+const LINES_MAX: usize = 60;
+
+/// What each program prints, in order.
+const PROGRAMS: [(&str, &[&str]); 6] = [
+    ("find", &["1: Trinamic TMCM-171", "3: Trinamic TMCM-171"]),
+    ("parameters", &["max current = 10 A (on the wire 100)", "E216: axis 1"]),
+    ("spin", &["60.0 rpm"]),
+    ("move_and_home", &["home found", "at 90 deg: 1.57", "45 degrees back: -0.78"]),
+    ("watch", &["axis 1", "position 0.0000", "axis 3"]),
+    ("fault_and_recover", &["turning", "UNDERVOLT", "turning again at 31.4 rad/s"]),
+];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+#[test]
+fn every_program_runs() {
+    // The test profile shares what was built for this very test.
+    let built = Command::new(env!("CARGO"))
+        .args(["build", "--quiet", "--profile", "test", "-p", "polepair", "--examples"])
+        .args(["--message-format", "json"])
+        .current_dir(root())
+        .output()
+        .expect("cargo starts");
+    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+    let told = String::from_utf8_lossy(&built.stdout);
+    for (name, expected) in PROGRAMS {
+        let ran = Command::new(executable(&told, name)).output().expect("the program starts");
+        let text = String::from_utf8_lossy(&ran.stdout);
+        let failed = String::from_utf8_lossy(&ran.stderr);
+        assert!(ran.status.success(), "{name}: {text}{failed}");
+        let mut rest = &*text;
+        for part in expected {
+            let at = rest.find(part);
+            let at = at.unwrap_or_else(|| panic!("{name} does not print {part:?}:\n{text}"));
+            rest = &rest[at + part.len()..];
+        }
+    }
+}
+
+/// Where cargo says that it put a program.
+fn executable(told: &str, name: &str) -> PathBuf {
+    let mut paths =
+        told.split("\"executable\":\"").skip(1).filter_map(|part| part.split('"').next());
+    let stem = |path: &&str| Path::new(path).file_stem().is_some_and(|stem| stem == name);
+    let path = paths.find(stem).unwrap_or_else(|| panic!("cargo built no {name}"));
+    PathBuf::from(path.replace("\\\\", "\\"))
+}
+
+#[test]
+fn every_program_is_short() {
+    for (name, _) in PROGRAMS {
+        let path = root().join(format!("examples/rust/{name}.rs"));
+        let text = std::fs::read_to_string(&path).expect("an example");
+        assert!(text.lines().count() < LINES_MAX, "{name} is too long");
+        assert!(text.starts_with("//! "), "{name} does not say what it does");
+    }
+}
