@@ -2,6 +2,7 @@
 
 mod completions;
 mod decode;
+mod demo;
 mod encode;
 mod explain;
 mod get;
@@ -85,6 +86,8 @@ pub enum Verb {
     Params(params::Params),
     /// Simulate drives that any program can talk to
     Sim(sim::Sim),
+    /// Find, move, fault and recover two simulated drives
+    Demo(demo::Demo),
     /// Print a completion script for a shell
     Completions(completions::Completions),
 }
@@ -112,6 +115,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Ports(verb) => verb.run(),
         Verb::Params(verb) => verb.run(),
         Verb::Sim(verb) => verb.run(),
+        Verb::Demo(verb) => verb.run(),
         Verb::Completions(verb) => verb.run(),
     }
 }
