@@ -3,17 +3,17 @@ CARGO ?= cargo
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 
-.PHONY: demo test check interop swarm soak bench docs clean
+.PHONY: demo test check interop swarm soak bench clean
 
 ## demo: the main job on simulated drives; HEADLESS=1 ends by itself
 demo:
 	$(CARGO) build --release --locked -p polepair-cli
 	target/release/polepair demo $(if $(HEADLESS),--headless)
 
-## test: all tests; installs what the foreign clients need
+## test: all tests, 500 swarm seeds among them; installs what the foreign clients need
 test: check
+	$(CARGO) test --workspace --locked --quiet --examples --test '*'
 	$(CARGO) test --workspace --locked --quiet --doc
-	$(CARGO) xtask swarm --seeds 500
 	$(MAKE) --no-print-directory interop
 
 ## check: format, lints, generated files, unit tests; under three minutes
@@ -22,7 +22,7 @@ check:
 	$(CARGO) clippy --workspace --all-targets --locked --quiet -- -D warnings
 	$(CARGO) xtask codegen --check
 	$(CARGO) xtask tidy
-	$(CARGO) test --workspace --locked --quiet --lib --bins --tests --examples
+	$(CARGO) test --workspace --locked --quiet --lib --bins
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: $(VENV)/ready
@@ -45,9 +45,9 @@ soak:
 	POLEPAIR_GARBAGE=1000000 $(CARGO) test --release --locked --quiet -p polepair-sim garbage -- --nocapture
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 
-## bench: speed beside the targets
+## bench: the codecs, the layers, the round trip beside the raw pty
 bench:
-	$(CARGO) bench --locked -p polepair
+	$(CARGO) bench --locked -p polepair-core -p polepair-link
 
 clean:
 	$(CARGO) clean
