@@ -129,7 +129,7 @@ impl Faults {
             lose_reply: per_unit(random),
             collide: per_unit(random),
             release_late_bits: random.pick(&[0, 0, 0, 1, 3]),
-            latency_ms: random.pick(&[0, 0, 1, 16]),
+            latency_ms: random.pick(&[0, 0, 1, 16, 20]),
             host_baud: 0,
         }
     }

@@ -112,6 +112,30 @@ impl Memory {
     }
 }
 
+/// Whose ears a chunk reaches at an instant: the host's adapter may keep bytes for a while, the
+/// drives hear them as they come.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Ears {
+    All,
+    Drives,
+    Host,
+}
+
+impl Ears {
+    pub(crate) const fn has(self, head: bool) -> bool {
+        match self {
+            Self::All => true,
+            Self::Drives => !head,
+            Self::Host => head,
+        }
+    }
+
+    /// Whether nobody is left to hear it afterwards.
+    pub(crate) const fn last(self) -> bool {
+        !matches!(self, Self::Drives)
+    }
+}
+
 /// Bytes under way.
 #[derive(Clone, Debug)]
 pub(crate) struct Chunk {
@@ -160,6 +184,11 @@ impl Air {
         buffer.extend_from_slice(bytes);
         *chunk = Chunk { bytes: buffer, ..*template };
         at
+    }
+
+    /// Puts the bytes back for those who hear them later.
+    pub(crate) fn keep(&mut self, at: usize, chunk: Chunk) {
+        self.chunks[at].bytes = chunk.bytes;
     }
 
     /// Takes a chunk's bytes out while it is being delivered.
@@ -230,7 +259,7 @@ impl SerialWire {
         tag: u32,
         line: SerialLine,
         bytes: &[u8],
-        mut schedule: impl FnMut(Instant, usize),
+        mut schedule: impl FnMut(Instant, usize, Ears),
     ) {
         let (wire, from) = place;
         let label = self.label(from, tag, bytes);
@@ -385,7 +414,7 @@ impl SerialWire {
         air: &mut Air,
         chunk: &mut Chunk,
         bytes: &[u8],
-        schedule: &mut impl FnMut(Instant, usize),
+        schedule: &mut impl FnMut(Instant, usize, Ears),
     ) {
         let cutting = self.random.chance(self.faults.chunk);
         self.made.chunked += u64::from(cutting);
@@ -412,17 +441,25 @@ impl SerialWire {
         air: &mut Air,
         template: &Chunk,
         bytes: &[u8],
-        schedule: &mut impl FnMut(Instant, usize),
+        schedule: &mut impl FnMut(Instant, usize, Ears),
     ) {
         let at = air.put(template, bytes);
         for other in 0..self.flying.len() {
             self.meet(air, at, self.flying[other]);
         }
         self.flying.push(at);
-        schedule(self.arrival(air.chunks[at].end(), template.from), at);
+        let end = air.chunks[at].end();
+        match self.arrival(end, template.from) {
+            later if later > end && self.set.duplex == Duplex::Half => {
+                schedule(end, at, Ears::Drives);
+                schedule(later, at, Ears::Host);
+            }
+            later if later > end => schedule(later, at, Ears::Host),
+            _ => schedule(end, at, Ears::All),
+        }
     }
 
-    /// When a chunk that ends at `end` is handed over: at once, or when the adapter next looks.
+    /// When a chunk that ends at `end` reaches the host: at once, or when its adapter next looks.
     fn arrival(&self, end: Instant, from: usize) -> Instant {
         let period = u64::from(self.faults.latency_ms) * 1_000_000;
         if period == 0 || self.plugs[from].head {

@@ -27,7 +27,7 @@ use crate::fault::{Faults, Made};
 use crate::node::Node;
 use crate::queue::Queue;
 use crate::random::{History, Random};
-use crate::serial_line::{Air, Label, Serial, SerialWire};
+use crate::serial_line::{Air, Ears, Label, Serial, SerialWire};
 
 /// Transmissions that one station may make in answer to one event.
 const TRANSMISSIONS_MAX: usize = 64;
@@ -264,11 +264,14 @@ impl World {
         }
     }
 
-    /// Cuts a wire or joins it again, and tells every station on it.
+    /// Cuts a wire or joins it again, and tells every station on it, if that changes anything.
     pub fn cut(&mut self, wire: WireId, down: bool) {
-        match &mut self.wires[wire.0].kind {
-            Kind::Serial(serial) => serial.down = down,
-            Kind::Can(bus) => bus.down = down,
+        let is_down = match &mut self.wires[wire.0].kind {
+            Kind::Serial(serial) => &mut serial.down,
+            Kind::Can(bus) => &mut bus.down,
+        };
+        if std::mem::replace(is_down, down) == down {
+            return;
         }
         self.tell(wire.0, if down { LineEvent::Down } else { LineEvent::Up });
     }
@@ -343,7 +346,7 @@ impl World {
 #[derive(Clone, Copy, Debug)]
 enum Due {
     Time(usize),
-    Chunk(usize),
+    Chunk(usize, Ears),
     Frame(usize),
 }
 
@@ -446,7 +449,7 @@ impl World {
     fn happen(&mut self, due: Due) -> Happening {
         match due {
             Due::Time(node) => self.time_came(node),
-            Due::Chunk(at) => self.chunk_arrives(at),
+            Due::Chunk(at, ears) => self.chunk_arrives(at, ears),
             Due::Frame(wire) => self.frame_arrives(wire),
         }
     }
@@ -466,14 +469,15 @@ impl World {
         Happening::Time(NodeId(node))
     }
 
-    fn chunk_arrives(&mut self, at: usize) -> Happening {
+    fn chunk_arrives(&mut self, at: usize, ears: Ears) -> Happening {
         let chunk = self.air.take(at);
         self.history.note_bytes(&chunk.bytes);
         for to in 0..self.wires[chunk.wire].plugs.len() {
             let party = self.wires[chunk.wire].plugs[to];
             let Kind::Serial(serial) = &mut self.wires[chunk.wire].kind else { continue };
             serial.land(at);
-            if serial.down || !serial.hears(to, chunk.from) {
+            let concerned = serial.hears(to, chunk.from) && ears.has(serial.plugs[to].head);
+            if serial.down || !concerned {
                 continue;
             }
             let line = match party {
@@ -496,7 +500,11 @@ impl World {
             self.hand_over(party, broken);
         }
         let wire = chunk.wire;
-        self.air.give_back(at, chunk);
+        if ears.last() {
+            self.air.give_back(at, chunk);
+        } else {
+            self.air.keep(at, chunk);
+        }
         Happening::Arrival(WireId(wire))
     }
 
@@ -605,7 +613,7 @@ impl World {
         let Kind::Serial(serial) = &mut self.wires[place.0].kind else { return };
         self.tags = self.tags.wrapping_add(1);
         let (tag, queue) = (self.tags, &mut self.queue);
-        let schedule = |at, chunk| queue.push(at, Due::Chunk(chunk));
+        let schedule = |at, chunk, ears| queue.push(at, Due::Chunk(chunk, ears));
         serial.transmit(&mut self.air, self.now, place, tag, line, bytes, schedule);
     }
 

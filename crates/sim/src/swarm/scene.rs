@@ -240,9 +240,7 @@ impl Scene {
         let mut faults = Faults::random(random, patience, LATEST_IN_TIMEOUTS * patience);
         client.sound = random.chance(Ppm(125_000));
         if client.sound {
-            // A run of bytes is handed over when it ends: more would look like the silence of
-            // 10 ms after which drives drop what they have.
-            let (chunk_gap_us, latency_ms) = (faults.chunk_gap_us.min(100), faults.latency_ms);
+            let (chunk_gap_us, latency_ms) = (faults.chunk_gap_us, faults.latency_ms);
             faults = Faults { chunk: Ppm::ALWAYS, chunk_gap_us, latency_ms, ..Faults::NONE };
         }
         self.calamities.push((begin, Calamity::Storm(at, faults)));

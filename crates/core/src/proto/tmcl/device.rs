@@ -145,8 +145,9 @@ impl Default for Quirks {
     }
 }
 
-/// Pause between two bytes that starts a new datagram. \[I\]
-pub const BYTE_TIMEOUT_MS: u32 = 10;
+/// Pause between two bytes that starts a new datagram. \[I\] USB adapters and serial servers may put
+/// 20 ms between two pieces of a request; one of those pieces takes up to 9 ms at 9600 baud.
+pub const BYTE_TIMEOUT_MS: u32 = 30;
 
 /// Bytes that wait to be sent at most: the echo of a line and its reply.
 pub const OUT_MAX: usize = 2 * ascii::LINE_MAX;

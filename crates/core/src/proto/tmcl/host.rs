@@ -21,7 +21,7 @@ pub const REPLY_TIMEOUT_MS: u32 = 100;
 const QUIET_CHARACTERS: u32 = 2;
 /// A byte sent alone, to make a module that lost count of bytes count on, is followed by so long a
 /// silence, that a module with a time limit between bytes drops it.
-const SHIFT_PAUSE_MS: u32 = 25;
+const SHIFT_PAUSE_MS: u32 = 35;
 
 /// The host on RS-232, RS-485, a pseudo-terminal or TCP.
 #[derive(Debug)]
