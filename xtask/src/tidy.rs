@@ -21,10 +21,10 @@ const COLUMNS_MAX: usize = 120;
 const EMPTY_WORDS: [&str; 5] = ["Manager", "Helper", "Utils", "Util", "Handler"];
 const EMPTY_MODULES: [&str; 5] = ["common", "utils", "util", "helpers", "helper"];
 /// Files of a protocol that know bytes alone.
-const WIRE_FILES: [&str; 5] = ["wire", "explain", "rtu", "ascii", "opcode"];
+const WIRE_FILES: [&str; 6] = ["wire", "explain", "rtu", "ascii", "opcode", "encoding"];
 
 /// What still breaks a rule, file and rule: to be paid off, never to grow.
-const DEBTS: [(&str, &str); 1] = [("crates/core/src/proto/modbus/explain.rs", "rule 2")];
+const DEBTS: [(&str, &str); 0] = [];
 
 /// Checks the workspace; every violation is a line with place and rule.
 pub fn run(root: &Path) -> Result<(), String> {

@@ -123,6 +123,13 @@ pub trait Dissector: Sync {
     /// Where the first frame in a serial stream ends. `ended` says that no more bytes follow soon:
     /// silence, a change of direction, or the end of the capture.
     fn cut(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> Cut;
+    /// The length of the frame whose check agrees at the head of some bytes, if there is one.
+    fn whole(&self, bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
+        match self.cut(bytes, direction, true) {
+            Cut::Frame(len) => Some(len),
+            _ => None,
+        }
+    }
     /// Whether a CAN identifier can be this protocol's; `false` for protocols without CAN.
     fn claims(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);

@@ -6,11 +6,9 @@
 mod cut;
 mod say;
 
-use super::axis::decode;
-use super::axis::registers;
-use super::host::exception_text;
+use super::encoding::{decode, registers};
 use super::text;
-use super::wire::{Format, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, word};
+use super::wire::{Exception, Format, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, word};
 use super::{ascii, rtu};
 use crate::error::WireError;
 use crate::explain::{
@@ -40,6 +38,16 @@ impl Dissector for ModbusDissector {
         match self.0 {
             Format::Rtu => cut::rtu(bytes, direction, ended),
             Format::Ascii => cut::ascii(bytes, ended),
+        }
+    }
+
+    fn whole(&self, bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
+        match self.0 {
+            Format::Rtu => cut::rtu_whole(bytes, direction),
+            Format::Ascii => match cut::ascii(bytes, true) {
+                Cut::Frame(len) => Some(len),
+                _ => None,
+            },
         }
     }
 
@@ -98,7 +106,10 @@ impl Dissector for ModbusDissector {
     }
 
     fn code(&self, code: u32) -> Option<&'static str> {
-        exception_text(code)
+        match Exception::of_code(u8::try_from(code).ok()?) {
+            Exception::Unknown(_) => None,
+            exception => Some(exception.text()),
+        }
     }
 }
 

@@ -13,7 +13,7 @@ mod receive;
 use super::ascii::{self, Collector};
 use super::request::{Answer, Ask, Request, WORDS_MAX};
 use super::rtu::{self, ADU_MAX};
-use super::wire::{BROADCAST, Exception, Format, Function, Space};
+use super::wire::{BROADCAST, Format, Function, Space};
 use crate::error::Failure;
 use crate::medium::{SerialLine, Stream};
 use crate::proto::HostOptions;
@@ -504,14 +504,5 @@ impl station::Host<Stream> for Host {
 
     fn counters(&self) -> Counters {
         self.counters
-    }
-}
-
-/// What an exception says, for [`Failure::Refused`]'s code.
-#[must_use]
-pub fn exception_text(code: u32) -> Option<&'static str> {
-    match Exception::of_code(u8::try_from(code).ok()?) {
-        Exception::Unknown(_) => None,
-        exception => Some(exception.text()),
     }
 }

@@ -6,6 +6,7 @@
 pub mod ascii;
 pub mod axis;
 pub mod device;
+pub mod encoding;
 pub mod explain;
 pub mod host;
 pub mod request;

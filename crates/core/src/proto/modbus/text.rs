@@ -4,7 +4,7 @@
 //! name or symbol of the profile, or `Fn_hex` and `Dn_hex` (TS manual V2 §2.2: Fn_n lies at n, Dn_n
 //! at 1000h + n).
 
-use super::axis::{self, registers};
+use super::encoding::{self, registers};
 use super::wire::{Function, READ_WORDS_MAX, Space, WRITE_WORDS_MAX};
 use crate::explain::TextError;
 use crate::profile::{Parameter, Profile};
@@ -264,7 +264,7 @@ fn write_registers(
             let expected = "a value in the parameter's range";
             let wrong = TextError { at: value.at, expected };
             let raw = number(value.text).ok_or(wrong)?;
-            let pair = axis::encode(parameter.encoding, raw).ok_or(wrong)?;
+            let pair = encoding::encode(parameter.encoding, raw).ok_or(wrong)?;
             count = usize::from(registers(parameter.encoding));
             words[..count].copy_from_slice(&pair[..count]);
         }

@@ -35,6 +35,14 @@ pub(super) fn rtu(bytes: &[u8], direction: Option<Direction>, ended: bool) -> Cu
     }
 }
 
+/// The frame at the head of the bytes, without a search for the next.
+pub(super) fn rtu_whole(bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
+    match head(bytes, direction) {
+        Head::Frame(len) => Some(len),
+        _ => None,
+    }
+}
+
 pub(super) fn ascii(bytes: &[u8], ended: bool) -> Cut {
     let Some(&first) = bytes.first() else { return Cut::More };
     if first != ascii::START {

@@ -14,7 +14,7 @@ use crate::profile::Encoding;
 use crate::proto::modbus::device::{Framing, SerialEnd};
 use crate::proto::modbus::request::{Ask, Request};
 use crate::proto::modbus::wire::{Exception, Format, ReplyPdu, RequestPdu, Space};
-use crate::proto::modbus::{ASCII, Host, ModbusDissector, RTU, ascii, axis, rtu};
+use crate::proto::modbus::{ASCII, Host, ModbusDissector, RTU, ascii, encoding, rtu};
 use crate::station::{Class, Host as _, Station, Ticket, Timed};
 use crate::time::Instant;
 
@@ -240,13 +240,13 @@ fn codes_and_encodings_are_total() {
     }
     for raw in [-327_680_000, -200_001, -9_999, -1, 0, 1, 32_767, 123_456_789] {
         for encoding in [Encoding::I32, Encoding::I32LowFirst, Encoding::TensAndThousandths] {
-            let pair = axis::encode(encoding, raw).unwrap();
-            assert_eq!(axis::decode(encoding, pair), raw, "{encoding:?}");
+            let pair = encoding::encode(encoding, raw).unwrap();
+            assert_eq!(encoding::decode(encoding, pair), raw, "{encoding:?}");
         }
     }
     // TS manual V2 §2.3: F32D, 000B is 000BF32D.
-    assert_eq!(axis::decode(Encoding::I32LowFirst, [0xF32D, 0x000B]), 0x000B_F32D);
-    assert_eq!(axis::encode(Encoding::I16, 40_000), None);
+    assert_eq!(encoding::decode(Encoding::I32LowFirst, [0xF32D, 0x000B]), 0x000B_F32D);
+    assert_eq!(encoding::encode(Encoding::I16, 40_000), None);
 }
 
 fn device(format: Format) -> (SerialEnd, Drive) {
