@@ -5,7 +5,7 @@
 //! believes something else broke an invariant; unless the bytes it believed were changed on the way
 //! and still passed every check of their protocol: that is a *wire collision*, and only counted.
 
-use polepair_core::explain::{Cut, Direction, Dissector};
+use polepair_core::explain::{Direction, Dissector};
 use polepair_core::proto;
 use polepair_core::station::Counters;
 use polepair_core::time::Instant;
@@ -13,6 +13,8 @@ use polepair_core::time::Instant;
 use crate::serial_line::Label;
 use crate::world::{NodeId, WireId, World};
 
+/// The longest frame of all protocols on serial lines, bytes (Modbus ASCII).
+const FRAME_MAX: usize = 513;
 /// Requests that are kept as unanswered.
 const OPEN_MAX: usize = 16;
 
@@ -131,11 +133,10 @@ fn frames<'a>(
     fresh: usize,
     direction: Direction,
 ) -> impl Iterator<Item = &'a [u8]> {
-    (0..bytes.len()).filter_map(move |from| {
-        match dissector.cut(&bytes[from..], Some(direction), true) {
-            Cut::Frame(len) if from + len > fresh => Some(&bytes[from..from + len]),
-            _ => None,
-        }
+    // No frame is longer, so none that begins earlier ends behind `fresh`.
+    (fresh.saturating_sub(FRAME_MAX)..bytes.len()).filter_map(move |from| {
+        let len = dissector.whole(&bytes[from..], Some(direction))?;
+        (from + len > fresh).then(|| &bytes[from..from + len])
     })
 }
 
