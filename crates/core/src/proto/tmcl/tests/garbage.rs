@@ -10,7 +10,7 @@ use super::pair::{Bench, MODULE, Wire, request};
 use crate::explain::{Cut, Direction, Dissector};
 use crate::medium::Frame;
 use crate::proto::HostOptions;
-use crate::proto::tmcl::device::{BadSum, CanEnd, Quirks, SerialEnd};
+use crate::proto::tmcl::device::{BYTE_TIMEOUT_MS, BadSum, CanEnd, Quirks, SerialEnd};
 use crate::proto::tmcl::wire::{DATAGRAM, Reply};
 use crate::proto::tmcl::{Answer, Ask, CanHost, Opcode, SerialHost, Status, TmclDissector};
 use crate::station::{Host, Station, Ticket, Timed};
@@ -105,7 +105,7 @@ fn a_module_obeys_nothing_whose_sum_fails() {
         let mut passed = 0;
         for _ in 0..FRAMES / 3 {
             // A silence before each, so that frames and datagrams are the same thing.
-            now = now.plus_ms(20);
+            now = now.plus_ms(BYTE_TIMEOUT_MS + 10);
             let bytes = frame(&mut random, &good);
             let summed = bytes.chunks_exact(DATAGRAM).any(|c| Reply::parse(c).is_ok());
             let mut out = [0; 128];
