@@ -25,6 +25,7 @@ pub mod error;
 pub mod explain;
 pub mod lane;
 pub mod medium;
+pub mod mux;
 pub mod plan;
 pub mod plant;
 pub mod profile;

@@ -109,6 +109,24 @@ pub struct Counters {
     pub silent: u64,
 }
 
+impl Counters {
+    /// Both counts together.
+    #[must_use]
+    pub const fn plus(self, other: Self) -> Self {
+        Self {
+            sent: self.sent + other.sent,
+            resent: self.resent + other.resent,
+            answered: self.answered + other.answered,
+            late: self.late + other.late,
+            foreign: self.foreign + other.foreign,
+            echoed: self.echoed + other.echoed,
+            skipped: self.skipped + other.skipped,
+            corrupt: self.corrupt + other.corrupt,
+            silent: self.silent + other.silent,
+        }
+    }
+}
+
 /// The commanding end. Every ticket submitted ends in exactly one event.
 pub trait Host<M: Medium>: Station<M> {
     /// What it can ask.

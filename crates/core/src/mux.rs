@@ -1,0 +1,211 @@
+//! Several lanes on one CAN wire: every frame is offered to each, stops of any go first.
+//!
+//! A lane takes what its protocol's identifiers say is meant for it; which identifiers are whose is
+//! settled before the lanes are made. All storage is made when the mux is made.
+
+use alloc::boxed::Box;
+use alloc::vec::Vec;
+
+use crate::axis::{AnyLane, Axes, Command, Rehearsed, State};
+use crate::error::{Outcome, Unsupported};
+use crate::medium::{Can, CanLine, Frame};
+use crate::profile::{ParameterId, Profile};
+use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
+use crate::time::{Instant, earliest};
+
+#[cfg(test)]
+mod tests;
+
+/// A lane whose host and drivers are erased.
+pub type BoxedLane = Box<dyn AnyLane<Can>>;
+
+/// Several lanes that share a CAN wire, as one set of axes: those of the first lane come first.
+pub struct Mux {
+    lanes: Vec<BoxedLane>,
+    /// The lane that may send next, so that none starves.
+    turn: usize,
+}
+
+impl core::fmt::Debug for Mux {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Mux").field("lanes", &self.lanes.len()).finish_non_exhaustive()
+    }
+}
+
+impl Mux {
+    /// The lanes of one wire. `None` without a lane, when they do not agree on the bit rate, or
+    /// when they have more axes than an [`AxisIndex`] can name.
+    pub fn new(lanes: impl IntoIterator<Item = BoxedLane>) -> Option<Self> {
+        let lanes: Vec<BoxedLane> = lanes.into_iter().collect();
+        let line = lanes.first()?.line();
+        let axes: usize = lanes.iter().map(|lane| lane.axes()).sum();
+        let agreed = lanes.iter().all(|lane| lane.line() == line);
+        (agreed && axes <= 256).then_some(Self { lanes, turn: 0 })
+    }
+
+    /// The lane of an axis, and the axis' place in it.
+    fn place(&self, axis: AxisIndex) -> Option<(usize, AxisIndex)> {
+        let mut index = usize::from(axis.0);
+        for (n, lane) in self.lanes.iter().enumerate() {
+            match index.checked_sub(lane.axes()) {
+                None => return Some((n, AxisIndex(index as u8))),
+                Some(rest) => index = rest,
+            }
+        }
+        None
+    }
+
+    fn of(&self, axis: AxisIndex) -> Option<(&dyn AnyLane<Can>, AxisIndex)> {
+        let (n, axis) = self.place(axis)?;
+        Some((&*self.lanes[n], axis))
+    }
+
+    fn of_mut(
+        &mut self,
+        axis: AxisIndex,
+    ) -> Result<(&mut dyn AnyLane<Can>, AxisIndex), Unsupported> {
+        let (n, axis) = self.place(axis).ok_or(Unsupported::NoSuchAxis)?;
+        Ok((&mut *self.lanes[n], axis))
+    }
+}
+
+impl Timed for Mux {
+    fn handle_timeout(&mut self, now: Instant) {
+        for lane in &mut self.lanes {
+            if lane.poll_timeout().is_some_and(|due| due <= now) {
+                lane.handle_timeout(now);
+            }
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.lanes.iter().map(|lane| lane.poll_timeout()).fold(None, earliest)
+    }
+}
+
+impl Station<Can> for Mux {
+    fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        self.lanes.iter_mut().for_each(|lane| lane.handle_input(now, frame));
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.lanes.iter_mut().for_each(|lane| lane.handle_line(now, event));
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        for step in 0..self.lanes.len() {
+            let n = (self.turn + step) % self.lanes.len();
+            if let Some(len) = self.lanes[n].poll_transmit(now, out) {
+                self.turn = n + 1;
+                return Some(len);
+            }
+        }
+        None
+    }
+
+    fn line(&self) -> CanLine {
+        // A mux is never without a lane.
+        self.lanes.first().map_or(CanLine { bit_rate: 0 }, |lane| lane.line())
+    }
+}
+
+impl Axes for Mux {
+    fn axes(&self) -> usize {
+        self.lanes.iter().map(|lane| lane.axes()).sum()
+    }
+
+    fn address(&self, axis: AxisIndex) -> Option<u32> {
+        let (lane, axis) = self.of(axis)?;
+        lane.address(axis)
+    }
+
+    fn profile(&self, axis: AxisIndex) -> Option<&'static Profile> {
+        let (lane, axis) = self.of(axis)?;
+        lane.profile(axis)
+    }
+
+    fn state(&self, axis: AxisIndex) -> Option<&State> {
+        let (lane, axis) = self.of(axis)?;
+        lane.state(axis)
+    }
+
+    fn arm(&mut self, axis: AxisIndex, armed: bool) {
+        if let Ok((lane, axis)) = self.of_mut(axis) {
+            lane.arm(axis, armed);
+        }
+    }
+
+    fn command(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        command: Command,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.command(now, ticket, axis, command)
+    }
+
+    fn read(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.read(now, ticket, axis, parameter)
+    }
+
+    fn write(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+        raw: i64,
+        keep: bool,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.write(now, ticket, axis, parameter, raw, keep)
+    }
+
+    fn raw(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        text: &str,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.raw(now, ticket, axis, text)
+    }
+
+    fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
+        self.lanes.iter_mut().find_map(|lane| lane.poll_outcome())
+    }
+
+    fn rehearse(
+        &self,
+        axis: AxisIndex,
+        command: Command,
+        show: &mut dyn FnMut(Rehearsed<'_>),
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of(axis).ok_or(Unsupported::NoSuchAxis)?;
+        lane.rehearse(axis, command, show)
+    }
+
+    fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
+        let (lane, axis) = self.of(axis)?;
+        lane.to_si(axis, parameter, raw)
+    }
+
+    fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64> {
+        let (lane, axis) = self.of(axis)?;
+        lane.to_raw(axis, parameter, si)
+    }
+
+    fn counters(&self) -> Counters {
+        self.lanes.iter().map(|lane| lane.counters()).fold(Counters::default(), Counters::plus)
+    }
+}

@@ -1,0 +1,121 @@
+//! Two TMCL lanes on one bus, each with a simulated TMCM-171 of its own identifiers.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use super::*;
+use crate::axis::Verb;
+use crate::drives::tmcm17x::Tmcm17x;
+use crate::drives::{DeviceOptions, Family};
+use crate::lane::{BoxedDriver, Lane};
+use crate::proto::tmcl::{Tmcl, TmclCan};
+use crate::proto::{HostOptions, Protocol};
+use crate::station::Host;
+
+type Device = <Tmcm17x as Family>::Device;
+
+const OPTIONS: HostOptions =
+    HostOptions { baud: 250_000, reply_timeout_ms: None, gap_us: None, host: None, echo: false };
+
+fn lane(address: u32, host: u32) -> BoxedLane {
+    let profile = Tmcm17x::profiles()[0];
+    let driver: BoxedDriver<_, _> = Box::new(TmclCan::driver(profile, address));
+    let options = HostOptions { host: Some(host), ..OPTIONS };
+    Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(TmclCan::host(&options), [driver]))
+}
+
+/// A module told, over its serial end, to use other identifiers.
+fn device(can_id: i32, reply_id: i32) -> Device {
+    let options = DeviceOptions { address: None, wire: "tmcl", untimed: true, seed: 1, extra: &[] };
+    let mut device = Tmcm17x::device(Tmcm17x::profiles()[0], &options).unwrap();
+    for (parameter, value) in [(71, can_id), (70, reply_id)] {
+        let text = std::format!("SGP {parameter}, 0, {value}");
+        let driver = Tmcl::driver(Tmcm17x::profiles()[0], 1);
+        let request = crate::axis::Driver::parse(&driver, &text).unwrap();
+        let mut out = [0; 16];
+        let len = Tmcl::host(&OPTIONS).emit(&request, &mut out);
+        let now = Instant::ZERO.plus_ms(100);
+        Station::<crate::medium::Stream>::handle_input(&mut device, now, &out[..len]);
+        let reply =
+            Station::<crate::medium::Stream>::poll_transmit(&mut device, now, &mut [0; 520]);
+        assert!(reply.is_some());
+    }
+    device
+}
+
+/// Lets everything that wants to be sent arrive, for so long.
+fn run(mux: &mut Mux, devices: &mut [Device], from: Instant, ms: u32) -> Vec<(Ticket, Outcome)> {
+    let (mut now, mut ends) = (from, Vec::new());
+    while now < from.plus_ms(ms) {
+        let mut frame = Frame::default();
+        while mux.poll_transmit(now, &mut frame).is_some() {
+            for device in &mut *devices {
+                Station::<Can>::handle_input(device, now, &frame);
+            }
+        }
+        for device in &mut *devices {
+            device.handle_timeout(now);
+            let mut frame = Frame::default();
+            while Station::<Can>::poll_transmit(device, now, &mut frame).is_some() {
+                mux.handle_input(now, &frame);
+            }
+        }
+        mux.handle_timeout(now);
+        ends.extend(core::iter::from_fn(|| mux.poll_outcome()));
+        now = now.plus_ns(200_000);
+    }
+    ends
+}
+
+#[test]
+fn each_axis_is_reached_through_its_own_lane() {
+    let mut mux = Mux::new([lane(0x11, 0x21), lane(0x12, 0x22)]).unwrap();
+    assert_eq!((mux.axes(), mux.line().bit_rate), (2, 250_000));
+    assert_eq!(mux.address(AxisIndex(1)), Some(0x12));
+    let mut devices = [device(0x11, 0x21), device(0x12, 0x22)];
+    let now = Instant::ZERO.plus_ms(200);
+    for (axis, text) in [(0, "SAP 4, 0, 111"), (1, "SAP 4, 0, 222")] {
+        mux.raw(now, Ticket(axis.into()), AxisIndex(axis), text).unwrap();
+    }
+    assert_eq!(run(&mut mux, &mut devices, now, 50).len(), 2);
+    let now = now.plus_ms(100);
+    for axis in 0..2 {
+        mux.raw(now, Ticket(axis.into()), AxisIndex(axis), "GAP 4").unwrap();
+    }
+    let mut ends = run(&mut mux, &mut devices, now, 50);
+    ends.sort_by_key(|(ticket, _)| ticket.0);
+    assert_eq!(ends, [(Ticket(0), Outcome::Done(111)), (Ticket(1), Outcome::Done(222))]);
+    assert_eq!(mux.counters().answered, 4);
+}
+
+#[test]
+fn one_axis_turns_and_the_other_does_not() {
+    let mut mux = Mux::new([lane(0x11, 0x21), lane(0x12, 0x22)]).unwrap();
+    let mut devices = [device(0x11, 0x21), device(0x12, 0x22)];
+    let now = Instant::ZERO.plus_ms(200);
+    let turn = Command { velocity: Some(10.0), ..Command::new(Verb::Velocity) };
+    assert_eq!(mux.command(now, Ticket(1), AxisIndex(1), turn), Err(Unsupported::NotArmed));
+    mux.arm(AxisIndex(1), true);
+    mux.command(now, Ticket(1), AxisIndex(1), turn).unwrap();
+    let ends = run(&mut mux, &mut devices, now, 2000);
+    assert!(matches!(ends[..], [(Ticket(1), Outcome::Done(_))]), "{ends:?}");
+    let speeds = devices.map(|mut device| {
+        crate::drives::bench::Bench::truth(&mut device, now.plus_ms(2000)).velocity
+    });
+    assert!(speeds[0].abs() < 0.1 && (speeds[1] - 10.0).abs() < 1.0, "{speeds:?}");
+}
+
+#[test]
+fn lanes_that_cannot_share_a_wire_are_refused() {
+    assert!(Mux::new([]).is_none());
+    let other = HostOptions { baud: 500_000, ..OPTIONS };
+    let driver: BoxedDriver<_, _> = Box::new(TmclCan::driver(TmclCan::generic(), 3));
+    let other: BoxedLane =
+        Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(TmclCan::host(&other), [driver]));
+    assert!(Mux::new([lane(0x11, 0x21), other]).is_none());
+    let mux = Mux::new([lane(0x11, 0x21)]).unwrap();
+    assert_eq!(mux.address(AxisIndex(1)), None);
+    assert_eq!(mux.to_si(AxisIndex(1), ParameterId(0), 1), None);
+}
