@@ -120,7 +120,7 @@ pub fn run(session: &Session, commands: &[(Axis, Command)], then: Then) -> Resul
     caution(session);
     session.listen();
     let mut started: Vec<Started> = Vec::new();
-    let ended = begin(commands, &mut started).and_then(|()| match then {
+    let ended = begin(commands, then, &mut started).and_then(|()| match then {
         Then::Hold(seconds) => hold(commands, seconds),
         Then::Arrive(seconds) => arrive(commands, seconds),
         Then::Detach => Ok(()),
@@ -149,7 +149,7 @@ struct Started {
     enabled_here: bool,
 }
 
-fn begin(commands: &[(Axis, Command)], started: &mut Vec<Started>) -> Result<()> {
+fn begin(commands: &[(Axis, Command)], then: Then, started: &mut Vec<Started>) -> Result<()> {
     for (axis, command) in commands {
         let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
         axis.arm(true);
@@ -157,9 +157,27 @@ fn begin(commands: &[(Axis, Command)], started: &mut Vec<Started>) -> Result<()>
         if !enabled {
             verb_if_any(axis, Verb::Enable)?;
         }
-        axis.run(*command).map_err(outcome::error)?;
+        match then {
+            Then::Arrive(Some(seconds)) => within(axis, *command, seconds)?,
+            _ => axis.run(*command).map(drop).map_err(outcome::error)?,
+        }
     }
     Ok(())
+}
+
+/// Carries out a command that may itself take long, such as homing.
+fn within(axis: &Axis, command: Command, seconds: f64) -> Result<()> {
+    let mut running = axis.start(command).map_err(outcome::error)?;
+    match running.wait(Duration::from_secs_f64(seconds)).map_err(outcome::error)? {
+        Some(_) => Ok(()),
+        None => {
+            let what =
+                format!("{}: {} not done within {seconds} s.", axis.label(), command.verb.name());
+            Err(Problem::new(Exit::Negative, "E101", what)
+                .why("The drive took the command, but what was waited for did not come.")
+                .hint("see whether something blocks it"))
+        }
+    }
 }
 
 /// Waits, and shows what the drive does where a person looks.

@@ -24,7 +24,7 @@ impl Axis {
         match failure {
             Failure::Silent => said(
                 "no answer",
-                "check power, wiring, baud rate and address; `polepair doctor` goes through them",
+                "check power, wiring, baud rate and address; `polepair scan` looks for other addresses",
             ),
             Failure::Refused { code } => self.refusal(code),
             Failure::Misbehaved => said(
