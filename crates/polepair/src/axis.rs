@@ -431,18 +431,40 @@ impl Axis {
         self.ask(&what, |axes, now, ticket| axes.raw(now, ticket, self.index, text))
     }
 
-    /// What a command would send, step by step. Nothing is sent.
+    /// What a command would send, step by step. Nothing of it is sent; where a scale depends on
+    /// parameters of the drive that were not read yet, those are read.
     ///
     /// # Errors
     /// [`Error::Unsupported`] as the command itself would give.
     pub fn rehearse(&self, command: Command) -> Result<Vec<Rehearsal>, Error> {
+        let rehearsed = match self.rehearsed(command) {
+            Err(Unsupported::BadArgument) => {
+                self.read_factors_of(command.verb)?;
+                self.rehearsed(command)
+            }
+            other => other,
+        };
+        rehearsed.map_err(|why| self.refuse(command.verb.name(), why))
+    }
+
+    fn rehearsed(&self, command: Command) -> Result<Vec<Rehearsal>, Unsupported> {
         let mut steps = Vec::new();
         let mut show = |r: Rehearsed<'_>| {
             steps.push(Rehearsal { step: r.step, bytes: r.bytes.to_vec(), id: r.id });
         };
-        let shown = self.connection.with(|axes, _| axes.rehearse(self.index, command, &mut show));
-        shown.map_err(|why| self.refuse(command.verb.name(), why))?;
+        self.connection.with(|axes, _| axes.rehearse(self.index, command, &mut show))?;
         Ok(steps)
+    }
+
+    /// Reads what the scales of a verb's arguments depend on.
+    fn read_factors_of(&self, verb: Verb) -> Result<(), Error> {
+        let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
+        let scaled = steps.iter().filter_map(|step| match step {
+            Step::Write(id, Operand::Argument(_) | Operand::Given(_)) => Some(*id),
+            Step::Send { like, .. } => *like,
+            _ => None,
+        });
+        scaled.filter_map(|id| self.profile.parameter(id)).try_for_each(|p| self.read_factors(p))
     }
 
     /// Reads signals now, in SI, each parameter once.

@@ -229,3 +229,13 @@ fn named_links_are_looked_up_from_the_folder_upward() {
     assert!(error.to_string().contains("polepair.toml:1:"), "{error}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[test]
+fn a_rehearsed_move_knows_its_scale() {
+    let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
+    let command = Command { target: Some(std::f64::consts::TAU), ..Command::new(Verb::MoveTo) };
+    let steps = link.axes()[0].rehearse(command).unwrap();
+    // MVP ABS by 4096 encoder steps, as the factory counts a turn.
+    let sent = [0x01, 0x04, 0x00, 0x00, 0x00, 0x00, 0x10, 0x00, 0x15];
+    assert!(steps.iter().any(|step| step.bytes == sent), "{steps:?}");
+}
