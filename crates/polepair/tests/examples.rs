@@ -45,6 +45,22 @@ fn every_program_runs() {
     }
 }
 
+#[test]
+fn the_picture_of_a_step_is_what_the_program_draws() {
+    let ran = Command::new(env!("CARGO"))
+        .args(["run", "--quiet", "--profile", "test", "-p", "polepair"])
+        .args(["--example", "velocity_step", "--", "--svg"])
+        .current_dir(root())
+        .output()
+        .expect("cargo starts");
+    let drawn = String::from_utf8_lossy(&ran.stdout);
+    let kept = std::fs::read_to_string(root().join("docs/images/velocity-step.svg"));
+    assert!(
+        kept.expect("the picture") == drawn,
+        "docs/concepts/physics.md says how to draw it anew"
+    );
+}
+
 /// Where cargo says that it put a program.
 fn executable(told: &str, name: &str) -> PathBuf {
     let mut paths =
