@@ -66,6 +66,11 @@ pub struct Label {
     pub tainted: bool,
     /// It is the second copy that a fault made of a reply.
     pub copy: bool,
+    /// When its last byte can have left at the earliest, clocks being a twentieth apart.
+    pub left: Instant,
+    /// When its first byte began at the latest, by when how many bytes were handed over.
+    pub begun: Instant,
+    bytes: usize,
 }
 
 /// One end of a serial wire as the world sees it.
@@ -110,6 +115,11 @@ impl Memory {
     pub(crate) const fn fresh(&self) -> usize {
         self.spoke[0]
     }
+}
+
+/// Clocks of a sender and a receiver may differ by a twentieth.
+const fn tolerated(ns: u64) -> u64 {
+    ns - ns / 20
 }
 
 /// Whose ears a chunk reaches at an instant: the host's adapter may keep bytes for a while, the
@@ -276,6 +286,7 @@ impl SerialWire {
         let lost = self.is_lost(reply);
         let until = begin.plus_ns(bytes.len() as u64 * character_ns);
         self.drive(from, begin, until, line);
+        self.plugs[from].sent.left = begin.plus_ns(tolerated(until.0 - begin.0));
         if !lost {
             self.cut(air, &mut chunk, &meant, &mut schedule);
             if reply && self.random.chance(self.faults.duplicate) {
@@ -314,6 +325,7 @@ impl SerialWire {
     pub(crate) fn hear(
         &mut self,
         to: usize,
+        now: Instant,
         chunk: &Chunk,
         line: SerialLine,
         heard: &mut Vec<u8>,
@@ -342,7 +354,13 @@ impl SerialWire {
         let plug = &mut self.plugs[to];
         plug.memory.hear(heard);
         plug.taint |= changed || chunk.label.tainted;
-        plug.heard = Label { tainted: plug.taint, ..chunk.label };
+        let before = plug.heard;
+        let goes_on = before.tag == chunk.label.tag && before.copy == chunk.label.copy;
+        let bytes = heard.len() + if goes_on { before.bytes } else { 0 };
+        let took = bytes as u64 * tolerated(chunk.character_ns);
+        let begun = Instant(now.0.saturating_sub(took));
+        let begun = if goes_on { begun.min(before.begun) } else { begun };
+        plug.heard = Label { tainted: plug.taint, begun, bytes, ..chunk.label };
         broken
     }
 
@@ -357,6 +375,9 @@ impl SerialWire {
             question: plug.heard.content,
             tainted: !plug.head && plug.taint,
             copy: false,
+            left: Instant::ZERO,
+            begun: Instant::ZERO,
+            bytes: 0,
         };
         plug.taint = false;
         plug.sent = label;

@@ -487,7 +487,7 @@ impl World {
                     None => continue,
                 },
             };
-            let broken = serial.hear(to, &chunk, line, &mut self.heard);
+            let broken = serial.hear(to, self.now, &chunk, line, &mut self.heard);
             let label = serial.plugs[to].heard;
             if let Some(log) = &mut self.log {
                 let by = match party {

@@ -1,6 +1,7 @@
 //! The protocols. This is the one list of them: nothing outside names one.
 
 pub mod modbus;
+pub mod pace;
 pub mod tmcl;
 
 use crate::axis::Driver;

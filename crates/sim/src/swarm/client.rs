@@ -103,7 +103,12 @@ impl Client {
                     | Outcome::Unknown(Failure::Silent | Failure::Misbehaved)
             )
         });
+        let copies = self.watch.copies_taken;
         report.violations_of(self.watch.after(world, gave_up));
+        if self.watch.copies_taken > copies {
+            // What came of it is no knowledge, right or wrong.
+            self.axes.iter_mut().for_each(Axis::forget);
+        }
         for (ticket, outcome) in ends {
             self.ended(world, report, ticket, outcome);
         }

@@ -17,6 +17,7 @@ use super::wire::{BROADCAST, Format, Function, Space};
 use crate::error::Failure;
 use crate::medium::{SerialLine, Stream};
 use crate::proto::HostOptions;
+use crate::proto::pace::Pace;
 use crate::station::{self, Class, Counters, LineEvent, Station, Ticket, Timed, To};
 use crate::time::Instant;
 
@@ -33,6 +34,11 @@ pub const GAP_TRUE_CHARACTERS: u32 = u32::MAX;
 /// neighbours' replies too, so a shorter pause would make one bad frame of them and its request [I].
 pub const STATION_GAP_US: u32 = 10_500;
 
+/// Requests in a row whose only reply came sooner than its bytes can travel, after which the baud
+/// rate is taken for fiction (a virtual port).
+const EARLY_MAX: u8 = 2;
+/// Replies in a row that took their time, after which it is believed again.
+const TIMELY_MIN: u8 = 16;
 const QUARANTINE_TIMEOUTS: u64 = 3;
 const RECEIVE_MAX: usize = 2 * ADU_MAX;
 const OWED_MAX: usize = 8;
@@ -54,6 +60,12 @@ pub struct Host {
     echo: Echo,
     /// Cleared when replies come faster than the baud rate allows: the wire is none.
     timed: bool,
+    pace: Pace,
+    /// The frame in hand began before the request had left.
+    soon: bool,
+    /// Requests in a row whose only reply came too soon; replies in a row that took their time.
+    early_streak: u8,
+    timely: u8,
 
     current: Option<Current>,
     sending: Option<Sending>,
@@ -157,6 +169,10 @@ impl Host {
             gap_us: options.gap_us,
             echo: if options.echo { Echo::Always } else { Echo::Unknown },
             timed: options.baud != 0,
+            pace: Pace::new(&SerialLine::n81(options.baud)),
+            soon: false,
+            early_streak: 0,
+            timely: 0,
             current: None,
             sending: None,
             deadline: None,
@@ -304,6 +320,7 @@ impl Host {
         self.skip(self.received_len);
         self.junk_len = 0;
         self.characters.clear();
+        self.pace.sent(now, gone);
         self.counters.sent += 1;
         if request.unit == BROADCAST {
             let count = request.ask.echo().1;
@@ -354,7 +371,10 @@ impl Host {
 
     /// The request or its reply was lost, and the line is clean.
     fn lost(&mut self, now: Instant) {
-        self.timed &= !self.early;
+        if self.early {
+            self.early_streak += 1;
+            self.timed &= self.early_streak < EARLY_MAX;
+        }
         let Some(current) = &mut self.current else { return };
         let harmless = matches!(current.request.class, Class::Idempotent | Class::Stop);
         if harmless && current.attempts < ATTEMPTS_MAX && self.owed_len == 0 {
@@ -426,6 +446,7 @@ impl Station<Stream> for Host {
             let (head, tail) = rest.split_at(room);
             self.received[self.received_len..self.received_len + room].copy_from_slice(head);
             self.received_len += room;
+            self.pace.heard(now, self.received_len);
             self.work_rtu(now);
             rest = tail;
         }

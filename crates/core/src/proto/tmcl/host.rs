@@ -11,6 +11,7 @@ use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
 use crate::error::Failure;
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::HostOptions;
+use crate::proto::pace::Pace;
 use crate::station::{Counters, Host, LineEvent, Station, Ticket, Timed, To};
 use crate::time::Instant;
 
@@ -30,6 +31,7 @@ pub struct SerialHost {
     line: SerialLine,
     /// How long a request and its reply take on the wire.
     on_wire_ns: u64,
+    pace: Pace,
     /// Silence before a request after bytes that were no reply.
     quiet_ns: u64,
     host: u8,
@@ -54,6 +56,7 @@ impl SerialHost {
             session: Session::new(host.into(), timeout),
             line,
             on_wire_ns: line.characters_ns(2 * DATAGRAM as u32),
+            pace: Pace::new(&line),
             quiet_ns: line.characters_ns(QUIET_CHARACTERS),
             host,
             gap_ns: u64::from(options.gap_us.unwrap_or(0)) * 1_000,
@@ -72,7 +75,9 @@ impl SerialHost {
     fn windows(&mut self, now: Instant, bytes: &[u8]) -> usize {
         let mut at = 0;
         while let Some(window) = bytes[at..].first_chunk::<DATAGRAM>() {
-            at += self.window(now, window);
+            let done = self.window(now, window);
+            self.pace.took(done);
+            at += done;
         }
         at
     }
@@ -88,7 +93,7 @@ impl SerialHost {
         if checksum(window) == window[DATAGRAM - 1] {
             let reply = Reply::unchecked(window);
             if reply.host == self.host && (is_known(&reply) || self.wants(Opcode::ReadMemory)) {
-                self.session.reply(now, reply);
+                self.session.reply(now, reply, self.pace.early() > 0);
                 return DATAGRAM;
             }
             if is_known(&reply) {
@@ -131,6 +136,7 @@ impl Timed for SerialHost {
 impl Station<Stream> for SerialHost {
     fn handle_input(&mut self, now: Instant, bytes: &[u8]) {
         self.last_byte = now;
+        self.pace.heard(now, self.len + bytes.len());
         if self.len == 0 && bytes.len() == DATAGRAM {
             let done = self.windows(now, bytes);
             self.len = bytes.len() - done;
@@ -143,6 +149,7 @@ impl Station<Stream> for SerialHost {
             if self.len == DATAGRAM {
                 let window = self.buffer;
                 let done = self.window(now, &window);
+                self.pace.took(done);
                 self.buffer.copy_within(done.., 0);
                 self.len -= done;
             }
@@ -173,6 +180,7 @@ impl Station<Stream> for SerialHost {
         self.shifted = false;
         self.session.counters.skipped += self.len as u64;
         self.len = 0;
+        self.pace.sent(now, self.on_wire_ns / 2);
         self.sent = request.emit();
         self.echo_due = true;
         out.get_mut(..DATAGRAM)?.copy_from_slice(&self.sent);
@@ -262,7 +270,7 @@ impl Station<Can> for CanHost {
         }
         match Reply::parse_can(frame.bytes(), host) {
             Ok(reply) if is_known(&reply) || memory => {
-                self.session.reply(now, reply);
+                self.session.reply(now, reply, false);
             }
             _ => self.session.counters.corrupt += 1,
         }

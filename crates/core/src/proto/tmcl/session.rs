@@ -120,12 +120,16 @@ pub struct Session {
     /// Replies that came sooner than the baud rate allows, in a row; past the limit the baud rate
     /// is taken for fiction (USB).
     early_streak: u8,
+    /// Replies in a row that took their time.
+    timely: u8,
     up: bool,
     pub(super) counters: Counters,
 }
 
 /// Requests in a row whose only reply came too soon, after which replies are taken as they come.
 const EARLY_MAX: u8 = 2;
+/// Replies in a row that took their time, after which the baud rate is believed again.
+const TIMELY_MIN: u8 = 16;
 
 impl Session {
     pub(super) fn new(host: u16, timeout_ms: u32) -> Self {
@@ -141,6 +145,7 @@ impl Session {
             event_count: 0,
             heard: [0; 4],
             early_streak: 0,
+            timely: 0,
             up: true,
             counters: Counters::default(),
         }
@@ -187,7 +192,7 @@ impl Session {
         }
         let request = pending.ask.request;
         pending.sent = true;
-        pending.earliest = now.plus_ns(on_wire_ns - on_wire_ns / 10);
+        pending.earliest = now.plus_ns(on_wire_ns - on_wire_ns / 20);
         pending.deadline = now.plus_ns(on_wire_ns + self.timeout_ns);
         self.counters.sent += 1;
         self.counters.resent += u64::from(pending.attempts > 0);
@@ -233,8 +238,8 @@ impl Session {
 
     /// Takes a reply that passed every check of the wire.
     #[inline]
-    pub(super) fn reply(&mut self, now: Instant, reply: Reply) {
-        if is_event(&reply) { self.event(reply) } else { self.judge(now, reply) }
+    pub(super) fn reply(&mut self, now: Instant, reply: Reply, soon: bool) {
+        if is_event(&reply) { self.event(reply) } else { self.judge(now, reply, soon) }
     }
 
     /// Takes the version as text.
@@ -353,7 +358,7 @@ impl Session {
     }
 
     #[inline]
-    fn judge(&mut self, now: Instant, reply: Reply) {
+    fn judge(&mut self, now: Instant, reply: Reply, soon: bool) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
             self.counters.late += 1;
             return;
@@ -374,11 +379,13 @@ impl Session {
             self.counters.foreign += 1;
             return;
         }
-        if now < pending.earliest && self.early_streak < EARLY_MAX {
+        let soon = soon || now < pending.earliest;
+        if soon && self.early_streak < EARLY_MAX {
             pending.early = true;
             self.counters.late += 1;
             return;
         }
+        self.timely = if soon { 0 } else { self.timely.saturating_add(1) };
         if pending.ambiguous > 0 {
             pending.ambiguous -= 1;
             self.counters.late += 1;
@@ -416,7 +423,7 @@ impl Session {
         let (probe, module) = (pending.ticket.is_none(), pending.ask.request.address);
         let doubtful = pending.attempts > 1 || pending.bad_sum;
         self.heard[usize::from(module >> 6)] |= 1 << (module & 63);
-        if self.early_streak < EARLY_MAX {
+        if self.early_streak < EARLY_MAX || self.timely >= TIMELY_MIN {
             self.early_streak = 0;
         }
         self.counters.answered += 1;

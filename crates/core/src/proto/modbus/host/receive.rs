@@ -1,6 +1,6 @@
 //! Receiving: frames found in the bytes, echoes taken out, replies struck from the ledger.
 
-use super::{Answered, Echo, Host, JUNK_MAX, Owed, Role, SUSPECT_NS, answer_to};
+use super::{Answered, Echo, Host, JUNK_MAX, Owed, Role, SUSPECT_NS, TIMELY_MIN, answer_to};
 use crate::error::Failure;
 use crate::proto::modbus::ascii::{self, Fed};
 use crate::proto::modbus::request::{Answer, Request, WORDS_MAX};
@@ -26,6 +26,7 @@ impl Host {
     fn drop_front(&mut self, count: usize) {
         self.received.copy_within(count..self.received_len, 0);
         self.received_len -= count;
+        self.pace.took(count);
     }
 
     pub(super) fn work_rtu(&mut self, now: Instant) {
@@ -40,6 +41,7 @@ impl Host {
                 Cut::Frame(len) => {
                     let mut adu = [0; ADU_MAX];
                     adu[..len].copy_from_slice(&self.received[..len]);
+                    self.soon = self.pace.early() > 0;
                     self.drop_front(len);
                     self.frame(now, adu[0], &adu[1..len - 2]);
                 }
@@ -96,7 +98,15 @@ impl Host {
     }
 
     pub(super) fn work_ascii(&mut self, now: Instant, bytes: &[u8]) {
-        for &character in bytes {
+        let held = self.characters.pending();
+        self.pace.heard(now, held + bytes.len());
+        let early = self.pace.early();
+        self.pace.took(early);
+        self.soon |= held > 0 && early > 0;
+        for (at, &character) in bytes.iter().enumerate() {
+            if character == ascii::START {
+                self.soon = held + at < early;
+            }
             match self.characters.feed(character) {
                 Fed::Goes => {}
                 Fed::Skipped(count) => {
@@ -143,6 +153,7 @@ impl Host {
             self.learn(early);
             return;
         }
+        self.soon = false;
         let (address, value) = last.echo;
         let mut pdu = [0; 5];
         pdu[0] = last.function;
@@ -259,7 +270,16 @@ impl Host {
     /// that the wire has no timing, whatever its baud rate (a pseudo-terminal); later it is left
     /// alone, and shows the same if nothing else comes.
     fn too_early(&mut self, now: Instant, len: usize) -> bool {
-        if !self.timed || now >= self.earliest(len) {
+        let soon = self.soon || now < self.earliest(len);
+        if self.line.baud != 0 {
+            self.timely = if soon { 0 } else { self.timely.saturating_add(1) };
+            self.timed |= self.timely >= TIMELY_MIN;
+        }
+        if !soon {
+            self.early_streak = 0;
+            return false;
+        }
+        if !self.timed {
             return false;
         }
         let Counters { answered, late, silent, echoed, resent, .. } = self.counters;
@@ -268,11 +288,11 @@ impl Host {
         self.timed
     }
 
-    /// When a reply of so many characters to what was sent last can be complete. A tenth is left to
+    /// When a reply of so many characters to what was sent last can be complete. A twentieth is left to
     /// clocks that differ.
     fn earliest(&self, len: usize) -> Instant {
         let whole = self.sent_ns + self.line.characters_ns(len as u32);
-        self.sent_at.plus_ns(whole / 10 * 9)
+        self.sent_at.plus_ns(whole - whole / 20)
     }
 
     fn characters_of(&self, pdu: &[u8]) -> usize {
