@@ -44,6 +44,8 @@ pub struct Watch {
     /// Contents of requests that were sent since the last match and may still be answered.
     open: Vec<u64>,
     counters: Counters,
+    /// Content of the request whose answer is still to come, because a copy was taken for it.
+    shifted: Option<u64>,
     /// The reply that was matched last was changed on the wire, or answers a changed request.
     pub(crate) last_match_tainted: bool,
     /// It was the second copy of the reply to an earlier request.
@@ -69,6 +71,7 @@ impl Watch {
             sent: Label::default(),
             open: Vec::with_capacity(OPEN_MAX),
             counters: Counters::default(),
+            shifted: None,
             last_match_tainted: false,
             last_match_copied: false,
             copies_taken: 0,
@@ -98,11 +101,16 @@ impl Watch {
         self.last_match_tainted = known.heard.tainted;
         self.last_match_copied = known.heard.copy && place.is_none();
         if known.heard.tainted || place.is_some() {
+            self.shifted = None;
             return None;
         }
+        // Once a copy was taken for the answer, that answer comes while the next one is awaited.
+        let behind = self.shifted.take() == Some(known.heard.question);
+        self.last_match_copied |= behind;
         if self.last_match_copied && known.heard.begun >= asked.left {
             // It was kept back until the request had left: nothing tells it from an answer.
             self.copies_taken += 1;
+            self.shifted = Some(asked.content);
             return None;
         }
         self.last_match_copied = false;

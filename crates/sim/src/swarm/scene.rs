@@ -28,6 +28,8 @@ const STORM_MS: i64 = 6_000;
 const CALM_MS: u32 = 500;
 /// A late reply comes within so many times the host's patience: what a profile promises at most.
 const LATEST_IN_TIMEOUTS: u32 = 3;
+/// What the drive's own pauses and the host's adapter take of that, ms.
+const OWN_MS: u32 = 40;
 
 /// A world with its users and its calamities.
 pub struct Scene {
@@ -237,7 +239,8 @@ impl Scene {
         let at = self.clients.len();
         let patience = served.iter().map(|(p, _)| p.reply_timeout_ms).max().unwrap_or(100);
         let begin = Instant::ZERO.plus_ms(BEGIN_MS);
-        let mut faults = Faults::random(random, patience, LATEST_IN_TIMEOUTS * patience);
+        let latest = (LATEST_IN_TIMEOUTS * patience).saturating_sub(OWN_MS);
+        let mut faults = Faults::random(random, patience, latest);
         client.sound = random.chance(Ppm(125_000));
         if client.sound {
             let (chunk_gap_us, latency_ms) = (faults.chunk_gap_us, faults.latency_ms);

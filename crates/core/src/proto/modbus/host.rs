@@ -328,7 +328,8 @@ impl Host {
             self.settle();
             return;
         }
-        let timeouts = if self.quarantine { QUARANTINE_TIMEOUTS - 1 } else { 1 };
+        // A probe may be answered as late as any request.
+        let timeouts = if self.quarantine { QUARANTINE_TIMEOUTS } else { 1 };
         self.deadline = Some(now.plus_ns(gone + reply + timeouts * self.timeout_ns));
         self.owe(request, role);
     }
