@@ -343,7 +343,9 @@ fn finished(run: &Run) -> Outcome {
 
 /// A step failed: a stop goes on with its next step, anything else is undone.
 fn failed(run: &mut Run, failure: Failure) -> Next {
-    let lost = matches!(failure, Failure::Silent | Failure::Misbehaved);
+    // A stop may have overtaken a request that waited, or the question whether a write arrived.
+    let lost = matches!(failure, Failure::Silent | Failure::Misbehaved | Failure::Cancelled)
+        || matches!(run.stage, Stage::Confirm(..));
     let outcome = match run.undoing {
         Some(outcome) => outcome,
         None if lost && (run.touched || run.is_stop()) => Outcome::Unknown(failure),
