@@ -252,10 +252,16 @@ fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
         let what = format!("`axes={count}` is not 1 to 32");
         return Err(Error::usage("E210", what, "for more, write a rack file"));
     }
-    let numbers: Vec<String> = (1..=count).map(|n| n.to_string()).collect();
-    let word =
-        if what.contains(':') { what.into() } else { format!("{what}:{}", numbers.join(",")) };
-    simulate::rack_of_words(&[&word], seed)
+    if what.contains(':') {
+        return simulate::rack_of_words(&[what], seed);
+    }
+    let own = simulate::drive_of(what)?.1.host.map(u64::from);
+    let host = url.number("host")?.or(own).filter(|_| own.is_some());
+    // Axes that the string names are there in any case: what is wrong with them is told then.
+    let free = |n: &u64| Some(*n) != host || u32::try_from(*n).is_ok_and(|n| url.axes.contains(&n));
+    let numbers: Vec<String> =
+        (1..).filter(free).take(count as usize).map(|n| n.to_string()).collect();
+    simulate::rack_of_words(&[&format!("{what}:{}", numbers.join(","))], seed)
 }
 
 fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {

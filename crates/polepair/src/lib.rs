@@ -2,7 +2,7 @@
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
-//! let link = polepair::connect("sim:tmcl?axes=2&time=virtual#1,2")?;
+//! let link = polepair::connect("sim:tmcl?axes=2&time=virtual")?;
 //! for axis in link.axes() {
 //!     println!("{}: {}", axis.label(), axis.profile().title);
 //! }
@@ -37,3 +37,8 @@ pub use error::Error;
 pub use file::FileError;
 pub use identify::Identified;
 pub use words::nearest;
+
+/// The programs that the README shows are run.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;

@@ -17,6 +17,8 @@ pub(crate) struct Spoken {
     pub(crate) profile: &'static str,
     /// Addresses that a scan tries.
     pub(crate) addresses: RangeInclusive<u32>,
+    /// The host's own address, which no axis can have.
+    pub(crate) host: Option<u32>,
     /// The baud rate from the factory.
     pub(crate) baud: u32,
     /// What an axis is called when nothing else is known.
@@ -64,6 +66,7 @@ impl proto::Visitor for Lister {
                 name: P::NAME,
                 profile: P::PROFILE,
                 addresses: P::ADDRESSES,
+                host: P::HOST,
                 baud: P::BAUD,
                 generic: P::generic(),
             });

@@ -5,7 +5,7 @@
 //! use polepair::scan::scan;
 //! let connector = polepair::Connector::default();
 //! let scan = scan(&connector, "sim:tmcl?axes=2&time=virtual", 1..=4, &mut |_| {})?;
-//! assert_eq!(scan.found.iter().map(|f| f.number).collect::<Vec<_>>(), [1, 2]);
+//! assert_eq!(scan.found.iter().map(|f| f.number).collect::<Vec<_>>(), [1, 3]);
 //! # }
 //! # Ok::<(), polepair::Error>(())
 //! ```

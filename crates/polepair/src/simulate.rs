@@ -97,7 +97,7 @@ fn address_of(text: &str, word: &str) -> Result<u32, Error> {
 }
 
 /// The product meant by a protocol's, family's or product's word, and the protocol of its wire.
-fn drive_of(word: &str) -> Result<(&'static Profile, registry::Spoken), Error> {
+pub(crate) fn drive_of(word: &str) -> Result<(&'static Profile, registry::Spoken), Error> {
     let profiles = polepair_core::drives::profiles();
     let spoken = registry::protocols();
     for protocol in &spoken {

@@ -51,6 +51,8 @@ pub trait Protocol {
     fn generic() -> &'static Profile;
     /// Addresses that a scan tries.
     const ADDRESSES: core::ops::RangeInclusive<u32>;
+    /// The host's own address where it is one of the axes' kind: no axis can have it.
+    const HOST: Option<u32> = None;
     /// The baud rate from the factory.
     const BAUD: u32;
     /// The host.

@@ -157,6 +157,7 @@ impl Protocol for Tmcl {
     const NAME: &'static str = "tmcl";
     const PROFILE: &'static str = "tmcl";
     const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
+    const HOST: Option<u32> = Some(super::wire::HOST as u32);
     const BAUD: u32 = 9600;
 
     fn generic() -> &'static Profile {
