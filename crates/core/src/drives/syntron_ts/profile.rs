@@ -12202,7 +12202,17 @@ static SYNTRON_DS102_PLANS: [Plan; 10] = [
             Step::Write(ParameterId(305), Operand::Is(0)),
             Step::Write(ParameterId(307), Operand::Is(0)),
             Step::Write(ParameterId(8), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(8),
+                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive does not power its motor: look at its alarm",
+            },
             Step::Write(ParameterId(305), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(305),
+                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive lost what it was told, as after a power-off: it did not start",
+            },
             Step::Write(ParameterId(305), Operand::Is(0)),
         ],
         undo: &[
@@ -12237,7 +12247,17 @@ static SYNTRON_DS102_PLANS: [Plan; 10] = [
             Step::Write(ParameterId(305), Operand::Is(0)),
             Step::Write(ParameterId(307), Operand::Is(0)),
             Step::Write(ParameterId(8), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(8),
+                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive does not power its motor: look at its alarm",
+            },
             Step::Write(ParameterId(305), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(305),
+                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive lost what it was told, as after a power-off: it did not start",
+            },
             Step::Write(ParameterId(305), Operand::Is(0)),
         ],
         undo: &[
@@ -12460,7 +12480,17 @@ static SYNTRON_TS_PLANS: [Plan; 10] = [
             Step::Write(ParameterId(305), Operand::Is(0)),
             Step::Write(ParameterId(307), Operand::Is(0)),
             Step::Write(ParameterId(8), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(8),
+                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive does not power its motor: look at its alarm",
+            },
             Step::Write(ParameterId(305), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(305),
+                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive lost what it was told, as after a power-off: it did not start",
+            },
             Step::Write(ParameterId(305), Operand::Is(0)),
         ],
         undo: &[
@@ -12495,7 +12525,17 @@ static SYNTRON_TS_PLANS: [Plan; 10] = [
             Step::Write(ParameterId(305), Operand::Is(0)),
             Step::Write(ParameterId(307), Operand::Is(0)),
             Step::Write(ParameterId(8), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(8),
+                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive does not power its motor: look at its alarm",
+            },
             Step::Write(ParameterId(305), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(305),
+                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive lost what it was told, as after a power-off: it did not start",
+            },
             Step::Write(ParameterId(305), Operand::Is(0)),
         ],
         undo: &[
