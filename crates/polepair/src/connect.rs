@@ -267,7 +267,10 @@ fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
 fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
     let whole = |ms: f64| ms.ceil() as u32;
     let timed = |us: f64| us.round() as u32;
-    let gap_us = url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0));
+    let gap_us = match url.key("gap") {
+        Some("3.5c") => Some(HostOptions::GAP_CHARACTERS),
+        _ => url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0)),
+    };
     Ok(HostOptions {
         baud,
         reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
@@ -462,5 +465,21 @@ pub(crate) fn pass(simulation: Option<&Simulation>, span: Duration) {
     match simulation {
         Some(simulation) => simulation.pass(span),
         None => clock::sleep_until(clock::now() + span),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{HostOptions, Url, options};
+
+    #[test]
+    fn a_gap_is_a_time_or_three_and_a_half_characters() {
+        let gap = |text: &str| {
+            let url: Url = format!("modbus-rtu+serial:///dev/ttyS0?gap={text}").parse().unwrap();
+            options(&url, 115_200).map(|options| options.gap_us)
+        };
+        assert_eq!(gap("3.5c").unwrap(), Some(HostOptions::GAP_CHARACTERS));
+        assert_eq!(gap("2ms").unwrap(), Some(2_000));
+        assert!(gap("3.5 parsecs").is_err());
     }
 }

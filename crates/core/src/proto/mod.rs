@@ -37,6 +37,11 @@ pub struct HostOptions {
     pub echo: bool,
 }
 
+impl HostOptions {
+    /// As [`gap_us`](Self::gap_us): 3.5 characters at the line's baud rate, whatever it is.
+    pub const GAP_CHARACTERS: u32 = u32::MAX;
+}
+
 /// How a protocol's commanding end is made.
 pub trait Protocol {
     /// The wire it speaks on.

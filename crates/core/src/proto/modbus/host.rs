@@ -28,7 +28,7 @@ pub const ATTEMPTS_MAX: u8 = 3;
 pub const REPLY_TIMEOUT_MS: u32 = 100;
 /// As [`HostOptions::gap_us`]: 3.5 characters whatever the baud rate, instead of the standard's fixed
 /// 1.75 ms above 19200 baud.
-pub const GAP_TRUE_CHARACTERS: u32 = u32::MAX;
+pub const GAP_TRUE_CHARACTERS: u32 = HostOptions::GAP_CHARACTERS;
 /// Silence after a broadcast, and before another station is spoken to on a timed line: more than
 /// the 10 ms that the TS drive takes for the end of a frame (TS manual V2 §2.3). It hears its
 /// neighbours' replies too, so a shorter pause would make one bad frame of them and its request [I].

@@ -59,7 +59,10 @@ impl SerialHost {
             pace: Pace::new(&line),
             quiet_ns: line.characters_ns(QUIET_CHARACTERS),
             host,
-            gap_ns: u64::from(options.gap_us.unwrap_or(0)) * 1_000,
+            gap_ns: match options.gap_us {
+                Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
+                gap => u64::from(gap.unwrap_or(0)) * 1_000,
+            },
             buffer: [0; DATAGRAM],
             len: 0,
             sent: [0; DATAGRAM],
