@@ -12,6 +12,7 @@ demo:
 
 ## test: all tests, 500 swarm seeds among them; installs what the foreign clients need
 test: check
+	-@rustup target add thumbv6m-none-eabi >/dev/null 2>&1 || true
 	$(CARGO) test --workspace --locked --quiet --examples --test '*'
 	$(CARGO) test --workspace --locked --quiet --doc
 	$(MAKE) --no-print-directory interop
