@@ -68,10 +68,17 @@ fn stamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Line<'a>, Bad
     Ok(Line { time: Some(time), link, direction, data })
 }
 
-/// Data alone, as `polepair encode` prints it.
+/// Data alone, as `polepair encode` prints it, or after the name of a link.
 fn bare<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Line<'a>, BadLine> {
-    let (direction, data) = body(line, scratch)?;
-    Ok(Line { time: None, link: "-", direction, data })
+    let (first, after) = word(line);
+    let named = match after.first() {
+        Some(b'>' | b'<') => !matches!(first, b">" | b"<"),
+        _ => !first.contains(&b'#') && word(after).0.contains(&b'#'),
+    };
+    let (link, rest) = if named { (first, after) } else { (&b"-"[..], line) };
+    let link = std::str::from_utf8(link).map_err(|_| BadLine("the link's name is not text"))?;
+    let (direction, data) = body(rest, scratch)?;
+    Ok(Line { time: None, link, direction, data })
 }
 
 fn body<'a>(
@@ -129,5 +136,25 @@ impl Lines {
     fn keep(&mut self, piece: &[u8]) {
         let room = LINE_MAX.saturating_sub(self.carry.len());
         self.carry.extend_from_slice(&piece[..piece.len().min(room)]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse;
+
+    #[test]
+    fn a_line_needs_no_time() {
+        let read = |line: &[u8]| {
+            let mut scratch = Vec::new();
+            let line = parse(line, &mut scratch).expect("a line").expect("not empty");
+            (line.link.to_owned(), line.direction.is_some(), line.time.is_some())
+        };
+        let expected = |link: &str, directed: bool| (link.to_owned(), directed, false);
+        assert_eq!(read(b"ttyUSB0 > 01 02"), expected("ttyUSB0", true));
+        assert_eq!(read(b"> 01 02"), expected("-", true));
+        assert_eq!(read(b"01 02"), expected("-", false));
+        assert_eq!(read(b"can0 001#0102"), expected("can0", false));
+        assert_eq!(read(b"001#0102"), expected("-", false));
     }
 }
