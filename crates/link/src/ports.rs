@@ -81,6 +81,17 @@ pub(crate) fn holder_sentence(path: &str) -> String {
     }
 }
 
+/// Who serves `path`, if another run of this program does that was told to: `named` is a word of
+/// its command line. A pseudo-terminal's number alone may by now belong to somebody's shell.
+#[cfg(unix)]
+pub(crate) fn held_by_twin(path: &std::path::Path, named: &std::path::Path) -> Option<String> {
+    let (name, pid) = system::holder(path.to_str()?)?;
+    let words = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+    let wanted = named.file_name()?.to_str()?;
+    let told = String::from_utf8_lossy(&words).split('\0').any(|word| word.ends_with(wanted));
+    told.then(|| format!("In use by {name} (process {pid})."))
+}
+
 /// `ttyUSB10` after `ttyUSB9`.
 fn natural(path: &str) -> (&str, u32) {
     let stem = path.trim_end_matches(|c: char| c.is_ascii_digit());

@@ -100,6 +100,11 @@ fn pair() -> Result<(OwnedFd, OwnedFd, String), rustix::io::Errno> {
 fn link_to(name: &str, alias: &Path) -> Result<PathBuf, LinkError> {
     let shown = alias.to_string_lossy();
     let fail = |error: &std::io::Error| LinkError::from_io(&shown, error);
+    if let Ok(target) = std::fs::read_link(alias)
+        && let Some(busy) = crate::ports::held_by_twin(&target, alias)
+    {
+        return Err(LinkError::new(&shown, Cause::Busy).hinting(&busy));
+    }
     match std::fs::symlink_metadata(alias) {
         Ok(found) if found.is_symlink() => std::fs::remove_file(alias).map_err(|e| fail(&e))?,
         Ok(_) => {
