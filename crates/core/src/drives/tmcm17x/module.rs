@@ -90,6 +90,10 @@ pub(super) struct Around {
     pub backward: bool,
 }
 
+/// Where the bench's stop switch closes unless it is put elsewhere, rad: two and a half turns to the
+/// right. It is not watched from the factory (parameter 164), so that it stops nobody unasked.
+const SWITCH_AT: f64 = 5.0 * core::f64::consts::PI;
+
 impl Module {
     /// A module as from the factory, powered with 24 V.
     #[must_use]
@@ -99,7 +103,7 @@ impl Module {
             supply: 24.0,
             load: 0.0,
             stop_high: true,
-            switch_at: None,
+            switch_at: Some(SWITCH_AT),
             hall_broken: false,
             encoder_broke_at: 0.0,
             step_high: false,

@@ -327,6 +327,7 @@ fn a_stalled_motor_trips() {
 fn the_stop_switch_stops_and_zeroes() {
     let mut rig = Rig::new();
     rig.act(Act::Switch { which: 0, at: 20.0 });
+    rig.sap(164, 1);
     rig.sap(162, 1);
     rig.sap(163, 1);
     rig.ok(1, 0, 100);
