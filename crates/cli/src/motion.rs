@@ -7,6 +7,7 @@ use polepair::Axis;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{AxisKind, Profile, Severity, Signal, Watchdog};
+use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 use polepair_link::clock;
 
@@ -20,6 +21,8 @@ use crate::terminal::{self, say};
 const LOOK_MS: u32 = 25;
 /// How often it reads the drive.
 const READ_MS: u32 = 250;
+/// How long a stopping motor keeps its power: Ctrl-C ends a verb within a second.
+const REST_MAX: Duration = Duration::from_millis(800);
 /// How long a move may take unless the user says otherwise.
 const ARRIVE_MAX: Duration = Duration::from_secs(600);
 
@@ -120,9 +123,15 @@ pub fn run(session: &Session, commands: &[(Axis, Command)], then: Then) -> Resul
     caution(session);
     session.listen();
     let mut started: Vec<Started> = Vec::new();
-    let ended = begin(commands, then, &mut started).and_then(|()| match then {
+    let within = match then {
+        Then::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
+        _ => ARRIVE_MAX,
+    };
+    // One span for all of it: homing is part of the command, the way to a target is not.
+    let deadline = clock::now() + within;
+    let ended = begin(commands, deadline, &mut started).and_then(|()| match then {
         Then::Hold(seconds) => hold(commands, seconds),
-        Then::Arrive(seconds) => arrive(commands, seconds),
+        Then::Arrive(_) => arrive(commands, deadline),
         Then::Detach => Ok(()),
     });
     if then == Then::Detach && ended.is_ok() {
@@ -149,7 +158,11 @@ struct Started {
     enabled_here: bool,
 }
 
-fn begin(commands: &[(Axis, Command)], then: Then, started: &mut Vec<Started>) -> Result<()> {
+fn begin(
+    commands: &[(Axis, Command)],
+    deadline: Instant,
+    started: &mut Vec<Started>,
+) -> Result<()> {
     for (axis, command) in commands {
         let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
         axis.arm(true);
@@ -157,27 +170,10 @@ fn begin(commands: &[(Axis, Command)], then: Then, started: &mut Vec<Started>) -
         if !enabled {
             verb_if_any(axis, Verb::Enable)?;
         }
-        match then {
-            Then::Arrive(Some(seconds)) => within(axis, *command, seconds)?,
-            _ => axis.run(*command).map(drop).map_err(outcome::error)?,
-        }
+        let left = deadline.since(clock::now());
+        axis.run_within(*command, left).map_err(outcome::error)?;
     }
     Ok(())
-}
-
-/// Carries out a command that may itself take long, such as homing.
-fn within(axis: &Axis, command: Command, seconds: f64) -> Result<()> {
-    let mut running = axis.start(command).map_err(outcome::error)?;
-    match running.wait(Duration::from_secs_f64(seconds)).map_err(outcome::error)? {
-        Some(_) => Ok(()),
-        None => {
-            let what =
-                format!("{}: {} not done within {seconds} s.", axis.label(), command.verb.name());
-            Err(Problem::new(Exit::Negative, "E101", what)
-                .why("The drive took the command, but what was waited for did not come.")
-                .hint("see whether something blocks it"))
-        }
-    }
 }
 
 /// Waits, and shows what the drive does where a person looks.
@@ -224,7 +220,7 @@ pub fn check_fault(axis: &Axis) -> Result<()> {
 }
 
 /// Waits until the drives say that they have arrived.
-fn arrive(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
+fn arrive(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     for (axis, command) in commands {
         // Homing ends when the reference is found.
         if command.verb == Verb::Home {
@@ -234,8 +230,7 @@ fn arrive(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
             say(&format!("{} cannot tell when it arrives; it was started", axis.label()));
             continue;
         }
-        let within = seconds.map_or(ARRIVE_MAX, Duration::from_secs_f64);
-        axis.wait(within).map_err(outcome::error)?;
+        axis.wait(deadline.since(clock::now())).map_err(outcome::error)?;
     }
     Ok(())
 }
@@ -246,6 +241,10 @@ fn finish(started: &[Started], arrived: bool) -> Result<()> {
     for Started { axis, enabled_here } in started.iter().rev() {
         let stopped = if arrived { Ok(None) } else { verb_if_any(axis, Verb::Stop) };
         let stopped = stopped.and_then(|_| match enabled_here {
+            true if !arrived => rest(axis).map(|()| None),
+            _ => Ok(None),
+        });
+        let stopped = stopped.and_then(|_: Option<i64>| match enabled_here {
             true => verb_if_any(axis, Verb::Disable),
             false => Ok(None),
         });
@@ -253,6 +252,18 @@ fn finish(started: &[Started], arrived: bool) -> Result<()> {
         ended = ended.and(stopped.map(drop));
     }
     ended
+}
+
+/// Waits until a motor that was told to stop stands still: without power it would coast.
+fn rest(axis: &Axis) -> Result<()> {
+    let end = clock::now() + REST_MAX;
+    while let Some(velocity) = signal(axis, Signal::Velocity)?
+        && velocity.raw.abs() > 1
+        && clock::now() < end
+    {
+        clock::sleep_until(clock::now().plus_ms(LOOK_MS));
+    }
+    Ok(())
 }
 
 /// One line on a terminal, drawn again and again.

@@ -63,6 +63,7 @@ pub fn signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
     let plain = |raw: i64| Value {
         raw,
         value: raw as f64,
+        step: 1.0,
         unit: polepair_core::units::Unit::None,
         word: None,
     };

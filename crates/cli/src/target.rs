@@ -6,10 +6,10 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
-use polepair::scan::{self, Numbers};
+use polepair::scan;
 use polepair::{Axis, Connector};
 use polepair_capture::{Decoder, Rules, Stamp, text};
-use polepair_core::axis::{Command, RehearsedStep};
+use polepair_core::axis::{Command, RehearsedStep, Verb};
 use polepair_core::explain::Direction as Said;
 use polepair_core::time::Instant;
 use polepair_link::clock;
@@ -51,21 +51,23 @@ impl Target {
         self.open_url(&self.url)
     }
 
-    /// Opens the link with every axis that answers, if the user named none.
-    pub fn open_all(&self) -> Result<Session> {
+    /// Lends every axis that the user named to `visit`; without names, every axis that answers on
+    /// the link, each as soon as it is found.
+    pub fn each(&self, visit: &mut dyn FnMut(&Axis)) -> Result<()> {
         let connector = self.connector()?;
         let url = connector.url(&self.url).map_err(outcome::error)?;
         let simulated = matches!(url.target, polepair::url::Target::Sim { .. });
-        if !url.axes.is_empty() || simulated {
-            return self.open();
+        if url.axes.is_empty() && !simulated {
+            let found = scan::each(&connector, &self.url, visit).map_err(outcome::error)?;
+            if found > 0 {
+                return Ok(());
+            }
         }
-        let found = scan::scan(&connector, &self.url, Numbers::ALL, &mut |_| {});
-        let found = found.map_err(outcome::error)?.found;
-        if found.is_empty() {
-            return self.open();
-        }
-        let axes: Vec<String> = found.iter().map(|found| found.number.to_string()).collect();
-        self.open_url(&format!("{}#{}", self.url, axes.join(",")))
+        // Nobody found is told as any other verb tells it.
+        let session = self.open()?;
+        session.listen();
+        session.axes().iter().for_each(visit);
+        Ok(())
     }
 
     /// How links are opened, with what shows or keeps the frames.
@@ -87,12 +89,25 @@ impl Target {
 
     /// Prints the frames of a command, step by step, and sends nothing of it.
     pub fn rehearse(&self, command: impl Fn(&Axis) -> Result<Command>) -> Result {
+        self.rehearse_all(|axis| Ok(vec![command(axis)?]))
+    }
+
+    /// Prints the frames of a motion as its verb sends them: it powers the axis first.
+    pub fn rehearse_motion(&self, command: impl Fn(&Axis) -> Result<Command>) -> Result {
+        self.rehearse_all(|axis| {
+            let enable = axis.profile().plan(Verb::Enable).map(|_| Command::new(Verb::Enable));
+            Ok(enable.into_iter().chain([command(axis)?]).collect())
+        })
+    }
+
+    fn rehearse_all(&self, commands: impl Fn(&Axis) -> Result<Vec<Command>>) -> Result {
         let session = self.open()?;
         let mut out = Output::stdout();
         for axis in session.axes() {
-            let steps = axis.rehearse(command(axis)?).map_err(outcome::error)?;
-            for step in &steps {
-                out.line(&format!("{}{}", session.who(axis), rehearsed(axis, step)));
+            for command in commands(axis)? {
+                for step in axis.rehearse(command).map_err(outcome::error)? {
+                    out.line(&format!("{}{}", session.who(axis), rehearsed(axis, &step)));
+                }
             }
         }
         out.flush()?;
@@ -121,14 +136,22 @@ fn rehearsed(axis: &Axis, step: &Rehearsal) -> String {
         RehearsedStep::WriteWhatWasRead(from, to) => {
             format!("read {} and write it to {}", name(from), name(to))
         }
-        RehearsedStep::Send => "send".to_owned(),
+        RehearsedStep::Keep(id) => format!("keep {} over power-off", name(id)),
+        RehearsedStep::Send => format!("send {}", said(axis, &step.bytes)),
         RehearsedStep::Wait(ms) => format!("wait {ms} ms"),
-        #[allow(unreachable_patterns, reason = "later steps are shown by their bytes")]
-        _ => "step".to_owned(),
     };
     let mut bytes = Vec::new();
     text::spaced_hex(&mut bytes, &step.bytes);
     format!("{:<26}  {does}", String::from_utf8_lossy(&bytes))
+}
+
+/// What a frame says in its protocol's own words; empty where nobody can tell.
+fn said(axis: &Axis, bytes: &[u8]) -> String {
+    let mut decoder = Decoder::new(Rules::parse(axis.protocol()).unwrap_or_default());
+    let mut text = String::new();
+    let mut keep = |event: &polepair_capture::Event<'_>| text = event.explained.text.to_owned();
+    decoder.chunk(None, "link", Some(Said::ToDrive), bytes, &mut |event| keep(event));
+    text
 }
 
 /// The last part of the link's address, as captures name links.

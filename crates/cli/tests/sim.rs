@@ -83,7 +83,12 @@ fn a_spin_ends_with_the_motor_stopped() {
 fn a_dry_run_sends_nothing_of_it() {
     let sim = Served::new("tmcl:1");
     let shown = ok(&["spin", &sim.url, "200rpm", "--dry-run"]);
-    assert!(shown.starts_with("01 01 00 00 00 00 00 C8 CA"), "{shown}");
+    // What powers the module comes first, reads included.
+    let lines: Vec<&str> = shown.lines().collect();
+    assert!(lines[0].ends_with("  read status flags"), "{shown}");
+    assert!(lines.iter().any(|line| line.ends_with("  write driver enable = 1 raw")), "{shown}");
+    let last = "01 01 00 00 00 00 00 C8 CA  send ROR 0, 200: rotate right";
+    assert_eq!(lines.last(), Some(&last), "{shown}");
     assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
     sim.end();
 }
@@ -105,4 +110,90 @@ fn the_demo_plays_without_errors() {
     let shown = ok(&["demo", "--headless"]);
     assert!(shown.starts_with("Found 2 drives of two makers by a scan."), "{shown}");
     assert_eq!(shown.matches("14 of 14").count(), 2, "{shown}");
+}
+
+#[test]
+fn homing_works_out_of_the_box_and_gives_up_in_time() {
+    let sim = Served::new("tmcl:1");
+    assert_eq!(ok(&["home", &sim.url, "--timeout", "20s"]), "position = 0 deg\n");
+    sim.end();
+    // Without its switch the module would search for a minute.
+    let sim = Served::new("tmcl:1");
+    let ran = polepair(&["home", &sim.url, "--timeout", "300ms"]);
+    assert_eq!(ran.code, 1, "{}", ran.err);
+    assert!(ran.err.contains("error[E101]") && ran.err.contains("within 0."), "{}", ran.err);
+    assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
+    sim.end();
+}
+
+#[test]
+fn modules_may_have_the_address_that_hosts_have_from_the_factory() {
+    let sim = Served::new("tmcl:1,2");
+    assert!(sim.url.ends_with("?host=255#1,2"), "{}", sim.url);
+    assert_eq!(ok(&["get", &sim.url, "max current"]).lines().count(), 2);
+    // The host gives way by itself where the axes show that it must.
+    let plain = sim.url.replace("?host=255", "");
+    assert_eq!(ok(&["get", &plain, "max current"]).lines().count(), 2);
+    sim.end();
+    assert!(ok(&["info", "sim:tmcl?axes=3"]).contains("axis 3: "));
+    for wrong in ["sim:tmcl#256", "tmcl+tcp://127.0.0.1:1#256", "modbus-rtu+tcp://127.0.0.1:1#0"] {
+        assert_eq!(polepair(&["info", wrong]).code, 2, "{wrong}");
+    }
+}
+
+#[test]
+fn a_stop_without_axes_stops_a_drive_as_soon_as_it_is_found() {
+    let sim = Served::new("tmcl:1");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let link = sim.url.split('#').next().expect("a link");
+    let mut child = run::command(&["stop", link]).spawn().expect("starts");
+    let mut told = BufReader::new(child.stderr.take().expect("a pipe")).lines();
+    let began = std::time::Instant::now();
+    assert_eq!(told.next().expect("a line").expect("text"), "axis 1 is stopped");
+    assert!(began.elapsed().as_millis() < 1500, "{:?}", began.elapsed());
+    child.kill().expect("ends");
+    child.wait().expect("ends");
+    assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
+    sim.end();
+}
+
+#[test]
+fn a_racks_faults_happen_in_real_time_too() {
+    let rack = std::env::temp_dir().join(format!("polepair-faults-{}.toml", std::process::id()));
+    let path = rack.to_str().expect("text");
+    let text = "[[link]]\nfaults = { lose_reply = 1.0 }\n[[link.drive]]\nprofile = \"tmcm-171\"\n";
+    std::fs::write(&rack, text).expect("a rack");
+    let sim = Served::new(path);
+    assert_eq!(polepair(&["info", &sim.url]).code, 4);
+    sim.end();
+    std::fs::write(&rack, text.replace("lose_reply = 1.0", "chunk = 1.0")).expect("a rack");
+    let sim = Served::new(path);
+    ok(&["spin", &sim.url, "300rpm", "--for", "300ms"]);
+    sim.end();
+    std::fs::remove_file(&rack).expect("a rack");
+}
+
+#[test]
+fn a_path_that_is_served_is_not_taken_over() {
+    let alias = std::env::temp_dir().join(format!("polepair-taken-{}", std::process::id()));
+    let path = alias.to_str().expect("text");
+    let mut first = run::command(&["sim", "tmcl", "--pty", path]).spawn().expect("starts");
+    let mut lines = BufReader::new(first.stdout.take().expect("a pipe")).lines();
+    lines.next().expect("a line").expect("text");
+    let second = polepair(&["sim", "tmcl", "--pty", path]);
+    assert_eq!(second.code, 3, "{}", second.err);
+    assert!(
+        second.err.contains("error[E312]") && second.err.contains("In use by"),
+        "{}",
+        second.err
+    );
+    // What a killed one leaves behind is replaced.
+    first.kill().expect("ends");
+    first.wait().expect("ends");
+    let mut third = run::command(&["sim", "tmcl", "--pty", path]).spawn().expect("starts");
+    let mut lines = BufReader::new(third.stdout.take().expect("a pipe")).lines();
+    assert!(lines.next().expect("a line").expect("text").starts_with("ready "));
+    third.kill().expect("ends");
+    third.wait().expect("ends");
+    std::fs::remove_file(&alias).expect("a link");
 }

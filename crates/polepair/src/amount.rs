@@ -95,6 +95,8 @@ pub struct Value {
     pub raw: i64,
     /// In [`unit`](Self::unit); NaN when a parameter that the scale depends on cannot be read.
     pub value: f64,
+    /// By how much the value differs from that of the next raw one; 0 when that is not known.
+    pub step: f64,
     /// The unit that the profile shows it in.
     pub unit: Unit,
     /// The value's name, where it has one.
@@ -106,13 +108,53 @@ impl fmt::Display for Value {
         if let Some(word) = self.word {
             return f.write_str(word);
         }
-        // Scales are decimal: what binary arithmetic adds behind nine digits is not the drive's.
-        let rounded = (self.value * 1e9).round() / 1e9;
-        let shown = if self.value.abs() < 1e6 { rounded } else { self.value };
-        write!(f, "{shown}")?;
+        match decimals(self.step) {
+            // Not a negative zero, nor zeros that say nothing.
+            Some(digits) => {
+                let power = 10_f64.powi(digits);
+                write!(f, "{}", (self.value * power).round() / power + 0.0)?;
+            }
+            None => write!(f, "{}", self.value)?,
+        }
         match self.unit.symbol() {
             "" => Ok(()),
             symbol => write!(f, " {symbol}"),
         }
+    }
+}
+
+/// Decimals that tell a value from its neighbours: as many as the step has, where it is a decimal
+/// fraction itself, else as many as its size asks for. More would be the arithmetic's, not the
+/// drive's.
+fn decimals(step: f64) -> Option<i32> {
+    const DECIMALS_MAX: i32 = 4;
+    if !(1e-12..1e12).contains(&step) {
+        return None;
+    }
+    let exact = |digits: &i32| {
+        let scaled = step * 10_f64.powi(*digits);
+        (scaled - scaled.round()).abs() < 1e-6 && scaled >= 0.5
+    };
+    let needed = (-step.log10()).ceil().max(0.0) as i32;
+    Some((0..=DECIMALS_MAX).find(exact).unwrap_or(needed))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Value;
+    use polepair_core::units::Unit;
+
+    #[test]
+    fn no_more_digits_than_the_drive_has() {
+        let shown = |value: f64, step: f64| {
+            let value = Value { raw: 0, value, step, unit: Unit::Degree, word: None };
+            value.to_string()
+        };
+        assert_eq!(shown(1760.80078125, 360.0 / 4096.0), "1760.8 deg");
+        assert_eq!(shown(0.087_890_625, 360.0 / 4096.0), "0.09 deg");
+        assert_eq!(shown(-0.036, 0.036), "-0.036 deg");
+        assert_eq!(shown(0.1 + 0.2, 0.1), "0.3 deg");
+        assert_eq!(shown(-0.0, 0.1), "0 deg");
+        assert_eq!(shown(1234567.0, 1.0), "1234567 deg");
     }
 }

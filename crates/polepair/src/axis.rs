@@ -241,10 +241,13 @@ impl Axis {
             self.read_factors(parameter)?;
             si = convert();
         }
+        let next = self.connection.with(|axes, _| axes.to_si(self.index, id, raw + 1));
+        let step = si.zip(next).map_or(0.0, |(si, next)| (next - si).abs() / parameter.unit.si());
         let word = parameter.values.iter().find(|(value, _)| *value == raw);
         Ok(Value {
             raw,
             value: si.map_or(f64::NAN, |si| si / parameter.unit.si()),
+            step,
             unit: parameter.unit,
             word: word.map(|(_, word)| *word),
         })
@@ -360,6 +363,12 @@ impl Axis {
             | Err(Error::Failed { outcome: Outcome::Unknown(Failure::NotReached), .. }) => {
                 Ok(false)
             }
+            // The question was not answered, but the move it asks after had been sent.
+            Err(Error::Failed { what, outcome: Outcome::NotDone(failure), hint })
+                if matches!(failure, Failure::Silent | Failure::LinkDown) =>
+            {
+                Err(Error::Failed { what, outcome: Outcome::Unknown(failure), hint })
+            }
             Err(error) => Err(error),
         }
     }
@@ -373,7 +382,7 @@ impl Axis {
             return Ok(());
         }
         let outcome = Outcome::NotDone(Failure::NotReached);
-        Err(self.failed(&format!("waiting {within:?} for the move"), outcome))
+        Err(self.failed(&format!("waiting {} for the move", spoken(within)), outcome))
     }
 
     /// The SI value of a verb's argument: text must have a unit that fits the drive's parameter.
@@ -420,6 +429,21 @@ impl Axis {
     /// [`Error`] by blame.
     pub fn run(&self, command: Command) -> Result<i64, Error> {
         self.start(command)?.finish()
+    }
+
+    /// Runs a verb to its end, at most so long. The value is the last one read.
+    ///
+    /// # Errors
+    /// [`Error::Failed`] `E101` when it has not ended in time: it goes on until a stop or a newer
+    /// command ends it. Others by blame.
+    pub fn run_within(&self, command: Command, within: Duration) -> Result<i64, Error> {
+        match self.start(command)?.wait(within)? {
+            Some(value) => Ok(value),
+            None => {
+                let what = format!("{} within {}", command.verb.name(), spoken(within));
+                Err(self.failed(&what, Outcome::NotDone(Failure::NotReached)))
+            }
+        }
     }
 
     /// Sends a request in the protocol's own text, such as `GAP 1`, and gives the value answered.
@@ -532,4 +556,9 @@ impl Axis {
         let pending = self.connection.submit(request).map_err(|why| self.refuse(what, why))?;
         Running { axis: self.clone(), pending, what: what.to_owned() }.finish()
     }
+}
+
+/// A span as people say it: no more digits than a millisecond has.
+fn spoken(span: Duration) -> String {
+    format!("{} s", (span.as_secs_f64() * 1e3).round() / 1e3)
 }

@@ -118,7 +118,9 @@ impl Connector {
             Target::Serial { path, baud } => (baud.unwrap_or(spoken.baud), is_pty(path)),
             _ => (0, true),
         };
-        let options = options(url, if untimed { 0 } else { baud })?;
+        url.axes.iter().try_for_each(|axis| spoken.check(*axis))?;
+        let mut options = options(url, if untimed { 0 } else { baud })?;
+        options.host = options.host.or_else(|| spoken.other_host(&url.axes));
         let link: Box<dyn polepair_link::Link<Stream>> = match &url.target {
             Target::Serial { path, .. } => {
                 let line = line_of(url, &spoken, options, baud)?;
@@ -142,7 +144,9 @@ impl Connector {
         let all = drives.iter().map(address).zip(wire.names.iter().cloned());
         let wanted = |(number, _): &(u32, String)| url.axes.is_empty() || url.axes.contains(number);
         let (numbers, names) = all.filter(wanted).unzip();
-        let options = options(url, wire.baud)?;
+        let mut options = options(url, wire.baud)?;
+        let addresses: Vec<u32> = drives.iter().map(address).collect();
+        options.host = options.host.or_else(|| spoken.other_host(&addresses));
         let link = simulation.open(n)?;
         let line = registry::lane(spoken.name, options, &[]).map(|lane| lane.line());
         if let Some(line) = line {
@@ -192,6 +196,31 @@ impl Connector {
         Ok(found.into_iter().enumerate().map(axis).collect())
     }
 
+    /// An axis that answered on a line, with the profile that the string names, if it names one.
+    pub(crate) fn axis_found(
+        &self,
+        url: &Url,
+        line: &Line,
+        number: u32,
+        profile: &'static polepair_core::profile::Profile,
+        identified: Identified,
+    ) -> Result<Axis, Error> {
+        let (profile, identified) = match url.key("profile") {
+            Some(name) => (self.named_profile(name, line)?, Identified::Named),
+            None => (profile, identified),
+        };
+        Ok(Axis {
+            connection: line.connection(&[(profile, number)])?,
+            index: AxisIndex(0),
+            number,
+            name: String::new(),
+            protocol: line.spoken.name,
+            profile,
+            identified,
+            simulation: None,
+        })
+    }
+
     fn named_profile(
         &self,
         name: &str,
@@ -228,6 +257,9 @@ fn simulated(url: &Url, what: &str) -> Result<Simulation, Error> {
     }
     for drive in description.rack.links.iter_mut().flat_map(|link| &mut link.drives) {
         drive.extra.extend(url.extra());
+    }
+    if let Some(host) = url.key("host") {
+        description.answer_to(host);
     }
     let pace = match url.key("time") {
         None | Some("real") => Pace::Real,

@@ -1,5 +1,6 @@
 //! The core's lists of protocols and families, asked by word.
 
+use crate::error::Error;
 use polepair_core::axis::AnyLane;
 use polepair_core::lane::{BoxedDriver, Lane};
 use polepair_core::medium::Stream;
@@ -17,12 +18,34 @@ pub(crate) struct Spoken {
     pub(crate) profile: &'static str,
     /// Addresses that a scan tries.
     pub(crate) addresses: RangeInclusive<u32>,
+    /// Every address that a drive can have.
+    pub(crate) every: RangeInclusive<u32>,
     /// The host's own address, which no axis can have.
     pub(crate) host: Option<u32>,
     /// The baud rate from the factory.
     pub(crate) baud: u32,
     /// What an axis is called when nothing else is known.
     pub(crate) generic: &'static Profile,
+}
+
+impl Spoken {
+    /// The host's address where one of these drives has the one that hosts have from the factory:
+    /// the last that nobody has. `None` where the usual one will do.
+    pub(crate) fn other_host(&self, drives: &[u32]) -> Option<u32> {
+        let usual = self.host?;
+        let free = || self.every.clone().rev().find(|address| !drives.contains(address));
+        drives.contains(&usual).then(free)?
+    }
+
+    /// Refuses an address that no drive can have.
+    pub(crate) fn check(&self, address: u32) -> Result<(), Error> {
+        if self.every.contains(&address) {
+            return Ok(());
+        }
+        let (first, last) = (self.every.start(), self.every.end());
+        let what = format!("no drive can have the address {address} on {}", self.name);
+        Err(Error::usage("E212", what, format!("addresses are {first} to {last}")))
+    }
 }
 
 /// Every protocol with a host on byte streams.
@@ -66,6 +89,7 @@ impl proto::Visitor for Lister {
                 name: P::NAME,
                 profile: P::PROFILE,
                 addresses: P::ADDRESSES,
+                every: P::EVERY_ADDRESS,
                 host: P::HOST,
                 baud: P::BAUD,
                 generic: P::generic(),
@@ -95,5 +119,20 @@ impl proto::Visitor for Maker<'_> {
         // The medium is a stream, as was asked above; the compiler must be shown.
         let lane: Box<dyn Any> = Box::new(lane);
         self.made = lane.downcast::<Box<dyn AnyLane<Stream>>>().ok().map(|lane| *lane);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::protocol;
+
+    #[test]
+    fn hosts_give_way_to_drives() {
+        let tmcl = protocol("tmcl").expect("known");
+        assert_eq!(tmcl.other_host(&[1, 3]), None);
+        assert_eq!(tmcl.other_host(&[1, 2]), Some(255));
+        assert_eq!(tmcl.other_host(&[2, 255]), Some(254));
+        assert_eq!(protocol("modbus-rtu").expect("known").other_host(&[1, 2]), None);
+        assert!(tmcl.check(255).is_ok() && tmcl.check(256).is_err());
     }
 }

@@ -103,6 +103,31 @@ pub fn scan(
     Ok(scan)
 }
 
+/// Asks every address of the link's protocol who is there, and lends each drive to `visit` as soon
+/// as it is found. Returns how many there were.
+///
+/// # Errors
+/// As [`scan`].
+pub fn each(
+    connector: &Connector,
+    url: &str,
+    visit: &mut dyn FnMut(&crate::Axis),
+) -> Result<usize, Error> {
+    let url = connector.url(url)?;
+    let (lines, _simulation) = connector.lines(&url)?;
+    let mut found = 0;
+    for line in &lines {
+        let prober = Prober::new(line, &connector.config);
+        for number in line.spoken.addresses.clone().take(ADDRESSES_MAX) {
+            if let Probe::Found { profile, identified, .. } = prober.probe(number)? {
+                found += 1;
+                visit(&connector.axis_found(&url, line, number, profile, identified)?);
+            }
+        }
+    }
+    Ok(found)
+}
+
 /// Which addresses a scan asks.
 #[derive(Clone, Debug, Default)]
 pub struct Numbers(Option<RangeInclusive<u32>>);

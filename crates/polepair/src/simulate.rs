@@ -19,7 +19,7 @@ use crate::registry;
 use crate::words;
 use end::Shared;
 pub use file::{rack_of_file, rack_of_text};
-pub use line::DriveLine;
+pub use line::{DriveLine, FaultyLine};
 use polepair_core::drives::bench::{Act, Truth};
 use polepair_core::medium::Stream;
 use polepair_core::profile::Profile;
@@ -77,7 +77,9 @@ pub fn rack_of_words(words: &[&str], seed: u64) -> Result<Description, Error> {
         let (profile, protocol) = drive_of(name)?;
         let mut drives = Vec::new();
         for text in addresses.split(',').filter(|_| !addresses.is_empty()) {
-            drives.push(Some(address_of(text, word)?));
+            let address = address_of(text, word)?;
+            protocol.check(address)?;
+            drives.push(Some(address));
         }
         if drives.is_empty() {
             drives.push(None);
@@ -122,6 +124,12 @@ pub(crate) fn drive_of(word: &str) -> Result<(&'static Profile, registry::Spoken
 }
 
 impl Description {
+    /// Whether bytes arrive on that link as they were sent.
+    #[must_use]
+    pub fn is_faultless(&self, link: usize) -> bool {
+        self.wires[link].faults == Faults::NONE && !self.rack.links[link].serial.echo
+    }
+
     fn add(
         &mut self,
         name: &str,
@@ -144,6 +152,37 @@ impl Description {
             names: vec![String::new(); drives.len()],
         });
         self.rack.links.push(RackLink { name: name.to_owned(), serial: Serial::RS485, drives });
+        self.settle_host(self.wires.len() - 1);
+    }
+
+    /// The address that drives of a link answer to, where one of them has the one that hosts have
+    /// from the factory.
+    #[must_use]
+    pub fn host(&self, link: usize) -> Option<u32> {
+        let spoken = registry::protocol(self.wires[link].protocol)?;
+        let first = *spoken.addresses.start();
+        let drives = &self.rack.links[link].drives;
+        let addresses: Vec<u32> = drives.iter().map(|d| d.address.unwrap_or(first)).collect();
+        spoken.other_host(&addresses)
+    }
+
+    /// Has the drives of a link answer to a host that none of them can be mistaken for.
+    pub(crate) fn settle_host(&mut self, link: usize) {
+        let Some(host) = self.host(link) else { return };
+        for drive in &mut self.rack.links[link].drives {
+            drive.extra.push(("host".to_owned(), host.to_string()));
+        }
+    }
+
+    /// Has every drive on a wire whose hosts have addresses answer to this one.
+    pub(crate) fn answer_to(&mut self, host: &str) {
+        for (link, wire) in self.rack.links.iter_mut().zip(&self.wires) {
+            if registry::protocol(wire.protocol).is_some_and(|spoken| spoken.host.is_some()) {
+                for drive in &mut link.drives {
+                    drive.extra.push(("host".to_owned(), host.to_owned()));
+                }
+            }
+        }
     }
 
     /// The same with another baud rate everywhere; 0 takes byte timing away.

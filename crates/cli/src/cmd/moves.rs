@@ -205,7 +205,7 @@ fn given(axis: &Axis, verb: Verb, which: Argument, text: &Option<String>) -> Res
 
 fn lasting(target: &Target, how: &Lasting, command: impl Fn(&Axis) -> Result<Command>) -> Result {
     if how.dry_run {
-        return target.rehearse(command);
+        return target.rehearse_motion(command);
     }
     let session = target.open()?;
     let commands = each(session.axes(), command)?;
@@ -215,7 +215,7 @@ fn lasting(target: &Target, how: &Lasting, command: impl Fn(&Axis) -> Result<Com
 
 fn arriving(target: &Target, how: &Arriving, command: impl Fn(&Axis) -> Result<Command>) -> Result {
     if how.dry_run {
-        return target.rehearse(command);
+        return target.rehearse_motion(command);
     }
     let session = target.open()?;
     let commands = each(session.axes(), command)?;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use polepair::simulate::{self, Description, DriveLine};
+use polepair::simulate::{self, Description, DriveLine, FaultyLine};
 use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::proto::{self, Protocol};
 use polepair_core::time::Instant;
@@ -57,13 +57,12 @@ impl Sim {
         let mut served = Vec::new();
         let mut out = Output::stdout();
         for link in 0..links {
-            let line = DriveLine::new(&description, link).map_err(outcome::error)?;
             let (wire, place) = self.open(link)?;
             let wire: Box<dyn Link<Stream>> = match self.speed {
                 1.0 => wire,
                 speed => Box::new(Scaled { inner: wire, speed }),
             };
-            served.push(Served::new(wire, Box::new(line)));
+            served.push(self.serve(&description, link, wire)?);
             out.line(&format!("ready {}", url(&description, link, &place)));
         }
         let stops: Vec<_> = served.iter().map(Served::stop).collect();
@@ -74,6 +73,21 @@ impl Sim {
             .try_for_each(Served::wait)
             .map_err(|error| outcome::link_error(&error))?;
         Ok(Exit::Ok)
+    }
+
+    /// Serves a link's drives; a wire with faults is a world of its own.
+    fn serve(
+        &self,
+        description: &Description,
+        link: usize,
+        wire: Box<dyn Link<Stream>>,
+    ) -> Result<Served> {
+        if description.is_faultless(link) {
+            let line = DriveLine::new(description, link).map_err(outcome::error)?;
+            return Ok(Served::new(wire, Box::new(line)));
+        }
+        let line = FaultyLine::new(description, link, self.seed).map_err(outcome::error)?;
+        Ok(Served::new(wire, Box::new(line)))
     }
 
     fn description(&self) -> Result<Description> {
@@ -107,7 +121,8 @@ pub fn url(description: &Description, link: usize, place: &str) -> String {
     let first = first_address(protocol);
     let drives = &description.rack.links[link].drives;
     let addresses = drives.iter().map(|drive| drive.address.unwrap_or(first).to_string());
-    format!("{protocol}+{place}#{}", addresses.collect::<Vec<_>>().join(","))
+    let host = description.host(link).map(|host| format!("?host={host}")).unwrap_or_default();
+    format!("{protocol}+{place}{host}#{}", addresses.collect::<Vec<_>>().join(","))
 }
 
 /// The address that drives of a protocol have from the factory.

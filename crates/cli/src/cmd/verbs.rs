@@ -96,20 +96,16 @@ impl Stop {
         if self.dry_run {
             return self.target.rehearse(|_| Ok(Command::new(wanted)));
         }
-        let session = self.target.open_all()?;
-        session.listen();
         // One that fails must not keep the others turning.
         let mut failed: Vec<Problem> = Vec::new();
         let mut stopped = 0;
-        for axis in session.axes() {
-            match crate::session::verb(axis, wanted) {
-                Ok(_) => {
-                    stopped += 1;
-                    say(&format!("{} is stopped", axis.label()));
-                }
-                Err(problem) => failed.push(problem),
+        self.target.each(&mut |axis| match verb(axis, wanted) {
+            Ok(_) => {
+                stopped += 1;
+                say(&format!("{} is stopped", axis.label()));
             }
-        }
+            Err(problem) => failed.push(problem),
+        })?;
         match (failed.len(), stopped) {
             (0, _) => Ok(Exit::Ok),
             (_, 0) => Err(failed.remove(0)),

@@ -56,8 +56,11 @@ pub trait Protocol {
     fn generic() -> &'static Profile;
     /// Addresses that a scan tries.
     const ADDRESSES: core::ops::RangeInclusive<u32>;
-    /// The host's own address where it is one of the axes' kind: no axis can have it.
+    /// The host's own address where it is one of the axes' kind: no axis can have it, or it would
+    /// take the others' replies for commands.
     const HOST: Option<u32> = None;
+    /// Every address that a drive can have.
+    const EVERY_ADDRESS: core::ops::RangeInclusive<u32>;
     /// The baud rate from the factory.
     const BAUD: u32;
     /// The host.

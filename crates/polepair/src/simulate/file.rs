@@ -72,6 +72,7 @@ pub fn rack_of_text(file: &str, text: &str, seed: u64) -> Result<Description, Er
             let (rack, wire) = link_of(link, n, seed.wrapping_add(n as u64 * 1000))?;
             description.rack.links.push(rack);
             description.wires.push(wire);
+            description.settle_host(n);
         }
         if description.wires.is_empty() {
             return Err(FileError::whole(file, "a rack needs a [[link]] with a [[link.drive]]"));
@@ -137,7 +138,8 @@ fn drive_of_table(
         return Err(place.error(reason));
     }
     let mut drive = RackDrive::new(profile, wire.name);
-    let address = node.between("address", 0, i64::from(u32::MAX))?;
+    let every = &wire.every;
+    let address = node.between("address", (*every.start()).into(), (*every.end()).into())?;
     drive.address = address.and_then(|n| u32::try_from(n).ok());
     drive.seed = seed;
     let real = |key| node.real(key).map(|found| found.map(|found| found.value));

@@ -7,6 +7,8 @@ use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::{Instant, earliest};
 use polepair_sim::node::Node;
+use polepair_sim::rack::Rack;
+use polepair_sim::world::{EndId, World};
 
 /// The drives of one link of a rack. Each hears the host, none hears another.
 pub struct DriveLine {
@@ -91,6 +93,71 @@ impl Station<Stream> for DriveLine {
 
     fn line(&self) -> SerialLine {
         // A pty and TCP have none.
+        SerialLine::n81(0)
+    }
+}
+
+/// The drives of one link of a rack behind a wire that does to their bytes what the rack says:
+/// noise, losses, late replies, an echo. No byte timing.
+pub struct FaultyLine {
+    world: World,
+    end: EndId,
+}
+
+impl std::fmt::Debug for FaultyLine {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("FaultyLine")
+    }
+}
+
+impl FaultyLine {
+    /// The link of that number, counted from 0. Which faults come when follows from `seed`.
+    ///
+    /// # Errors
+    /// As [`DriveLine::new`].
+    pub fn new(description: &Description, link: usize, seed: u64) -> Result<Self, Error> {
+        let spec = description.rack.links.get(link).ok_or_else(|| {
+            Error::usage("E212", format!("the rack has no link {link}"), "links count from 0")
+        })?;
+        let mut spec = spec.clone();
+        spec.serial.timed = false;
+        let mut world = World::new(seed.wrapping_add(link as u64));
+        let built = Rack { links: vec![spec] }.build(&mut world);
+        let built = built.map_err(|error| Error::usage("E231", error.to_string(), ""))?;
+        let (wire, _) = built.links[0];
+        if let Some(faults) = world.faults(wire) {
+            *faults = description.wires[link].faults;
+        }
+        let end = world.open(wire);
+        Ok(Self { world, end })
+    }
+}
+
+impl Timed for FaultyLine {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.world.run_until(now);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.world.next_event()
+    }
+}
+
+impl Station<Stream> for FaultyLine {
+    fn handle_input(&mut self, now: Instant, unit: &[u8]) {
+        self.world.send(self.end, now, unit);
+        // Without byte timing what was sent arrives at once.
+        self.world.run_until(now);
+    }
+
+    fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        self.world.run_until(now);
+        self.world.receive(self.end, out).map(|(_, count)| count)
+    }
+
+    fn line(&self) -> SerialLine {
         SerialLine::n81(0)
     }
 }

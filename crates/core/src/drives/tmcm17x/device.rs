@@ -45,6 +45,10 @@ impl Family for Tmcm17x {
                 ("bad-sum", "ignore") => quirks.bad_sum = BadSum::Ignore,
                 ("settings", "before-reply") => quirks.settings_before_reply = true,
                 ("settings", "after-reply") => quirks.settings_before_reply = false,
+                ("host", host) => {
+                    let host = host.parse::<u8>().map_err(|_| host)?;
+                    module.memory.deliver(76, i32::from(host));
+                }
                 ("deaf-ms", ms) => quirks.deaf_after_foreign_ms = ms.parse().map_err(|_| ms)?,
                 ("power-on-hallerr", "0" | "1") => {
                     module.hallerr_at_power_on = *value == "1";

@@ -50,6 +50,7 @@ macro_rules! protocol {
             // TS manual V2 §2.2 and fine print: 1 to 127 on the drives known here; the standard
             // allows up to 247.
             const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
+            const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 1..=247;
             const BAUD: u32 = 115_200;
 
             fn generic() -> &'static Profile {

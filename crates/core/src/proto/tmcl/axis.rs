@@ -158,6 +158,7 @@ impl Protocol for Tmcl {
     const PROFILE: &'static str = "tmcl";
     const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
     const HOST: Option<u32> = Some(super::wire::HOST as u32);
+    const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 0..=255;
     const BAUD: u32 = 9600;
 
     fn generic() -> &'static Profile {
@@ -186,6 +187,9 @@ impl Protocol for TmclCan {
     const NAME: &'static str = "tmcl";
     const PROFILE: &'static str = "tmcl";
     const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
+    // Standard CAN identifiers.
+    const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 0..=0x7FF;
+    const HOST: Option<u32> = Some(super::wire::HOST as u32);
     const BAUD: u32 = 250_000;
 
     fn generic() -> &'static Profile {
