@@ -144,6 +144,11 @@ impl Decoder {
         self
     }
 
+    /// Names parameters as `profile` does from now on: who speaks may be learnt on the way.
+    pub fn name_by(&mut self, profile: &'static Profile) {
+        self.profile = Some(profile);
+    }
+
     /// Takes a piece of the capture, cut anywhere.
     pub fn feed(&mut self, piece: &[u8], out: Out<'_>) {
         let mut lines = core::mem::take(&mut self.lines);

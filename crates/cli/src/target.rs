@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
 
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
@@ -11,6 +12,7 @@ use polepair::{Axis, Connector};
 use polepair_capture::{Decoder, Rules, Stamp, text};
 use polepair_core::axis::{Command, RehearsedStep, Verb};
 use polepair_core::explain::Direction as Said;
+use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_link::tap::{Direction, SerialLog, Tap};
@@ -34,7 +36,13 @@ pub struct Target {
     pub trace: Option<PathBuf>,
     #[command(flatten)]
     pub profiles: crate::cmd::ProfileFile,
+    /// What the drive turned out to be, for those who show its frames.
+    #[arg(skip)]
+    naming: Naming,
 }
+
+/// The profile by which frames are named, once it is known.
+type Naming = Arc<OnceLock<&'static Profile>>;
 
 /// How readings are printed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
@@ -81,7 +89,7 @@ impl Target {
         if self.verbose || trace.is_some() {
             let name = link_name(&self.url);
             let trace = trace.map(|file| SerialLog::new(BufWriter::new(file), &name));
-            let shown = self.verbose.then(|| Shown::new(&self.url, name));
+            let shown = self.verbose.then(|| Shown::new(&self.url, name, self.naming.clone()));
             connector = connector.with_tap(Frames { trace, shown });
         }
         Ok(connector)
@@ -115,10 +123,19 @@ impl Target {
         Ok(Exit::Ok)
     }
 
+    /// Has frames shown by the names of the drive's profile, once it is known.
+    fn name_frames(&self, profile: &'static Profile) {
+        // Set once: a link whose drives are of several kinds is named by the first.
+        let _ = self.naming.set(profile);
+    }
+
     fn open_url(&self, url: &str) -> Result<Session> {
         let link = self.connector()?.connect(url).map_err(outcome::error)?;
         if link.axes().is_empty() {
             return Err(Problem::new(Exit::NoReply, "E402", format!("there is no axis on {url}.")));
+        }
+        if let Some(axis) = link.axes().first() {
+            self.name_frames(axis.profile());
         }
         Ok(Session { link, url: self.url.clone() })
     }
@@ -147,7 +164,8 @@ fn rehearsed(axis: &Axis, step: &Rehearsal) -> String {
 
 /// What a frame says in its protocol's own words; empty where nobody can tell.
 fn said(axis: &Axis, bytes: &[u8]) -> String {
-    let mut decoder = Decoder::new(Rules::parse(axis.protocol()).unwrap_or_default());
+    let rules = Rules::parse(axis.protocol()).unwrap_or_default();
+    let mut decoder = Decoder::new(rules).with_profile(Some(axis.profile()));
     let mut text = String::new();
     let mut keep = |event: &polepair_capture::Event<'_>| text = event.explained.text.to_owned();
     decoder.chunk(None, "link", Some(Said::ToDrive), bytes, &mut |event| keep(event));
@@ -183,17 +201,18 @@ pub struct Shown {
     decoder: Decoder,
     text: text::Text,
     name: String,
+    naming: Naming,
 }
 
 impl Shown {
     /// For a link of that connection string.
-    pub fn new(url: &str, name: String) -> Self {
+    pub fn new(url: &str, name: String, naming: Naming) -> Self {
         let word = url.strip_prefix("sim:").unwrap_or(url);
         let word = word.split(['+', ':', '?', '#']).next().unwrap_or(word);
         // A rack's protocol is not in its name: its frames are shown as bytes.
         let rules = Rules::parse(word).unwrap_or_default();
         let style = text::Style { colour: terminal::colour_err() };
-        Self { decoder: Decoder::new(rules), text: text::Text::new(style), name }
+        Self { decoder: Decoder::new(rules), text: text::Text::new(style), name, naming }
     }
 }
 
@@ -203,7 +222,10 @@ impl Tap for Shown {
             Direction::ToDrive => Said::ToDrive,
             Direction::ToHost => Said::ToHost,
         };
-        let Self { decoder, text, name } = self;
+        let Self { decoder, text, name, naming } = self;
+        if let Some(profile) = naming.get() {
+            decoder.name_by(profile);
+        }
         let mut lines = Vec::new();
         let time = Some(Stamp(clock::wall_ns(at)));
         decoder.chunk(time, name, Some(said), bytes, &mut |event| text.write(event, &mut lines));

@@ -197,3 +197,14 @@ fn a_path_that_is_served_is_not_taken_over() {
     third.wait().expect("ends");
     std::fs::remove_file(&alias).expect("a link");
 }
+
+#[test]
+fn frames_are_named_by_the_drives_profile() {
+    let sim = Served::new("modbus-rtu:1");
+    let ran = polepair(&["get", &sim.url, "internal speed", "-v"]);
+    assert!(ran.err.contains("read Fn_33 internal speed"), "{}", ran.err);
+    ok(&["set", &sim.url, "control mode=1"]);
+    let shown = ok(&["spin", &sim.url, "200rpm", "--dry-run"]);
+    assert!(shown.contains("01 06 00 33 00 C8 78 53"), "{shown}");
+    sim.end();
+}
