@@ -40,6 +40,9 @@ pub struct Lane<M: Medium, H: Host<M>> {
     ready: u64,
     /// Goes before the others.
     urgent: u64,
+    /// Runs a plan that moves or powers the motor: until it waits, nothing but a stop comes between
+    /// its steps, so that nobody changes what an earlier step made sure of.
+    going: u64,
     /// Waits for a time.
     sleeping: u64,
     /// Has its outcome.
@@ -69,6 +72,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             used: 0,
             ready: 0,
             urgent: 0,
+            going: 0,
             sleeping: 0,
             ended: 0,
             turn: 0,
@@ -118,6 +122,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let bit = !(1 << n);
         self.ready &= bit;
         self.urgent &= bit;
+        self.going &= bit;
         self.sleeping &= bit;
         self.ended |= !bit;
     }
@@ -256,8 +261,12 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     }
 
     fn next_turn(&self) -> usize {
-        let urgent = self.ready & self.urgent;
-        let from = if urgent == 0 { self.ready } else { urgent };
+        let (urgent, going) = (self.ready & self.urgent, self.ready & self.going);
+        let from = match (urgent, going) {
+            (0, 0) => self.ready,
+            (0, going) => going,
+            (urgent, _) => urgent,
+        };
         let behind = from & (u64::MAX << (self.turn + 1).min(63));
         let pick = if behind == 0 { from } else { behind };
         pick.trailing_zeros() as usize
@@ -362,6 +371,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let run = Run::new(Steps::Plan(plan.steps), plan.undo, command, Some(verb));
         let n = self.add(ticket, axis, Task::Run(run))?;
         self.urgent |= u64::from(verb.is_stop()) << n;
+        self.going |= u64::from(verb.needs_arming()) << n;
         Ok(())
     }
 

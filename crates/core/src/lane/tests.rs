@@ -455,3 +455,17 @@ fn what_the_host_itself_forbids_ends_at_once() {
     let failure = Failure::NotReady { hint: "never" };
     assert_eq!(bench.lane.poll_outcome(), Some((Ticket(1), Outcome::NotDone(failure))));
 }
+
+#[test]
+fn nothing_comes_between_the_steps_of_a_motion() {
+    let mut bench = Bench::new();
+    bench.lane.write(bench.now, Ticket(1), AXIS, MODE, 2, false).unwrap();
+    bench.velocity(2, 100.0 * RPM).unwrap();
+    for ticket in 10..14 {
+        bench.lane.read(bench.now, Ticket(ticket), AXIS, STEPS).unwrap();
+    }
+    assert_eq!(bench.run().len(), 6);
+    let indices: Vec<u16> = bench.lane.host.log.iter().map(|ask| ask.index).collect();
+    let plan = [MODE.0, RAM.0, RAM.0, SPEED.0];
+    assert!(indices.windows(plan.len()).any(|four| four == plan), "{indices:?}");
+}

@@ -292,6 +292,9 @@ impl Axis {
         if verb == Verb::MoveBy && never && executed != 0 {
             return Err(("I3", format!("move-by was executed, but ended as {outcome:?}")));
         }
+        if verb == Verb::MoveBy && matches!(outcome, Outcome::Done(_)) && executed == 0 {
+            return Err(("I3", "move-by ended as done, but was not executed".into()));
+        }
         let still = open.before.velocity.abs() < REST && self.open.iter().all(|o| !moves(o.what));
         let jump = (after.position - open.before.position).abs();
         if verb == Verb::Enable && still && !open.before.enabled && jump > JUMP_MAX {

@@ -12203,6 +12203,11 @@ static SYNTRON_DS102_PLANS: [Plan; 10] = [
             Step::Write(ParameterId(307), Operand::Is(0)),
             Step::Write(ParameterId(8), Operand::Is(1)),
             Step::Require {
+                read: ParameterId(0),
+                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
+                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+            },
+            Step::Require {
                 read: ParameterId(8),
                 test: Test { mask: -1, compare: Compare::Equal, value: 1 },
                 hint: "The drive does not power its motor: look at its alarm",
@@ -12247,6 +12252,11 @@ static SYNTRON_DS102_PLANS: [Plan; 10] = [
             Step::Write(ParameterId(305), Operand::Is(0)),
             Step::Write(ParameterId(307), Operand::Is(0)),
             Step::Write(ParameterId(8), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(0),
+                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
+                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+            },
             Step::Require {
                 read: ParameterId(8),
                 test: Test { mask: -1, compare: Compare::Equal, value: 1 },
@@ -12481,6 +12491,11 @@ static SYNTRON_TS_PLANS: [Plan; 10] = [
             Step::Write(ParameterId(307), Operand::Is(0)),
             Step::Write(ParameterId(8), Operand::Is(1)),
             Step::Require {
+                read: ParameterId(0),
+                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
+                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+            },
+            Step::Require {
                 read: ParameterId(8),
                 test: Test { mask: -1, compare: Compare::Equal, value: 1 },
                 hint: "The drive does not power its motor: look at its alarm",
@@ -12525,6 +12540,11 @@ static SYNTRON_TS_PLANS: [Plan; 10] = [
             Step::Write(ParameterId(305), Operand::Is(0)),
             Step::Write(ParameterId(307), Operand::Is(0)),
             Step::Write(ParameterId(8), Operand::Is(1)),
+            Step::Require {
+                read: ParameterId(0),
+                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
+                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+            },
             Step::Require {
                 read: ParameterId(8),
                 test: Test { mask: -1, compare: Compare::Equal, value: 1 },

@@ -6172,13 +6172,27 @@ static TMCM_170_PLANS: [Plan; 12] = [
     Plan {
         verb: Verb::Stop,
         source: "3.1.3 MST",
-        steps: &[Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None }],
+        steps: &[
+            Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(3),
+                test: Test { mask: -1, compare: Compare::Within, value: 5 },
+                within_ms: 10000,
+            },
+        ],
         undo: &[],
     },
     Plan {
         verb: Verb::QuickStop,
         source: "3.1.3 MST; the module has no faster stop that keeps control of the shaft",
-        steps: &[Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None }],
+        steps: &[
+            Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(3),
+                test: Test { mask: -1, compare: Compare::Within, value: 5 },
+                within_ms: 10000,
+            },
+        ],
         undo: &[],
     },
     Plan {
