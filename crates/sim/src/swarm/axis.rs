@@ -206,7 +206,8 @@ impl Axis {
                 self.wrote(n, raw, outcome, open.doubtful);
                 Ok(())
             }
-            (What::Look(Signal::Position, id), Outcome::Done(raw)) => {
+            // What was read before a drive's restart says nothing of after it.
+            (What::Look(Signal::Position, id), Outcome::Done(raw)) if !open.doubtful => {
                 self.position(world, host, id, raw)
             }
             (What::Do(verb), outcome) => self.did(world, verb, outcome, &open),
