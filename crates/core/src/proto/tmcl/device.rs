@@ -348,6 +348,11 @@ impl SerialEnd {
             self.send(now, line.bytes(), firmware);
             self.send(now, b"\r", firmware);
         }
+        // [I] The manuals write the line that leaves this mode with and without the module's
+        // letter; without one it can be no command for module B, which has none called `IN`.
+        if line.bytes().trim_ascii().eq_ignore_ascii_case(b"BIN") {
+            return self.obey(now, ascii::Command::Binary, firmware);
+        }
         match ascii::Command::parse(line.bytes()) {
             Some((address, command)) if address == firmware.address() => {
                 self.obey(now, command, firmware);

@@ -467,6 +467,12 @@ fn ascii_mode_on_the_wire() {
     assert_eq!(say(b"CGAP 3\r"), b"");
     assert_eq!(say(b"ABIN\r"), b"BA 100 0\r");
     assert_eq!(wire.read(4), Ok(4007));
+    wire.ask(Ask::of(request(Opcode::EnterAscii, 0, 0))).unwrap();
+    let mut out = [0; 128];
+    wire.end.handle_input(wire.now, b"BIN\r", &mut wire.firmware);
+    let len = wire.end.poll_transmit(wire.now, &mut out, &mut wire.firmware).unwrap_or(0);
+    assert_eq!(&out[..len], b"BA 100 0\r");
+    assert_eq!(wire.read(4), Ok(4007));
 }
 
 #[test]
