@@ -2,13 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-/// Verbs that the guides show ahead of the command line having them; each goes from here when its
-/// file is there.
-const COMING: [&str; 16] = [
-    "ports", "scan", "info", "get", "set", "params", "enable", "disable", "stop", "clear", "spin",
-    "move", "home", "watch", "sim", "demo",
-];
-
 /// Every command in a code block of the documentation that no program knows.
 pub(crate) fn check(root: &Path) -> Vec<String> {
     let verbs = verbs(root);
@@ -66,15 +59,16 @@ fn pages(root: &Path) -> Vec<PathBuf> {
     pages
 }
 
-/// One file a verb.
+/// The variants of the command line's enum of verbs, as they are typed.
 fn verbs(root: &Path) -> Vec<String> {
-    let Ok(entries) = std::fs::read_dir(root.join("crates/cli/src/cmd")) else { return Vec::new() };
-    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
-    let stems = paths.filter_map(|path| path.file_stem()?.to_str().map(str::to_owned));
-    stems
-        .filter(|stem| stem != "mod")
-        .chain(["help"].into_iter().chain(COMING).map(str::to_owned))
-        .collect()
+    let text = std::fs::read_to_string(root.join("crates/cli/src/cmd/mod.rs")).unwrap_or_default();
+    let items = syn::parse_file(&text).map(|file| file.items).unwrap_or_default();
+    let verbs = items.iter().find_map(|item| match item {
+        syn::Item::Enum(item) if item.ident == "Verb" => Some(item),
+        _ => None,
+    });
+    let names = verbs.into_iter().flat_map(|verbs| &verbs.variants);
+    names.map(|variant| variant.ident.to_string().to_lowercase()).collect()
 }
 
 fn targets(root: &Path) -> Vec<String> {
