@@ -191,7 +191,7 @@ impl Decoder {
         }
     }
 
-    /// The first [`DAMAGE_MAX`] lines that could not be read.
+    /// The first 100 lines that could not be read.
     #[must_use]
     pub fn damaged(&self) -> &[Damage] {
         &self.damaged

@@ -48,7 +48,7 @@ pub trait Firmware {
     }
 
     /// Most registers that one request of `function` may carry in `format`; more is refused with
-    /// exception 03. The TS drive takes 12 in ASCII (TS manual V2 §2.4) [I].
+    /// exception 03. The TS drive takes 12 in ASCII (TS manual V2 §2.4) \[I\].
     fn words_max(&self, function: Function, format: Format) -> u16 {
         let _ = format;
         if function.reads().is_some() { READ_WORDS_MAX } else { WRITE_WORDS_MAX }

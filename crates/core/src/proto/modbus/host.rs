@@ -31,7 +31,7 @@ pub const REPLY_TIMEOUT_MS: u32 = 100;
 pub const GAP_TRUE_CHARACTERS: u32 = HostOptions::GAP_CHARACTERS;
 /// Silence after a broadcast, and before another station is spoken to on a timed line: more than
 /// the 10 ms that the TS drive takes for the end of a frame (TS manual V2 §2.3). It hears its
-/// neighbours' replies too, so a shorter pause would make one bad frame of them and its request [I].
+/// neighbours' replies too, so a shorter pause would make one bad frame of them and its request \[I\].
 pub const STATION_GAP_US: u32 = 10_500;
 
 /// Requests in a row whose only reply came sooner than its bytes can travel, after which the baud
