@@ -69,10 +69,21 @@ impl Flow {
             self.bytes.clear();
             self.marks.clear();
             self.head = 0;
+        } else if self.head > PENDING_MAX {
+            self.forget();
         }
         self.marks.push_back((self.bytes.len(), time));
         self.bytes.extend_from_slice(chunk);
         self.last = time;
+    }
+
+    /// Lets go of what was given out, also when a rest always waits for its frame's end.
+    fn forget(&mut self) {
+        self.bytes.drain(..self.head);
+        for (start, _) in &mut self.marks {
+            *start = start.saturating_sub(self.head);
+        }
+        self.head = 0;
     }
 
     /// The next piece, if enough is there to tell. Stray bytes in a row are one piece.
@@ -164,4 +175,26 @@ fn holds(rule: &Rule, frame: &[u8], direction: Option<Direction>) -> bool {
     let mut explained = Explained::default();
     rule.dissector.explain(frame, &Context { direction, ..Context::default() }, &mut explained);
     explained.axis == Some(axis)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Flow, PENDING_MAX};
+    use crate::stamp::Stamp;
+
+    #[test]
+    fn a_stream_that_is_never_empty_takes_bounded_memory() {
+        let mut flow = Flow::default();
+        let stamp = |n: u32| Stamp::parse(format!("{n}.5").as_bytes());
+        flow.push(stamp(0), &[0; 40]);
+        for n in 1..10_000u32 {
+            flow.push(stamp(n), &[n as u8; 64]);
+            assert_eq!(flow.time(), stamp(n - 1), "piece {n}");
+            let taken = flow.take(64);
+            assert_eq!((taken[0], taken[63]), ((n - 1) as u8, n as u8), "piece {n}");
+        }
+        assert_eq!(flow.pending().len(), 40);
+        assert!(flow.bytes.len() <= PENDING_MAX + 128, "{} bytes", flow.bytes.len());
+        assert!(flow.marks.len() < 4, "{} marks", flow.marks.len());
+    }
 }
