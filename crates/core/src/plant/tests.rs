@@ -283,38 +283,3 @@ fn an_encoder_counts_both_ways_and_loses_what_it_did_not_see() {
     assert!(encoder.index_between(0.9 * turn, 1.1 * turn));
     assert!(!encoder.index_between(1.1 * turn, 1.9 * turn));
 }
-
-/// `cargo test -p polepair-core --release step_costs -- --ignored --nocapture`
-#[test]
-#[ignore = "a measurement"]
-fn what_a_step_costs() {
-    let (mut motor, mut servo) = running();
-    servo.go(Goal::Velocity(200.0));
-    let start = std::time::Instant::now();
-    let steps = 5_000_000u32;
-    for n in 0..steps {
-        if n % 4000 == 0 {
-            servo.go(Goal::Position(f64::from(n % 8000)));
-        }
-        servo.step(&mut motor, Conditions { bus: 24.0, load: -0.02 });
-    }
-    let ns = start.elapsed().as_nanos() as f64 / f64::from(steps);
-    std::println!("{ns:.1} ns a tick, position {:.3}", motor.position());
-}
-
-/// `cargo test -p polepair-core step_response -- --ignored --nocapture` prints CSV for a plot.
-#[test]
-#[ignore = "prints data for the documentation"]
-fn step_response_as_csv() {
-    let (mut motor, mut servo) = running();
-    servo.max_current = 10.0;
-    servo.go(Goal::Velocity(300.0));
-    std::println!("t_s,setpoint_rad_per_s,velocity_rad_per_s,current_a,voltage_v");
-    for tick in 1..=1000 {
-        let load = if tick > 600 { -0.2 } else { 0.0 };
-        servo.step(&mut motor, Conditions { bus: 24.0, load });
-        let t = f64::from(tick) * TICK_S;
-        let (v, i, u) = (motor.velocity(), motor.current(), motor.voltage());
-        std::println!("{t:.3},{:.3},{v:.3},{i:.3},{u:.3}", servo.setpoint().velocity);
-    }
-}
