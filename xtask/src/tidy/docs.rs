@@ -1,5 +1,6 @@
-//! Commands that README and docs show must exist.
+//! Commands that README and docs show must exist, and every error's code must be explained.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Every command in a code block of the documentation that no program knows.
@@ -14,7 +15,39 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
             broken.push(format!("{shown}:{line}: {what}"));
         }
     }
+    broken.extend(codes(root));
     broken
+}
+
+/// Codes of errors that the code gives and the page on exit codes does not explain.
+fn codes(root: &Path) -> Vec<String> {
+    let page = std::fs::read_to_string(root.join(CODES)).unwrap_or_default();
+    let explained = explained(&page);
+    let mut broken = Vec::new();
+    for file in super::rust_files(root) {
+        let Ok(text) = std::fs::read_to_string(&file) else { continue };
+        let shown = file.strip_prefix(root).unwrap_or(&file).display();
+        let given = text.split('"').filter_map(code).filter(|code| !explained.contains(code));
+        broken.extend(given.map(|code| format!("{shown}: {CODES} does not explain E{code}")));
+    }
+    broken
+}
+
+/// The page that explains the codes of errors.
+const CODES: &str = "docs/reference/exit-codes.md";
+
+/// The codes that a page names, by `E101` or by the ends of a range.
+pub(crate) fn explained(page: &str) -> BTreeSet<u16> {
+    let words: Vec<&str> = page.split('`').collect();
+    let ranges = words.windows(3).filter(|three| three[1] == " to ");
+    let ranges = ranges.filter_map(|three| Some(code(three[0])?..=code(three[2])?));
+    words.iter().filter_map(|word| code(word)).chain(ranges.flatten()).collect()
+}
+
+/// The number of `E101`.
+fn code(word: &str) -> Option<u16> {
+    let digits = word.strip_prefix('E').filter(|digits| digits.len() == 3)?;
+    digits.parse().ok()
 }
 
 /// Line numbers and complaints for the commands in code blocks.

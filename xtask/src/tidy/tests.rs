@@ -92,3 +92,9 @@ fn commands_in_docs_must_exist() {
     assert_eq!(broken, [(4, "`polepair gte` does not exist".to_owned())]);
     assert_eq!(docs::unknown(text, &list(&["get", "gte"]), &[]).len(), 1);
 }
+
+#[test]
+fn codes_are_explained_alone_and_in_ranges() {
+    let page = "| 1 | `E101` no · `E110` to `E112` maybe | `E20`, `polepair` to `E2`";
+    assert_eq!(docs::explained(page).into_iter().collect::<Vec<_>>(), [101, 110, 111, 112]);
+}
