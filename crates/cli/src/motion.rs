@@ -240,16 +240,14 @@ fn finish(started: &[Started], arrived: bool) -> Result<()> {
     let mut ended = Ok(());
     for Started { axis, enabled_here } in started.iter().rev() {
         let stopped = if arrived { Ok(None) } else { verb_if_any(axis, Verb::Stop) };
-        let stopped = stopped.and_then(|_| match enabled_here {
-            true if !arrived => rest(axis).map(|()| None),
-            _ => Ok(None),
-        });
-        let stopped = stopped.and_then(|_: Option<i64>| match enabled_here {
-            true => verb_if_any(axis, Verb::Disable),
-            false => Ok(None),
-        });
+        let rested = match &stopped {
+            Ok(_) if *enabled_here && !arrived => rest(axis),
+            _ => Ok(()),
+        };
+        // Also after a stop that failed: a motor without power at least does not drive.
+        let off = if *enabled_here { verb_if_any(axis, Verb::Disable) } else { Ok(None) };
         axis.arm(false);
-        ended = ended.and(stopped.map(drop));
+        ended = ended.and(stopped.map(drop)).and(rested).and(off.map(drop));
     }
     ended
 }

@@ -6,6 +6,7 @@ use polepair_core::profile::{ParameterId, Signal};
 
 use crate::outcome;
 use crate::problem::Result;
+use crate::terminal::say;
 
 /// A link, and how the user named it.
 pub struct Session {
@@ -33,6 +34,24 @@ impl Session {
             (0 | 1, _) => String::new(),
             (_, "") => format!("#{} ", axis.number()),
             (_, name) => format!("{name} "),
+        }
+    }
+}
+
+impl Drop for Session {
+    /// What went to a drive's permanent memory is never silent.
+    fn drop(&mut self) {
+        for axis in self.link.axes() {
+            let writes = axis.state().flash_writes;
+            let profile = axis.profile();
+            let ram = profile.ram.and_then(|ram| profile.parameter(ram.parameter));
+            let why = ram.map_or_else(String::new, |p| {
+                format!(" ({}: {} is kept there itself)", p.symbol, p.name)
+            });
+            if writes > 0 {
+                let label = axis.label();
+                say(&format!("{label}: writes to the drive's permanent memory: {writes}{why}"));
+            }
         }
     }
 }

@@ -289,7 +289,7 @@ fn every_split_gives_the_same_and_no_damage_is_executed() {
             assert_eq!(drain(&mut end, &mut drive, Instant(2)), whole, "{} at {at}", vector.name);
         }
         if format == Format::Ascii {
-            continue; // Its 8-bit sum lets some damage through: measured below.
+            continue; // Its 8-bit sum lets some damage through.
         }
         for bit in 0..8 * bytes.len() {
             let (mut end, mut drive) = device(format);
