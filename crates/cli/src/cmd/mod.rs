@@ -1,4 +1,4 @@
-//! The verbs, one file each.
+//! The verbs: one file each, but for those that differ in a word alone.
 
 mod completions;
 mod decode;
