@@ -98,7 +98,8 @@ fn formatted(text: &str) -> Result<String> {
 
 /// The profiles of one family as one Rust file.
 fn rust(profiles: &[&'static Profile]) -> String {
-    let mut file = Emitter { text: HEAD.to_owned(), tables: BTreeMap::new() };
+    let mut file =
+        Emitter { text: HEAD.to_owned(), tables: BTreeMap::new(), last: BTreeMap::new() };
     let mut names = Vec::new();
     for profile in profiles {
         let constant = constant(profile.name);
@@ -119,6 +120,7 @@ fn rust(profiles: &[&'static Profile]) -> String {
 const HEAD: &str = "\
 //! Generated from `profiles/*.toml` by `cargo xtask codegen`. Do not edit.
 #![allow(clippy::approx_constant, clippy::excessive_precision, reason = \"the manuals' numbers\")]
+#![allow(clippy::large_const_arrays, reason = \"rows that tables share, read while compiling\")]
 
 IMPORTS
 
@@ -185,6 +187,8 @@ struct Emitter {
     text: String,
     /// Tables that are there already, by what they say: products of a family share them.
     tables: BTreeMap<String, String>,
+    /// The last table of each kind that stands there row by row: what the next is compared with.
+    last: BTreeMap<String, (String, Vec<String>)>,
 }
 
 impl Emitter {
@@ -249,10 +253,40 @@ impl Emitter {
         }
         let name = format!("{constant}_{what}");
         let count = rows.len();
-        let _ = write!(self.text, "static {name}: [{kind}; {count}] = [\n{body},\n];\n\n");
+        let head = format!("static {name}: [{kind}; {count}] = ");
+        let patched = self.last.get(what).and_then(|(base, old)| {
+            let rows = patch(base, old, rows)?;
+            Some((base.clone(), rows))
+        });
+        if let Some((base, rows)) = patched {
+            self.lend(&base, kind, count);
+            let _ = write!(self.text, "{head}{rows};\n\n");
+        } else {
+            let _ = write!(self.text, "{head}[\n{body},\n];\n\n");
+            self.last.insert(what.to_owned(), (name.clone(), rows.to_vec()));
+        }
         self.tables.insert(key, name.clone());
         format!("&{name}")
     }
+
+    /// Makes a table's rows a constant, which others can begin with.
+    fn lend(&mut self, table: &str, kind: &str, count: usize) {
+        let head = format!("static {table}: [{kind}; {count}] = ");
+        let both = format!("{head}{table}_ROWS;\n\nconst {table}_ROWS: [{kind}; {count}] = ");
+        if !self.text.contains(&both) {
+            self.text = self.text.replacen(&head, &both, 1);
+        }
+    }
+}
+
+/// A table as another one with some rows replaced; `None` when that would not be shorter.
+fn patch(base: &str, old: &[String], new: &[String]) -> Option<String> {
+    let other: Vec<usize> = (0..new.len()).filter(|n| old.get(*n) != Some(&new[*n])).collect();
+    if old.len() != new.len() || other.len() * 2 > new.len() {
+        return None;
+    }
+    let rows = other.iter().map(|n| format!("rows[{n}] = {};\n", new[*n])).collect::<String>();
+    Some(format!("{{\nlet mut rows = {base}_ROWS;\n{rows}rows\n}}"))
 }
 
 fn id(parameter: ParameterId) -> String {
@@ -383,7 +417,7 @@ fn operand(operand: Operand) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{run, rust};
+    use super::{patch, run, rust};
     use std::path::Path;
 
     #[test]
@@ -424,5 +458,15 @@ mod tests {
         ] {
             assert!(rust.contains(piece), "{piece}\n{rust}");
         }
+    }
+
+    #[test]
+    fn a_table_like_another_tells_only_the_rows_that_differ() {
+        let rows = |words: &str| words.split(' ').map(str::to_owned).collect::<Vec<_>>();
+        let patched = patch("BASE", &rows("a b c"), &rows("a x c"));
+        let text = "{\nlet mut rows = BASE_ROWS;\nrows[1] = x;\nrows\n}";
+        assert_eq!(patched.as_deref(), Some(text));
+        assert_eq!(patch("BASE", &rows("a b c"), &rows("x y c")), None, "mostly different");
+        assert_eq!(patch("BASE", &rows("a b c"), &rows("a b")), None, "of another length");
     }
 }

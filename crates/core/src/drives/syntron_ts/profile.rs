@@ -1,5 +1,6 @@
 //! Generated from `profiles/*.toml` by `cargo xtask codegen`. Do not edit.
 #![allow(clippy::approx_constant, clippy::excessive_precision, reason = "the manuals' numbers")]
+#![allow(clippy::large_const_arrays, reason = "rows that tables share, read while compiling")]
 
 use crate::axis::Verb;
 use crate::plan::{Argument, Compare, Operand, Plan, Step, Test};
@@ -12077,7 +12078,9 @@ static SYNTRON_DS102_SIGNALS: [SignalSource; 10] = [
     SignalSource { signal: Signal::Mode, parameter: ParameterId(0), mask: -1, equals: None },
 ];
 
-static SYNTRON_DS102_PLANS: [Plan; 10] = [
+static SYNTRON_DS102_PLANS: [Plan; 10] = SYNTRON_DS102_PLANS_ROWS;
+
+const SYNTRON_DS102_PLANS_ROWS: [Plan; 10] = [
     Plan {
         verb: Verb::Enable,
         source: "TS manual V2 §2.5, §2.6.2",
@@ -12366,75 +12369,9 @@ static SYNTRON_TS_SIGNALS: [SignalSource; 8] = [
     SignalSource { signal: Signal::Mode, parameter: ParameterId(0), mask: -1, equals: None },
 ];
 
-static SYNTRON_TS_PLANS: [Plan; 10] = [
-    Plan {
-        verb: Verb::Enable,
-        source: "TS manual V2 §2.5, §2.6.2",
-        steps: &[
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: -1, compare: Compare::Among, value: 16386 },
-                hint: "This control mode does not obey Modbus (2 is the factory's, pulses): set Fn_00 = 1 for speed or Fn_00 = 14 for position",
-            },
-            Step::NoFault { read: ParameterId(21), mask: -1 },
-            Step::Ensure(ParameterId(15), 1),
-            Step::Write(ParameterId(7), Operand::Is(0)),
-            Step::Write(ParameterId(8), Operand::Is(1)),
-        ],
-        undo: &[Step::Write(ParameterId(8), Operand::Is(0))],
-    },
-    Plan {
-        verb: Verb::Disable,
-        source: "TS manual V2 §2.5",
-        steps: &[
-            Step::Write(ParameterId(8), Operand::Is(0)),
-            Step::Write(ParameterId(7), Operand::Is(0)),
-        ],
-        undo: &[],
-    },
-    Plan {
-        verb: Verb::Stop,
-        source: "TS manual V2 §2.5, §2.6.2",
-        steps: &[
-            Step::Write(ParameterId(7), Operand::Is(0)),
-            Step::Write(ParameterId(307), Operand::Is(1)),
-            Step::Until {
-                read: ParameterId(23),
-                test: Test { mask: -1, compare: Compare::Equal, value: 0 },
-                within_ms: 10000,
-            },
-            Step::Until {
-                read: ParameterId(18),
-                test: Test { mask: -1, compare: Compare::Within, value: 5 },
-                within_ms: 10000,
-            },
-            Step::Write(ParameterId(307), Operand::Is(0)),
-        ],
-        undo: &[],
-    },
-    Plan {
-        verb: Verb::QuickStop,
-        source: "TS manual V2 §2.6.1",
-        steps: &[
-            Step::Write(ParameterId(7), Operand::Is(0)),
-            Step::Write(ParameterId(302), Operand::Is(1)),
-            Step::Write(ParameterId(307), Operand::Is(1)),
-            Step::Until {
-                read: ParameterId(23),
-                test: Test { mask: -1, compare: Compare::Equal, value: 0 },
-                within_ms: 5000,
-            },
-            Step::Until {
-                read: ParameterId(18),
-                test: Test { mask: -1, compare: Compare::Within, value: 5 },
-                within_ms: 5000,
-            },
-            Step::Write(ParameterId(307), Operand::Is(0)),
-            Step::Write(ParameterId(302), Operand::Is(0)),
-        ],
-        undo: &[],
-    },
-    Plan {
+static SYNTRON_TS_PLANS: [Plan; 10] = {
+    let mut rows = SYNTRON_DS102_PLANS_ROWS;
+    rows[4] = Plan {
         verb: Verb::Clear,
         source: "TS manual V2 §4",
         steps: &[Step::Require {
@@ -12443,171 +12380,9 @@ static SYNTRON_TS_PLANS: [Plan; 10] = [
             hint: "The TS has no register that clears an alarm: take away the cause, then switch the drive off and on, hold SET on its panel for a second, or use its alarm-clear input",
         }],
         undo: &[],
-    },
-    Plan {
-        verb: Verb::Velocity,
-        source: "TS manual V2 §2.5",
-        steps: &[
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "Set Fn_00 = 1 (internal speed mode) first",
-            },
-            Step::NoFault { read: ParameterId(21), mask: -1 },
-            Step::Ensure(ParameterId(15), 1),
-            Step::Write(ParameterId(7), Operand::Argument(Argument::Velocity)),
-            Step::Write(ParameterId(8), Operand::Is(1)),
-        ],
-        undo: &[
-            Step::Write(ParameterId(7), Operand::Is(0)),
-            Step::Write(ParameterId(8), Operand::Is(0)),
-        ],
-    },
-    Plan {
-        verb: Verb::MoveTo,
-        source: "TS manual V2 §2.6.2",
-        steps: &[
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Set Fn_00 = 14 (internal position mode) first; a standard TS does not have it",
-            },
-            Step::NoFault { read: ParameterId(21), mask: -1 },
-            Step::Ensure(ParameterId(15), 1),
-            Step::Read(ParameterId(298)),
-            Step::Read(ParameterId(299)),
-            Step::Write(ParameterId(303), Operand::Is(1)),
-            Step::Write(ParameterId(304), Operand::Is(32)),
-            Step::Write(ParameterId(68), Operand::Is(1002)),
-            Step::Write(ParameterId(100), Operand::Argument(Argument::Target)),
-            Step::Write(ParameterId(132), Operand::Is(300)),
-            Step::Write(ParameterId(132), Operand::Given(Argument::Velocity)),
-            Step::Write(ParameterId(292), Operand::Is(0)),
-            Step::Write(ParameterId(164), Operand::Is(200)),
-            Step::Write(ParameterId(196), Operand::Is(200)),
-            Step::Write(ParameterId(228), Operand::Is(0)),
-            Step::Write(ParameterId(260), Operand::Is(1)),
-            Step::Write(ParameterId(305), Operand::Is(0)),
-            Step::Write(ParameterId(307), Operand::Is(0)),
-            Step::Write(ParameterId(8), Operand::Is(1)),
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
-            },
-            Step::Require {
-                read: ParameterId(8),
-                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "The drive does not power its motor: look at its alarm",
-            },
-            Step::Write(ParameterId(305), Operand::Is(1)),
-            Step::Require {
-                read: ParameterId(305),
-                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "The drive lost what it was told, as after a power-off: it did not start",
-            },
-            Step::Write(ParameterId(305), Operand::Is(0)),
-        ],
-        undo: &[
-            Step::Write(ParameterId(307), Operand::Is(1)),
-            Step::Write(ParameterId(305), Operand::Is(0)),
-        ],
-    },
-    Plan {
-        verb: Verb::MoveBy,
-        source: "TS manual V2 §2.6.2",
-        steps: &[
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Set Fn_00 = 14 (internal position mode) first; a standard TS does not have it",
-            },
-            Step::NoFault { read: ParameterId(21), mask: -1 },
-            Step::Ensure(ParameterId(15), 1),
-            Step::Read(ParameterId(298)),
-            Step::Read(ParameterId(299)),
-            Step::Write(ParameterId(303), Operand::Is(1)),
-            Step::Write(ParameterId(304), Operand::Is(32)),
-            Step::Write(ParameterId(68), Operand::Is(2)),
-            Step::Write(ParameterId(100), Operand::Argument(Argument::Target)),
-            Step::Write(ParameterId(132), Operand::Is(300)),
-            Step::Write(ParameterId(132), Operand::Given(Argument::Velocity)),
-            Step::Write(ParameterId(292), Operand::Is(0)),
-            Step::Write(ParameterId(164), Operand::Is(200)),
-            Step::Write(ParameterId(196), Operand::Is(200)),
-            Step::Write(ParameterId(228), Operand::Is(0)),
-            Step::Write(ParameterId(260), Operand::Is(2001)),
-            Step::Write(ParameterId(305), Operand::Is(0)),
-            Step::Write(ParameterId(307), Operand::Is(0)),
-            Step::Write(ParameterId(8), Operand::Is(1)),
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
-            },
-            Step::Require {
-                read: ParameterId(8),
-                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "The drive does not power its motor: look at its alarm",
-            },
-            Step::Write(ParameterId(305), Operand::Is(1)),
-            Step::Require {
-                read: ParameterId(305),
-                test: Test { mask: -1, compare: Compare::Equal, value: 1 },
-                hint: "The drive lost what it was told, as after a power-off: it did not start",
-            },
-            Step::Write(ParameterId(305), Operand::Is(0)),
-        ],
-        undo: &[
-            Step::Write(ParameterId(307), Operand::Is(1)),
-            Step::Write(ParameterId(305), Operand::Is(0)),
-        ],
-    },
-    Plan {
-        verb: Verb::Home,
-        source: "TS manual V2 §2.6.2",
-        steps: &[
-            Step::Require {
-                read: ParameterId(0),
-                test: Test { mask: -1, compare: Compare::Equal, value: 14 },
-                hint: "Set Fn_00 = 14 (internal position mode) first; a standard TS does not have it",
-            },
-            Step::Require {
-                read: ParameterId(293),
-                test: Test { mask: -1, compare: Compare::NotEqual, value: 0 },
-                hint: "Fn_200 = 0 means that nothing is homed: set it, 20000 finds the home switch in reverse",
-            },
-            Step::NoFault { read: ParameterId(21), mask: -1 },
-            Step::Ensure(ParameterId(15), 1),
-            Step::Write(ParameterId(303), Operand::Is(1)),
-            Step::Write(ParameterId(306), Operand::Is(0)),
-            Step::Write(ParameterId(307), Operand::Is(0)),
-            Step::Write(ParameterId(8), Operand::Is(1)),
-            Step::Write(ParameterId(306), Operand::Is(1)),
-            Step::Write(ParameterId(306), Operand::Is(0)),
-            Step::Until {
-                read: ParameterId(23),
-                test: Test { mask: -1, compare: Compare::Equal, value: 0 },
-                within_ms: 60000,
-            },
-            Step::NoFault { read: ParameterId(21), mask: -1 },
-        ],
-        undo: &[
-            Step::Write(ParameterId(307), Operand::Is(1)),
-            Step::Write(ParameterId(306), Operand::Is(0)),
-        ],
-    },
-    Plan {
-        verb: Verb::Reached,
-        source: "TS manual V2 §2.6.2",
-        steps: &[Step::Until {
-            read: ParameterId(23),
-            test: Test { mask: -1, compare: Compare::Equal, value: 0 },
-            within_ms: 60000,
-        }],
-        undo: &[],
-    },
-];
+    };
+    rows
+};
 
 /// SYNTRON TS servo drive.
 pub static SYNTRON_TS: Profile = Profile {
