@@ -223,6 +223,8 @@ pub(crate) struct SerialWire {
     pub(crate) faults: Faults,
     pub(crate) made: Made,
     pub(crate) down: bool,
+    /// When the host's adapter hands on what it has so far.
+    handed_on: Instant,
     /// Contents of the latest transmissions, each at its own place.
     contents: Box<[u64; CONTENTS]>,
     random: Random,
@@ -238,6 +240,7 @@ impl SerialWire {
             faults: Faults::NONE,
             made: Made::default(),
             down: false,
+            handed_on: Instant::ZERO,
             contents: Box::new([0; CONTENTS]),
             random,
             flying: Vec::new(),
@@ -481,12 +484,15 @@ impl SerialWire {
     }
 
     /// When a chunk that ends at `end` reaches the host: at once, or when its adapter next looks.
-    fn arrival(&self, end: Instant, from: usize) -> Instant {
-        let period = u64::from(self.faults.latency_ms) * 1_000_000;
-        if period == 0 || self.plugs[from].head {
+    /// An adapter hands bytes on in the order in which they came, whatever becomes of its latency.
+    fn arrival(&mut self, end: Instant, from: usize) -> Instant {
+        if self.plugs[from].head {
             return end;
         }
-        Instant(end.0.div_ceil(period) * period)
+        let period = u64::from(self.faults.latency_ms) * 1_000_000;
+        let looks = if period == 0 { end } else { Instant(end.0.div_ceil(period) * period) };
+        self.handed_on = self.handed_on.max(looks);
+        self.handed_on
     }
 
     /// Garbles what two chunks have in common, if they share a pair of wires at the same time.
