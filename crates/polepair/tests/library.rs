@@ -4,7 +4,7 @@ use polepair::connect::connect;
 use polepair::error::Exit;
 use polepair::scan::{Numbers, scan};
 use polepair::simulate::{Pace, Simulation, rack_of_text, rack_of_words};
-use polepair::{Connector, Error, Identified};
+use polepair::{Axis, Connector, Error, Identified};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 use std::time::Duration;
@@ -238,4 +238,20 @@ fn a_rehearsed_move_knows_its_scale() {
     // MVP ABS by 4096 encoder steps, as the factory counts a turn.
     let sent = [0x01, 0x04, 0x00, 0x00, 0x00, 0x00, 0x10, 0x00, 0x15];
     assert!(steps.iter().any(|step| step.bytes == sent), "{steps:?}");
+}
+
+#[test]
+fn every_axis_of_a_link_is_stopped() {
+    let link = connect("sim:tmcl:1,3?time=virtual").unwrap();
+    let armed: Vec<_> = link.axes().iter().map(|axis| axis.armed().unwrap()).collect();
+    for axis in &armed {
+        axis.velocity("60rpm").unwrap();
+    }
+    link.sleep(Duration::from_secs(1));
+    let speed = |axis: &Axis| axis.signals(&[Signal::Velocity]).unwrap()[0].value;
+    let speeds = || link.axes().iter().map(speed).collect::<Vec<f64>>();
+    assert!(speeds().iter().all(|speed| (5.0..7.5).contains(speed)), "{:?}", speeds());
+    link.stop_all().unwrap();
+    link.sleep(Duration::from_secs(1));
+    assert!(speeds().iter().all(|speed| speed.abs() < 0.5), "{:?}", speeds());
 }
