@@ -108,12 +108,6 @@ impl Unit {
         }
     }
 
-    /// The unit of that [`symbol`](Self::symbol).
-    #[must_use]
-    pub fn of_symbol(symbol: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|unit| unit.symbol() == symbol)
-    }
-
     /// What it measures.
     #[must_use]
     pub const fn quantity(self) -> Quantity {

@@ -201,12 +201,6 @@ impl Motor {
         self.jammed = jammed;
     }
 
-    /// True while something holds the shaft.
-    #[must_use]
-    pub const fn is_jammed(&self) -> bool {
-        self.jammed
-    }
-
     /// Advances by one tick of [`TICK_S`].
     pub fn step(&mut self, inputs: Inputs) {
         let before = self.energy.copper;

@@ -5,8 +5,6 @@
 
 /// Number of inputs.
 pub const INPUTS: usize = 8;
-/// Number of outputs.
-pub const OUTPUTS: usize = 4;
 
 /// What an input is for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
