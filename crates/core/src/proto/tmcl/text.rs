@@ -25,18 +25,6 @@ pub struct Shape {
 
 const MOVES: &[(u8, &str)] = &[(0, "ABS"), (1, "REL"), (2, "COORD")];
 const SEARCHES: &[(u8, &str)] = &[(0, "START"), (1, "STOP"), (2, "STATUS")];
-const SUMS: &[(u8, &str)] = &[
-    (0, "ADD"),
-    (1, "SUB"),
-    (2, "MUL"),
-    (3, "DIV"),
-    (4, "MOD"),
-    (5, "AND"),
-    (6, "OR"),
-    (7, "XOR"),
-    (8, "NOT"),
-    (9, "LOAD"),
-];
 const SUMS_WITH_X: &[(u8, &str)] = &[
     (0, "ADD"),
     (1, "SUB"),
@@ -50,6 +38,7 @@ const SUMS_WITH_X: &[(u8, &str)] = &[
     (9, "LOAD"),
     (10, "SWAP"),
 ];
+const SUMS: &[(u8, &str)] = SUMS_WITH_X.split_at(10).0;
 const CONDITIONS: &[(u8, &str)] = &[
     (0, "ZE"),
     (1, "NZ"),
