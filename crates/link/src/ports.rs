@@ -56,8 +56,8 @@ pub struct Usb {
 #[must_use]
 pub fn ports() -> Vec<Port> {
     let mut found = system::ports();
-    found.truncate(PORTS_MAX);
     found.sort_by(|a, b| natural(&a.path).cmp(&natural(&b.path)));
+    found.truncate(PORTS_MAX);
     found
 }
 
