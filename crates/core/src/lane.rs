@@ -26,8 +26,11 @@ use job::{Asked, Job, Run, Stage, Steps, Task, Write};
 pub use slot::BoxedDriver;
 use slot::Slot;
 
-/// Jobs that a lane holds at once; a further one is refused as busy.
+/// Jobs that a lane holds at once.
 pub const JOBS_MAX: usize = 64;
+/// Places among them that only stops take: whatever else waits, a stop is never refused as busy
+/// because of it.
+pub const STOP_JOBS: usize = 4;
 
 /// One host, its axes, and the jobs that take turns on it.
 pub struct Lane<M: Medium, H: Host<M>> {
@@ -95,9 +98,10 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         ticket: Ticket,
         axis: AxisIndex,
         task: Task<H::Request>,
+        stop: bool,
     ) -> Result<usize, Unsupported> {
         let n = (!self.used).trailing_zeros() as usize;
-        if n >= JOBS_MAX {
+        if n >= JOBS_MAX - if stop { 0 } else { STOP_JOBS } {
             return Err(Unsupported::Busy);
         }
         self.jobs[n] = Some(Job {
@@ -369,7 +373,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             self.cancel(axis);
         }
         let run = Run::new(Steps::Plan(plan.steps), plan.undo, command, Some(verb));
-        let n = self.add(ticket, axis, Task::Run(run))?;
+        let n = self.add(ticket, axis, Task::Run(run), verb.is_stop())?;
         self.urgent |= u64::from(verb.is_stop()) << n;
         self.going |= u64::from(verb.needs_arming()) << n;
         Ok(())
@@ -383,7 +387,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         parameter: ParameterId,
     ) -> Result<(), Unsupported> {
         self.slot(axis)?.read(parameter)?;
-        self.add(ticket, axis, Task::Read(parameter)).map(drop)
+        self.add(ticket, axis, Task::Read(parameter), false).map(drop)
     }
 
     fn write(
@@ -402,7 +406,8 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         }
         let steps = Steps::Write(Write::new(slot.profile, id, raw, keep));
         let command = Command::new(crate::axis::Verb::Store);
-        self.add(ticket, axis, Task::Run(Run::new(steps, &[], command, None))).map(drop)
+        let run = Run::new(steps, &[], command, None);
+        self.add(ticket, axis, Task::Run(run), false).map(drop)
     }
 
     fn raw(
@@ -417,8 +422,12 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         if request.class() == Class::Never && !slot.state.armed {
             return Err(Unsupported::NotArmed);
         }
-        let n = self.add(ticket, axis, Task::Raw(request))?;
-        self.urgent |= u64::from(request.is_stop()) << n;
+        let stop = request.is_stop();
+        if stop {
+            self.cancel(axis);
+        }
+        let n = self.add(ticket, axis, Task::Raw(request), stop)?;
+        self.urgent |= u64::from(stop) << n;
         Ok(())
     }
 

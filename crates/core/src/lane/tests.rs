@@ -146,8 +146,9 @@ impl Driver for ToyDriver {
     fn send(&self, _: u8, _: u16, _: i64) -> Result<Ask, Unsupported> {
         Err(Unsupported::NoPlan)
     }
-    fn parse(&self, _: &str) -> Result<Ask, Unsupported> {
-        Err(Unsupported::BadText)
+    fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
+        let stop = Ask { write: true, index: SPEED.0, value: 0, class: Class::Stop };
+        (text == "stop").then_some(stop).ok_or(Unsupported::BadText)
     }
     fn answer(&mut self, _: Option<&Parameter>, answer: &i64) -> Result<i64, Failure> {
         Ok(*answer)
@@ -415,16 +416,32 @@ fn a_dead_link_ends_everything_and_disarms() {
 }
 
 #[test]
-fn a_full_table_is_busy_and_every_job_ends_once() {
+fn a_full_table_is_busy_but_for_a_stop_and_every_job_ends_once() {
     let mut bench = Bench::new();
-    for ticket in 0..JOBS_MAX as u32 {
+    let most = (JOBS_MAX - STOP_JOBS) as u32;
+    for ticket in 0..most {
         bench.lane.read(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
     }
     let further = bench.lane.read(bench.now, Ticket(99), AXIS, MODE);
     assert_eq!(further, Err(Unsupported::Busy));
+    let stop = Command::new(Verb::Stop);
+    bench.lane.command(bench.now, Ticket(most), AXIS, stop).unwrap();
     let mut tickets: Vec<u32> = bench.run().into_iter().map(|(ticket, _)| ticket).collect();
     tickets.sort_unstable();
-    assert_eq!(tickets, (0..JOBS_MAX as u32).collect::<Vec<_>>());
+    assert_eq!(tickets, (0..=most).collect::<Vec<_>>());
+    assert_eq!(bench.lane.host.log[0].class, Class::Stop, "ahead of everything that waited");
+}
+
+#[test]
+fn a_stop_in_the_protocols_own_text_ends_what_runs_too() {
+    let mut bench = Bench::new();
+    bench.velocity(1, 100.0 * RPM).unwrap();
+    bench.turn();
+    bench.lane.raw(bench.now, Ticket(2), AXIS, "stop").unwrap();
+    let ends = bench.run();
+    assert!(ends.contains(&(1, Outcome::NotDone(Failure::Cancelled))), "{ends:?}");
+    assert!(ends.contains(&(2, Outcome::Done(0))), "{ends:?}");
+    assert_eq!(bench.writes(), [(SPEED.0, 0)], "the speed of the plan never followed the stop");
 }
 
 #[test]
