@@ -3,6 +3,7 @@
 pub mod modbus;
 pub mod pace;
 pub mod tmcl;
+pub mod tml;
 
 use crate::axis::Driver;
 use crate::explain::Dissector;

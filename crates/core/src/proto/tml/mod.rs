@@ -1,0 +1,11 @@
+//! TML, the motion language of Technosoft and Techsoft drives: on RS-232, RS-485 and Ethernet, on
+//! CAN with 29-bit identifiers (TMLCAN) and with 11-bit ones beside CANopen (TechnoCAN).
+//!
+//! Sources: the vendor's "TML communication" chapters (serial, TMLCAN, TechnoCAN) and its help pages
+//! on instruction coding; what only drivers in the field or captures show is marked in the tables.
+//! What no source states is marked \[I\].
+
+pub mod wire;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,158 @@
+//! What every encapsulation carries: an instruction of one to five words and whom it is for.
+//!
+//! Source: TML communication manual, chapter 2 (message contents, axis/group ID code) and the help
+//! page on instruction coding.
+
+/// Data words that an instruction has at most, beside its opcode.
+pub const DATA_WORDS_MAX: usize = 4;
+
+/// The axis/group ID code: whom a message is for, or who sent it.
+///
+/// Bit 12 is G, bits 11 to 4 the axis or group ID, bit 0 H; the rest are zero.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub struct IdCode {
+    /// The ID names groups (one bit each) instead of an axis. Group ID 0 is everybody.
+    pub group: bool,
+    /// Axis ID 1 to 255, or a mask of groups 1 (bit 0) to 8 (bit 7). Axis ID 0 is obeyed by every
+    /// axis.
+    pub id: u8,
+    /// The host bit: the message is for (or from) the host that is connected to this drive's
+    /// RS-232 port, and not for the drive itself.
+    pub host: bool,
+}
+
+impl IdCode {
+    /// Everybody: group ID 0.
+    pub const BROADCAST: Self = Self::groups(0);
+
+    /// One axis.
+    #[must_use]
+    pub const fn axis(id: u8) -> Self {
+        Self { group: false, id, host: false }
+    }
+
+    /// The groups in `mask`: bit 0 is group 1.
+    #[must_use]
+    pub const fn groups(mask: u8) -> Self {
+        Self { group: true, id: mask, host: false }
+    }
+
+    /// The host on the RS-232 port of axis `id`.
+    #[must_use]
+    pub const fn host_at(id: u8) -> Self {
+        Self { group: false, id, host: true }
+    }
+
+    /// True for group ID 0.
+    #[must_use]
+    pub const fn is_broadcast(self) -> bool {
+        self.group && self.id == 0
+    }
+
+    /// As it stands on the wire.
+    #[must_use]
+    pub const fn word(self) -> u16 {
+        (self.group as u16) << 12 | (self.id as u16) << 4 | self.host as u16
+    }
+
+    /// Read from the wire. `None` when a bit that must be zero is not.
+    #[must_use]
+    pub const fn from_word(word: u16) -> Option<Self> {
+        if word & 0xE00E != 0 {
+            return None;
+        }
+        Some(Self { group: word & 0x1000 != 0, id: (word >> 4) as u8, host: word & 1 != 0 })
+    }
+
+    /// Whether a drive with this axis ID and these groups takes a message so addressed (manual,
+    /// chapter 2: at least one common group; ID 0 is everybody).
+    #[must_use]
+    pub const fn concerns(self, axis: u8, groups: u8) -> bool {
+        if self.group {
+            self.id == 0 || self.id & groups != 0
+        } else {
+            self.id == 0 || self.id == axis
+        }
+    }
+}
+
+/// An opcode with its data words.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Instruction {
+    /// Operation category in bits 15 to 9, operand ID in bits 8 to 0.
+    pub opcode: u16,
+    len: u8,
+    data: [u16; DATA_WORDS_MAX],
+}
+
+impl Instruction {
+    /// An instruction of that opcode with these data words.
+    ///
+    /// `None` for more than four.
+    #[must_use]
+    pub const fn new(opcode: u16, words: &[u16]) -> Option<Self> {
+        if words.len() > DATA_WORDS_MAX {
+            return None;
+        }
+        let mut data = [0; DATA_WORDS_MAX];
+        let mut n = 0;
+        while n < words.len() {
+            data[n] = words[n];
+            n += 1;
+        }
+        Some(Self { opcode, len: words.len() as u8, data })
+    }
+
+    /// An instruction with exactly `N` data words; more than four do not compile.
+    #[must_use]
+    pub const fn of<const N: usize>(opcode: u16, words: [u16; N]) -> Self {
+        const { assert!(N <= DATA_WORDS_MAX) };
+        let mut data = [0; DATA_WORDS_MAX];
+        let mut n = 0;
+        while n < N {
+            data[n] = words[n];
+            n += 1;
+        }
+        Self { opcode, len: N as u8, data }
+    }
+
+    /// The data words.
+    #[must_use]
+    pub fn data(&self) -> &[u16] {
+        &self.data[..usize::from(self.len)]
+    }
+
+    /// A data word, zero beyond the last.
+    #[must_use]
+    pub const fn word(&self, n: usize) -> u16 {
+        if n < DATA_WORDS_MAX { self.data[n] } else { 0 }
+    }
+
+    /// Two data words as 32 bits: the low one comes first.
+    #[must_use]
+    pub const fn long(&self, n: usize) -> u32 {
+        self.word(n) as u32 | (self.word(n + 1) as u32) << 16
+    }
+}
+
+impl core::fmt::Debug for Instruction {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:04X}", self.opcode)?;
+        self.data().iter().try_for_each(|word| write!(f, " {word:04X}"))
+    }
+}
+
+/// The two data words of a 32-bit value, low word first.
+#[must_use]
+pub const fn low_first(value: u32) -> [u16; 2] {
+    [value as u16, (value >> 16) as u16]
+}
+
+/// What is sent: an instruction and whom it is for.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub struct Message {
+    /// Whom it is for.
+    pub to: IdCode,
+    /// What it says.
+    pub instruction: Instruction,
+}
