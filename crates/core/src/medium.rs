@@ -1,13 +1,21 @@
 //! What a wire carries: bytes on a serial line, frames on a CAN bus.
 
+use core::borrow::BorrowMut;
+
 /// A kind of wire. The types it names are what a [`Station`](crate::station::Station) takes and gives.
 pub trait Medium: 'static {
     /// What arrives: a run of bytes, or one frame.
     type Unit: ?Sized;
     /// What a station writes into: a byte buffer, or one frame.
     type Out: ?Sized;
+    /// Room for one [`Out`](Self::Out), on the stack.
+    type Buffer: BorrowMut<Self::Out> + Send;
     /// How the wire is set: baud and parity, or bit rate.
-    type Line: Copy + PartialEq + core::fmt::Debug;
+    type Line: Copy + PartialEq + core::fmt::Debug + Send;
+    /// An empty buffer.
+    fn buffer() -> Self::Buffer;
+    /// What stands in `out` after something of that length was written there.
+    fn unit(out: &Self::Out, len: usize) -> &Self::Unit;
     /// Lends `emit` something to write into and `show` what came of it: the bytes, with the
     /// identifier if the medium has one.
     fn render(
@@ -27,20 +35,34 @@ pub enum Can {}
 impl Medium for Stream {
     type Unit = [u8];
     type Out = [u8];
+    type Buffer = [u8; STREAM_UNIT_MAX];
     type Line = SerialLine;
+    fn buffer() -> Self::Buffer {
+        [0; STREAM_UNIT_MAX]
+    }
+    fn unit(out: &[u8], len: usize) -> &[u8] {
+        &out[..len.min(out.len())]
+    }
     fn render(emit: &mut dyn FnMut(&mut [u8]) -> usize, show: &mut dyn FnMut(Option<u32>, &[u8])) {
-        let mut buffer = [0; STREAM_UNIT_MAX];
-        let len = emit(&mut buffer).min(STREAM_UNIT_MAX);
-        show(None, &buffer[..len]);
+        let mut buffer = Self::buffer();
+        let len = emit(&mut buffer);
+        show(None, Self::unit(&buffer, len));
     }
 }
 
 impl Medium for Can {
     type Unit = Frame;
     type Out = Frame;
+    type Buffer = Frame;
     type Line = CanLine;
+    fn buffer() -> Frame {
+        Frame::default()
+    }
+    fn unit(out: &Frame, _len: usize) -> &Frame {
+        out
+    }
     fn render(emit: &mut dyn FnMut(&mut Frame) -> usize, show: &mut dyn FnMut(Option<u32>, &[u8])) {
-        let mut frame = Frame::default();
+        let mut frame = Self::buffer();
         emit(&mut frame);
         show(Some(frame.id), frame.bytes());
     }

@@ -6,22 +6,24 @@
 //! needs time by itself: a plan that nobody waits for, a link to be opened again. It is started
 //! when it is first needed, and gives way to a caller at once.
 
+mod engine;
 mod keeper;
 mod lead;
 mod slots;
 mod state;
 
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, Weak};
 use std::task;
 
 use polepair_core::axis::Axes;
 use polepair_core::error::{Failure, Outcome, Unsupported};
-use polepair_core::medium::Stream;
+use polepair_core::medium::Medium;
 use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
 use crate::link::Link;
+use engine::{Engine, Request};
 use slots::Slots;
 use state::State;
 
@@ -37,14 +39,8 @@ pub struct Connection(Arc<Owner>);
 impl Connection {
     /// Puts `lane` on `link`. The link is set to the lane's line already.
     #[must_use]
-    pub fn new(link: Box<dyn Link<Stream>>, lane: Box<dyn AnyLane<Stream>>) -> Self {
-        let state = State::new(Arc::from(link), lane);
-        let shared = Shared {
-            state: Mutex::new(state),
-            keeper: keeper::Keeper::default(),
-            room: Condvar::new(),
-        };
-        Self(Arc::new(Owner(Arc::new(shared))))
+    pub fn new<M: Medium>(link: Box<dyn Link<M>>, lane: Box<dyn AnyLane<M>>) -> Self {
+        Self(Arc::new(Owner(Shared::new(link, lane))))
     }
 
     /// Submits a request: `request` gets the axes, the present time and the ticket to use. What
@@ -60,7 +56,10 @@ impl Connection {
         &self,
         request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<Pending, Unsupported> {
-        let (ticket, interrupts) = lead::submit(&self.0.0, request)?;
+        let mut request = Some(request);
+        let (ticket, interrupts) = self.0.0.submit(&mut |axes, now, ticket| {
+            request.take().map_or(Err(Unsupported::Busy), |request| request(axes, now, ticket))
+        })?;
         Ok(Pending { connection: self.clone(), ticket, interrupts, ended: None })
     }
 
@@ -77,7 +76,7 @@ impl Connection {
     ) -> Result<Option<Outcome>, Unsupported> {
         let mut pending = loop {
             match self.submit(&mut request) {
-                Err(Unsupported::Busy) if lead::await_room(&self.0.0, deadline) => {}
+                Err(Unsupported::Busy) if self.0.0.await_room(deadline) => {}
                 submitted => break submitted?,
             }
         };
@@ -90,32 +89,32 @@ impl Connection {
     /// Calls `look` with the axes: to read states and profiles, convert, arm, rehearse. Do not
     /// wait in it; everybody else does meanwhile.
     pub fn with<R>(&self, look: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
-        let mut state = self.0.0.lock();
-        let now = state.link.now();
-        look(&mut *state.lane, now)
+        let (mut look, mut seen) = (Some(look), None);
+        self.0.0.with(&mut |axes, now| seen = look.take().map(|look| look(axes, now)));
+        seen.expect("an engine lends its axes once")
     }
 
     /// The present time of the link.
     #[must_use]
     pub fn now(&self) -> Instant {
-        self.0.0.lock().link.now()
+        self.0.0.now()
     }
 
     /// Why the link is down, if it is.
     #[must_use]
     pub fn trouble(&self) -> Option<LinkError> {
-        self.0.0.lock().trouble.clone()
+        self.0.0.trouble()
     }
 
     /// What the link is called.
     #[must_use]
     pub fn describe(&self) -> String {
-        self.0.0.lock().link.describe()
+        self.0.0.describe()
     }
 
     #[cfg(test)]
     pub(crate) fn slots(&self) -> usize {
-        self.0.0.lock().slots.len()
+        self.0.0.slots()
     }
 
     /// What ends waits from elsewhere, for instance upon Ctrl-C.
@@ -154,8 +153,7 @@ impl Pending {
         if let Some(outcome) = self.ended {
             return Waited::Ended(outcome);
         }
-        let shared = Arc::clone(&self.connection.0.0);
-        let waited = lead::wait(&shared, self.ticket, deadline, &mut self.interrupts);
+        let waited = self.connection.0.0.wait(self.ticket, deadline, &mut self.interrupts);
         if let Waited::Ended(outcome) = waited {
             self.ended = Some(outcome);
         }
@@ -174,7 +172,7 @@ impl Pending {
     /// thread reads then. The keeper reads meanwhile.
     pub fn poll_or_wake(&mut self, waker: &task::Waker) -> Option<Outcome> {
         if self.ended.is_none() {
-            self.ended = lead::poll_or_wake(&self.connection.0.0, self.ticket, waker);
+            self.ended = self.connection.0.0.poll_or_wake(self.ticket, waker);
         }
         self.ended
     }
@@ -189,55 +187,58 @@ impl Pending {
 impl Drop for Pending {
     fn drop(&mut self) {
         if self.ended.is_none() {
-            lead::abandon(&self.connection.0.0, self.ticket);
+            self.connection.0.0.abandon(self.ticket);
         }
     }
 }
 
 /// Ends every wait of a connection. Keeps no connection open.
 #[derive(Clone, Debug)]
-pub struct Interrupter(std::sync::Weak<Shared>);
+pub struct Interrupter(Weak<dyn Engine>);
 
 impl Interrupter {
     /// Makes every wait under way, and the first wait of every request submitted so far, return
     /// [`Waited::Interrupted`]. Locks: not for signal handlers, but for the thread that hears of
     /// the signal.
     pub fn interrupt(&self) {
-        let Some(shared) = self.0.upgrade() else { return };
-        let mut state = shared.lock();
-        state.interrupts += 1;
-        state.slots.unpark_all();
-        state.link.waker().wake();
+        if let Some(engine) = self.0.upgrade() {
+            engine.interrupt();
+        }
     }
 }
 
 /// Closes the connection with its last clone: the keeper shares `Shared` and must not keep it.
 #[derive(Debug)]
-struct Owner(Arc<Shared>);
+struct Owner(Arc<dyn Engine>);
 
 impl Drop for Owner {
     fn drop(&mut self) {
-        keeper::dismiss(&self.0);
+        self.0.dismiss();
     }
 }
 
-struct Shared {
-    state: Mutex<State>,
+struct Shared<M: Medium> {
+    state: Mutex<State<M>>,
     keeper: keeper::Keeper,
     /// Told when a request ended while others wait for the lane to take theirs.
     room: Condvar,
+    /// For the keeper's thread, once it is needed.
+    me: Weak<Self>,
 }
 
-impl Shared {
-    /// Panics after a lane panicked: its state can no longer be trusted with a motor.
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().expect("a lane panicked on another thread")
+impl<M: Medium> Shared<M> {
+    fn new(link: Box<dyn Link<M>>, lane: Box<dyn AnyLane<M>>) -> Arc<Self> {
+        Arc::new_cyclic(|me| Self {
+            state: Mutex::new(State::new(Arc::from(link), lane)),
+            keeper: keeper::Keeper::default(),
+            room: Condvar::new(),
+            me: me.clone(),
+        })
     }
-}
 
-impl std::fmt::Debug for Shared {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Shared").finish_non_exhaustive()
+    /// Panics after a lane panicked: its state can no longer be trusted with a motor.
+    fn lock(&self) -> MutexGuard<'_, State<M>> {
+        self.state.lock().expect("a lane panicked on another thread")
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a wire looks like to those who pump it.
 
 use polepair_core::medium::Medium;
+use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
@@ -56,6 +57,13 @@ pub enum Received {
         /// How many; 1 for a frame.
         len: usize,
         /// When the last of them arrived.
+        at: Instant,
+    },
+    /// Something happened to the wire itself, such as bus-off.
+    Line {
+        /// What.
+        event: LineEvent,
+        /// When.
         at: Instant,
     },
     /// The instant came and nothing else did.

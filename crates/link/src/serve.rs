@@ -1,10 +1,11 @@
 //! A simulated drive on a real wire, in real time.
 
+use std::borrow::{Borrow, BorrowMut};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-use polepair_core::medium::{STREAM_UNIT_MAX, Stream};
+use polepair_core::medium::{Medium, Stream};
 use polepair_core::station::{LineEvent, Station};
 use polepair_core::time::Instant;
 
@@ -12,8 +13,6 @@ use crate::error::{Cause, LinkError};
 use crate::link::{Link, Received};
 use crate::wake::Waker;
 
-/// Bytes taken from the wire at once.
-const READ_MAX: usize = 1024;
 /// Units sent for one thing that arrived; a station that has more goes on after the next read.
 const BURST_MAX: usize = 256;
 /// Least pause between two expiries, lest a station that always wants time eats a core.
@@ -21,21 +20,21 @@ const TICK_MIN_NS: u64 = 20_000;
 
 /// Lends the station that sits on the wire. Whoever shares it (a dashboard, the front panel of a
 /// drive) locks in `lend`.
-pub trait Wire: Send {
+pub trait Wire<M: Medium = Stream>: Send {
     /// Calls `visit` with the station, once.
-    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<Stream>));
+    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>));
 }
 
 /// A station of one's own.
-impl<S: Station<Stream> + Send> Wire for Box<S> {
-    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<Stream>)) {
+impl<M: Medium, S: Station<M> + Send> Wire<M> for Box<S> {
+    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>)) {
         visit(&mut **self);
     }
 }
 
 /// A station shared with others.
-impl<S: Station<Stream> + Send> Wire for Arc<Mutex<S>> {
-    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<Stream>)) {
+impl<M: Medium, S: Station<M> + Send> Wire<M> for Arc<Mutex<S>> {
+    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>)) {
         visit(&mut *self.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }
@@ -50,7 +49,7 @@ pub struct Stop {
 impl Stop {
     /// For a server of this link.
     #[must_use]
-    pub fn of(link: &dyn Link<Stream>) -> Self {
+    pub fn of<M: Medium>(link: &dyn Link<M>) -> Self {
         Self { stopped: Arc::default(), waker: link.waker() }
     }
 
@@ -79,7 +78,7 @@ pub struct Served {
 
 impl Served {
     /// Begins to serve `wire` on `link`.
-    pub fn new(link: Box<dyn Link<Stream>>, mut wire: impl Wire + 'static) -> Self {
+    pub fn new<M: Medium>(link: Box<dyn Link<M>>, mut wire: impl Wire<M> + 'static) -> Self {
         let stop = Stop::of(&*link);
         let ended = stop.clone();
         let thread = std::thread::spawn(move || serve(&*link, &mut wire, &ended));
@@ -118,18 +117,25 @@ impl Drop for Served {
     }
 }
 
-/// Pumps a drive until it is stopped or the link is lost: bytes in, bytes out, time when it is due.
+/// Pumps a drive until it is stopped or the link is lost: units in, units out, time when it is due.
 ///
 /// # Errors
-/// [`LinkError`] that ended it; a far end that takes no bytes does not.
-pub fn serve(link: &dyn Link<Stream>, wire: &mut dyn Wire, stop: &Stop) -> Result<(), LinkError> {
-    let mut buffer = [0_u8; READ_MAX];
+/// [`LinkError`] that ended it; a far end that takes nothing does not.
+pub fn serve<M: Medium>(
+    link: &dyn Link<M>,
+    wire: &mut dyn Wire<M>,
+    stop: &Stop,
+) -> Result<(), LinkError> {
+    let mut buffer = M::buffer();
     wire.lend(&mut |station| station.handle_line(link.now(), LineEvent::Up));
     while !stop.is_set() {
         let until = flush(link, wire)?;
-        let received = link.receive(&mut buffer, until)?;
+        let received = link.receive(buffer.borrow_mut(), until)?;
         wire.lend(&mut |station| match received {
-            Received::Bytes { len, at } => station.handle_input(at, &buffer[..len]),
+            Received::Bytes { len, at } => {
+                station.handle_input(at, M::unit(buffer.borrow(), len));
+            }
+            Received::Line { event, at } => station.handle_line(at, event),
             Received::TimedOut | Received::Woken => {}
         });
     }
@@ -137,7 +143,7 @@ pub fn serve(link: &dyn Link<Stream>, wire: &mut dyn Wire, stop: &Stop) -> Resul
 }
 
 /// Lets time pass, sends what the station has to say, and tells when it next wants time.
-fn flush(link: &dyn Link<Stream>, wire: &mut dyn Wire) -> Result<Instant, LinkError> {
+fn flush<M: Medium>(link: &dyn Link<M>, wire: &mut dyn Wire<M>) -> Result<Instant, LinkError> {
     let mut until = Instant::FAR;
     let mut result = Ok(());
     wire.lend(&mut |station| {
@@ -151,15 +157,15 @@ fn flush(link: &dyn Link<Stream>, wire: &mut dyn Wire) -> Result<Instant, LinkEr
     result.map(|()| until)
 }
 
-fn transmit(
-    link: &dyn Link<Stream>,
-    station: &mut dyn Station<Stream>,
+fn transmit<M: Medium>(
+    link: &dyn Link<M>,
+    station: &mut dyn Station<M>,
     now: Instant,
 ) -> Result<(), LinkError> {
-    let mut out = [0_u8; STREAM_UNIT_MAX];
+    let mut out = M::buffer();
     for _ in 0..BURST_MAX {
-        let Some(len) = station.poll_transmit(now, &mut out) else { break };
-        match link.send(&out[..len]) {
+        let Some(len) = station.poll_transmit(now, out.borrow_mut()) else { break };
+        match link.send(M::unit(out.borrow(), len)) {
             // Nobody reads: on a real line these bytes would be lost as well.
             Err(error) if error.cause() == Cause::Stalled => break,
             sent => sent?,

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::medium::{Medium, Stream};
 use polepair_core::time::Instant;
 
 use crate::clock;
@@ -21,61 +21,61 @@ pub enum Direction {
 }
 
 /// Takes every unit as it passes. Called with the connection's lock held: be quick.
-pub trait Tap: Send {
-    /// `bytes` were sent or read at once; a frame may be split over several calls.
-    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]);
+pub trait Tap<M: Medium = Stream>: Send {
+    /// `unit` was sent or read at once; on a stream, a frame may be split over several calls.
+    fn unit(&mut self, at: Instant, direction: Direction, unit: &M::Unit);
 }
 
-impl<F: FnMut(Instant, Direction, &[u8]) + Send> Tap for F {
-    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
-        self(at, direction, bytes);
+impl<M: Medium, F: FnMut(Instant, Direction, &M::Unit) + Send> Tap<M> for F {
+    fn unit(&mut self, at: Instant, direction: Direction, unit: &M::Unit) {
+        self(at, direction, unit);
     }
 }
 
 /// A link whose traffic a [`Tap`] sees. Wrap the host's end; reopening keeps the tap.
-pub struct Tapped {
-    inner: Box<dyn Link<Stream>>,
-    tap: Arc<Mutex<dyn Tap>>,
+pub struct Tapped<M: Medium = Stream> {
+    inner: Box<dyn Link<M>>,
+    tap: Arc<Mutex<dyn Tap<M>>>,
 }
 
-impl Tapped {
+impl<M: Medium> Tapped<M> {
     /// Taps `inner`.
     #[must_use]
-    pub fn new(inner: Box<dyn Link<Stream>>, tap: impl Tap + 'static) -> Self {
+    pub fn new(inner: Box<dyn Link<M>>, tap: impl Tap<M> + 'static) -> Self {
         Self { inner, tap: Arc::new(Mutex::new(tap)) }
     }
 
-    fn note(&self, at: Instant, direction: Direction, bytes: &[u8]) {
-        self.tap.lock().unwrap_or_else(PoisonError::into_inner).unit(at, direction, bytes);
+    fn note(&self, at: Instant, direction: Direction, unit: &M::Unit) {
+        self.tap.lock().unwrap_or_else(PoisonError::into_inner).unit(at, direction, unit);
     }
 }
 
-impl std::fmt::Debug for Tapped {
+impl<M: Medium> std::fmt::Debug for Tapped<M> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Tapped").field(&self.inner.describe()).finish()
     }
 }
 
-impl Link<Stream> for Tapped {
+impl<M: Medium> Link<M> for Tapped<M> {
     fn now(&self) -> Instant {
         self.inner.now()
     }
 
-    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+    fn send(&self, unit: &M::Unit) -> Result<(), LinkError> {
         // Before the write: the answer may be read by another thread before this one returns.
         self.note(self.inner.now(), Direction::ToDrive, unit);
         self.inner.send(unit)
     }
 
-    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+    fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError> {
         let received = self.inner.receive(buffer, until)?;
         if let Received::Bytes { len, at } = received {
-            self.note(at, Direction::ToHost, &buffer[..len]);
+            self.note(at, Direction::ToHost, M::unit(buffer, len));
         }
         Ok(received)
     }
 
-    fn set_line(&self, line: SerialLine) -> Result<(), LinkError> {
+    fn set_line(&self, line: M::Line) -> Result<(), LinkError> {
         self.inner.set_line(line)
     }
 
@@ -87,7 +87,7 @@ impl Link<Stream> for Tapped {
         self.inner.describe()
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<Stream>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
         let inner = self.inner.reopen()?;
         Ok(Box::new(Self { inner, tap: Arc::clone(&self.tap) }))
     }

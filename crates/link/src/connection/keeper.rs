@@ -1,14 +1,15 @@
 //! The thread that leads when nobody else does.
 
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Condvar, Mutex, PoisonError};
 use std::task;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use polepair_core::medium::Medium;
 use polepair_core::time::{Instant, earliest};
 
 use super::Shared;
-use super::lead::{Guard, READ_MAX, hand_over, reopen, round};
+use super::lead::{Guard, hand_over, reopen, round};
 use super::state::{Leader, State, Watch};
 
 /// How often a watching keeper looks whether it is needed; also the quiet that it waits for before
@@ -30,7 +31,7 @@ pub(super) struct Keeper {
 }
 
 /// True when time must pass though no caller waits.
-pub(super) fn needed(state: &State) -> bool {
+pub(super) fn needed<M: Medium>(state: &State<M>) -> bool {
     match state.trouble {
         Some(_) => state.retry.tried < REOPEN_MAX,
         None => state.due().is_some() || state.slots.anybody_asleep(),
@@ -38,7 +39,7 @@ pub(super) fn needed(state: &State) -> bool {
 }
 
 /// Makes sure that it watches. Costs nothing when it does.
-pub(super) fn nudge(shared: &Arc<Shared>, state: &mut State) {
+pub(super) fn nudge<M: Medium>(shared: &Shared<M>, state: &mut State<M>) {
     match state.keeper {
         Watch::NotStarted => start(shared, state),
         Watch::Asleep => {
@@ -50,7 +51,7 @@ pub(super) fn nudge(shared: &Arc<Shared>, state: &mut State) {
 }
 
 /// Makes it lead now, if nobody does.
-pub(super) fn call(shared: &Arc<Shared>, state: &mut State) {
+pub(super) fn call<M: Medium>(shared: &Shared<M>, state: &mut State<M>) {
     nudge(shared, state);
     if state.leader == Leader::Nobody {
         shared.keeper.called.notify_one();
@@ -58,7 +59,7 @@ pub(super) fn call(shared: &Arc<Shared>, state: &mut State) {
 }
 
 /// Ends it, and waits for that unless it is connecting somewhere, which may take seconds.
-pub(super) fn dismiss(shared: &Shared) {
+pub(super) fn dismiss<M: Medium>(shared: &Shared<M>) {
     let Ok(mut state) = shared.state.lock() else { return };
     state.keeper = Watch::Dismissed;
     state.link.waker().wake();
@@ -74,8 +75,9 @@ pub(super) fn dismiss(shared: &Shared) {
     }
 }
 
-fn start(shared: &Arc<Shared>, state: &mut State) {
-    let its = Arc::clone(shared);
+fn start<M: Medium>(shared: &Shared<M>, state: &mut State<M>) {
+    // Without an owner left there is nothing to keep.
+    let Some(its) = shared.me.upgrade() else { return };
     let thread = std::thread::Builder::new().name("polepair-keeper".into());
     // Out of threads: the next request tries again, and callers lead for themselves meanwhile.
     if let Ok(handle) = thread.spawn(move || run(&its)) {
@@ -84,8 +86,8 @@ fn start(shared: &Arc<Shared>, state: &mut State) {
     }
 }
 
-fn run(shared: &Shared) {
-    let mut buffer = [0_u8; READ_MAX];
+fn run<M: Medium>(shared: &Shared<M>) {
+    let mut buffer = M::buffer();
     let mut rounds_seen = u64::MAX;
     let mut idle_looks = 0;
     let mut linger_until = Instant::ZERO;
@@ -116,7 +118,7 @@ fn run(shared: &Shared) {
 }
 
 /// Wakes wakers without the lock.
-fn flush<'a>(shared: &'a Shared, mut state: Guard<'a>) -> Guard<'a> {
+fn flush<'a, M: Medium>(shared: &'a Shared<M>, mut state: Guard<'a, M>) -> Guard<'a, M> {
     if state.to_wake.is_empty() {
         return state;
     }
@@ -127,7 +129,7 @@ fn flush<'a>(shared: &'a Shared, mut state: Guard<'a>) -> Guard<'a> {
 }
 
 /// Nobody leads, somebody must, and no caller has just led or is about to.
-fn may_lead(state: &State, rounds_seen: u64, linger_until: Instant) -> bool {
+fn may_lead<M: Medium>(state: &State<M>, rounds_seen: u64, linger_until: Instant) -> bool {
     if state.leader != Leader::Nobody || state.trouble.is_some() {
         return false;
     }
@@ -136,7 +138,11 @@ fn may_lead(state: &State, rounds_seen: u64, linger_until: Instant) -> bool {
 }
 
 /// Until the next look, or until called once there was nothing to do for long.
-fn pause<'a>(shared: &'a Shared, mut state: Guard<'a>, idle_looks: &mut u32) -> Guard<'a> {
+fn pause<'a, M: Medium>(
+    shared: &'a Shared<M>,
+    mut state: Guard<'a, M>,
+    idle_looks: &mut u32,
+) -> Guard<'a, M> {
     let called = &shared.keeper.called;
     if *idle_looks < IDLE_LOOKS_MAX {
         let lost = state.trouble.is_some();

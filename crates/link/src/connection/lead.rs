@@ -1,21 +1,20 @@
 //! Waiting, by leading or by following.
 
+use std::borrow::{Borrow, BorrowMut};
 use std::sync::{Arc, MutexGuard};
 use std::task;
 use std::time::Duration;
 
-use polepair_core::axis::Axes;
 use polepair_core::error::{Outcome, Unsupported};
+use polepair_core::medium::Medium;
 use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
 use super::keeper;
 use super::state::{Leader, State};
-use super::{NOT_SENT, Shared, Waited};
+use super::{NOT_SENT, Request, Shared, Waited};
 use crate::link::Received;
 
-/// Bytes read at once.
-pub(super) const READ_MAX: usize = 1024;
 /// Reads before a submission that throw out what came while nobody read.
 const STALE_READS_MAX: usize = 64;
 /// What has lain unread for less than this before a request goes out is no different from what
@@ -29,11 +28,11 @@ const PARK_MAX: Duration = Duration::from_millis(500);
 /// Pause between two attempts to open a lost link.
 pub(super) const REOPEN_EVERY_NS: u64 = 250_000_000;
 
-pub(super) type Guard<'a> = MutexGuard<'a, State>;
+pub(super) type Guard<'a, M> = MutexGuard<'a, State<M>>;
 
-pub(super) fn submit(
-    shared: &Arc<Shared>,
-    request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+pub(super) fn submit<M: Medium>(
+    shared: &Shared<M>,
+    request: &mut Request<'_>,
 ) -> Result<(Ticket, u64), Unsupported> {
     let mut state = shared.lock();
     if state.trouble.is_some() {
@@ -62,13 +61,13 @@ pub(super) fn submit(
     Ok((ticket, interrupts))
 }
 
-pub(super) fn wait(
-    shared: &Arc<Shared>,
+pub(super) fn wait<M: Medium>(
+    shared: &Shared<M>,
     ticket: Ticket,
     deadline: Instant,
     interrupts: &mut u64,
 ) -> Waited {
-    let mut buffer = [0_u8; READ_MAX];
+    let mut buffer = M::buffer();
     let mut state = shared.lock();
     let mut last_look = false;
     loop {
@@ -96,8 +95,8 @@ pub(super) fn wait(
     }
 }
 
-pub(super) fn poll_or_wake(
-    shared: &Arc<Shared>,
+pub(super) fn poll_or_wake<M: Medium>(
+    shared: &Shared<M>,
     ticket: Ticket,
     waker: &task::Waker,
 ) -> Option<Outcome> {
@@ -111,7 +110,7 @@ pub(super) fn poll_or_wake(
     outcome
 }
 
-pub(super) fn abandon(shared: &Arc<Shared>, ticket: Ticket) {
+pub(super) fn abandon<M: Medium>(shared: &Shared<M>, ticket: Ticket) {
     // Called while unwinding, too.
     let Ok(mut state) = shared.state.lock() else { return };
     state.slots.abandon(ticket);
@@ -119,26 +118,26 @@ pub(super) fn abandon(shared: &Arc<Shared>, ticket: Ticket) {
 }
 
 /// Reads once as `leader`, without the lock while waiting, and pumps.
-pub(super) fn round<'a>(
-    shared: &'a Shared,
-    mut state: Guard<'a>,
+pub(super) fn round<'a, M: Medium>(
+    shared: &'a Shared<M>,
+    mut state: Guard<'a, M>,
     leader: Leader,
     until: Instant,
-    buffer: &mut [u8; READ_MAX],
-) -> Guard<'a> {
+    buffer: &mut M::Buffer,
+) -> Guard<'a, M> {
     let until = until.min(state.sleep_until());
     (state.leader, state.sleeps_until) = (leader, until);
     let link = Arc::clone(&state.link);
     let wakers = std::mem::take(&mut state.to_wake);
     drop(state);
     wakers.into_iter().for_each(task::Waker::wake);
-    let received = link.receive(buffer, until);
+    let received = link.receive(buffer.borrow_mut(), until);
     let mut state = shared.lock();
     state.leader = Leader::Nobody;
     state.rounds = state.rounds.wrapping_add(1);
     // Otherwise a sender has found the link lost meanwhile; what this one says is of the past.
     if state.trouble.is_none() && Arc::ptr_eq(&link, &state.link) {
-        state.digest(received, buffer);
+        state.digest(received, (*buffer).borrow());
     }
     if state.crowd > 0 && std::mem::take(&mut state.freed) {
         shared.room.notify_one();
@@ -147,12 +146,12 @@ pub(super) fn round<'a>(
 }
 
 /// Sleeps until the leader has something for this ticket, or leaves.
-fn follow<'a>(
-    shared: &'a Shared,
-    mut state: Guard<'a>,
+fn follow<'a, M: Medium>(
+    shared: &'a Shared<M>,
+    mut state: Guard<'a, M>,
     ticket: Ticket,
     deadline: Instant,
-) -> Guard<'a> {
+) -> Guard<'a, M> {
     if state.leader == Leader::Keeper && !state.wanted {
         state.wanted = true;
         state.link.waker().wake();
@@ -169,7 +168,7 @@ fn follow<'a>(
 
 /// Waits until a request ended, so that the lane may take another. False when so few are pending
 /// that it is not for want of room that the lane refused, and at `deadline`.
-pub(super) fn await_room(shared: &Shared, deadline: Instant) -> bool {
+pub(super) fn await_room<M: Medium>(shared: &Shared<M>, deadline: Instant) -> bool {
     let mut state = shared.lock();
     let left = deadline.since(state.link.now()).min(PARK_MAX);
     if left.is_zero() || state.slots.pending().count() < CROWD_MIN {
@@ -182,7 +181,7 @@ pub(super) fn await_room(shared: &Shared, deadline: Instant) -> bool {
 }
 
 /// Lets the next one lead.
-pub(super) fn hand_over(state: &State) {
+pub(super) fn hand_over<M: Medium>(state: &State<M>) {
     if state.leader == Leader::Nobody {
         state.slots.unpark_one();
     }
@@ -191,7 +190,7 @@ pub(super) fn hand_over(state: &State) {
 /// Releases the lock as everybody must who has changed something: the leader's sleep is cut short
 /// if the lane now wants time earlier, the keeper is nudged if nobody else sees to the lane, and
 /// wakers are woken.
-pub(super) fn release(shared: &Arc<Shared>, mut state: Guard<'_>) {
+pub(super) fn release<M: Medium>(shared: &Shared<M>, mut state: Guard<'_, M>) {
     if state.crowd > 0 && std::mem::take(&mut state.freed) {
         shared.room.notify_one();
     }
@@ -209,7 +208,10 @@ pub(super) fn release(shared: &Arc<Shared>, mut state: Guard<'_>) {
 }
 
 /// Tries to open a lost link again, if it is time to. The lock is released meanwhile.
-pub(super) fn reopen<'a>(shared: &'a Shared, mut state: Guard<'a>) -> Guard<'a> {
+pub(super) fn reopen<'a, M: Medium>(
+    shared: &'a Shared<M>,
+    mut state: Guard<'a, M>,
+) -> Guard<'a, M> {
     if state.retry.under_way || state.link.now() < state.retry.next {
         return state;
     }
@@ -230,12 +232,12 @@ pub(super) fn reopen<'a>(shared: &'a Shared, mut state: Guard<'a>) -> Guard<'a> 
 
 /// Takes what came while nobody read, before the next request goes out: a late answer must not
 /// pass for an answer to that.
-fn read_stale(state: &mut State) {
-    let mut buffer = [0_u8; READ_MAX];
+fn read_stale<M: Medium>(state: &mut State<M>) {
+    let mut buffer = M::buffer();
     for _ in 0..STALE_READS_MAX {
-        match state.link.receive(&mut buffer, Instant::ZERO) {
+        match state.link.receive(buffer.borrow_mut(), Instant::ZERO) {
             Ok(Received::TimedOut | Received::Woken) => break,
-            received => state.digest(received, &buffer),
+            received => state.digest(received, buffer.borrow()),
         }
         if state.trouble.is_some() {
             return;

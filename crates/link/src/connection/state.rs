@@ -1,10 +1,11 @@
 //! What the lock guards, and the pump.
 
+use std::borrow::{Borrow, BorrowMut};
 use std::sync::Arc;
 use std::task;
 
 use polepair_core::error::Outcome;
-use polepair_core::medium::{STREAM_UNIT_MAX, SerialLine, Stream};
+use polepair_core::medium::Medium;
 use polepair_core::station::{LineEvent, Ticket};
 use polepair_core::time::Instant;
 
@@ -18,9 +19,9 @@ const PUMP_MAX: usize = 4096;
 /// Pause after an expiry that left the lane wanting time at once, lest it eats a core.
 const TICK_MIN_NS: u64 = 20_000;
 
-pub(super) struct State {
-    pub(super) link: Arc<dyn Link<Stream>>,
-    pub(super) lane: Box<dyn AnyLane<Stream>>,
+pub(super) struct State<M: Medium> {
+    pub(super) link: Arc<dyn Link<M>>,
+    pub(super) lane: Box<dyn AnyLane<M>>,
     pub(super) slots: Slots,
     pub(super) leader: Leader,
     /// Until when the leader sleeps.
@@ -44,8 +45,8 @@ pub(super) struct State {
     pub(super) seen: Instant,
     /// When somebody last read.
     pub(super) read_at: Instant,
-    line: SerialLine,
-    out: [u8; STREAM_UNIT_MAX],
+    line: M::Line,
+    out: M::Buffer,
 }
 
 /// Who reads.
@@ -75,8 +76,8 @@ pub(super) struct Retry {
     pub(super) under_way: bool,
 }
 
-impl State {
-    pub(super) fn new(link: Arc<dyn Link<Stream>>, lane: Box<dyn AnyLane<Stream>>) -> Self {
+impl<M: Medium> State<M> {
+    pub(super) fn new(link: Arc<dyn Link<M>>, lane: Box<dyn AnyLane<M>>) -> Self {
         Self {
             line: lane.line(),
             seen: link.now(),
@@ -95,7 +96,7 @@ impl State {
             retry: Retry::default(),
             keeper: Watch::NotStarted,
             to_wake: Vec::new(),
-            out: [0; STREAM_UNIT_MAX],
+            out: M::buffer(),
         }
     }
 
@@ -105,13 +106,17 @@ impl State {
     }
 
     /// Takes what a read brought, lets time pass, and pumps.
-    pub(super) fn digest(&mut self, received: Result<Received, LinkError>, buffer: &[u8]) {
+    pub(super) fn digest(&mut self, received: Result<Received, LinkError>, buffer: &M::Out) {
         let now = match received {
             Ok(Received::Bytes { len, at }) => {
                 // Only a link that carries something is well again: one that opens and is lost at
                 // once is not tried for ever.
                 self.retry.tried = 0;
-                self.lane.handle_input(at, &buffer[..len]);
+                self.lane.handle_input(at, M::unit(buffer, len));
+                at
+            }
+            Ok(Received::Line { event, at }) => {
+                self.lane.handle_line(at, event);
                 at
             }
             Ok(Received::TimedOut | Received::Woken) => self.link.now(),
@@ -160,7 +165,7 @@ impl State {
             self.link.waker().wake();
             self.lane.handle_line(now, LineEvent::Down);
         }
-        while self.lane.poll_transmit(now, &mut self.out).is_some() {}
+        while self.lane.poll_transmit(now, self.out.borrow_mut()).is_some() {}
         while self.tell() {}
         let left: Vec<Ticket> = self.slots.pending().collect();
         for ticket in left {
@@ -169,7 +174,7 @@ impl State {
     }
 
     /// Goes on with a link opened again.
-    pub(super) fn regain(&mut self, link: Box<dyn Link<Stream>>) {
+    pub(super) fn regain(&mut self, link: Box<dyn Link<M>>) {
         self.link = Arc::from(link);
         self.trouble = None;
         self.line = self.lane.line();
@@ -197,8 +202,8 @@ impl State {
         if self.trouble.is_some() {
             return false;
         }
-        let Some(len) = self.lane.poll_transmit(now, &mut self.out) else { return false };
-        match self.link.send(&self.out[..len]) {
+        let Some(len) = self.lane.poll_transmit(now, self.out.borrow_mut()) else { return false };
+        match self.link.send(M::unit(self.out.borrow(), len)) {
             Ok(()) => true,
             // The unit is lost as on a broken wire; the lane notices the silence.
             Err(error) if error.cause() == Cause::Stalled => false,

@@ -1,0 +1,95 @@
+//! A connection's insides with the medium erased: serial lines and CAN buses look alike from here.
+
+use std::task;
+
+use polepair_core::axis::Axes;
+use polepair_core::error::{Outcome, Unsupported};
+use polepair_core::medium::Medium;
+use polepair_core::station::Ticket;
+use polepair_core::time::Instant;
+
+use super::{Shared, Waited, keeper, lead};
+use crate::error::LinkError;
+
+/// What is submitted; called at most once.
+pub(super) type Request<'a> =
+    dyn FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported> + 'a;
+
+/// See the methods of [`Connection`](super::Connection) and [`Pending`](super::Pending).
+pub(super) trait Engine: Send + Sync {
+    fn submit(&self, request: &mut Request<'_>) -> Result<(Ticket, u64), Unsupported>;
+    fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> Waited;
+    fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome>;
+    fn abandon(&self, ticket: Ticket);
+    fn await_room(&self, deadline: Instant) -> bool;
+    fn with(&self, look: &mut dyn FnMut(&mut dyn Axes, Instant));
+    fn now(&self) -> Instant;
+    fn trouble(&self) -> Option<LinkError>;
+    fn describe(&self) -> String;
+    fn interrupt(&self);
+    fn dismiss(&self);
+    #[cfg(test)]
+    fn slots(&self) -> usize;
+}
+
+impl<M: Medium> Engine for Shared<M> {
+    fn submit(&self, request: &mut Request<'_>) -> Result<(Ticket, u64), Unsupported> {
+        lead::submit(self, request)
+    }
+
+    fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> Waited {
+        lead::wait(self, ticket, deadline, interrupts)
+    }
+
+    fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome> {
+        lead::poll_or_wake(self, ticket, waker)
+    }
+
+    fn abandon(&self, ticket: Ticket) {
+        lead::abandon(self, ticket);
+    }
+
+    fn await_room(&self, deadline: Instant) -> bool {
+        lead::await_room(self, deadline)
+    }
+
+    fn with(&self, look: &mut dyn FnMut(&mut dyn Axes, Instant)) {
+        let mut state = self.lock();
+        let now = state.link.now();
+        look(&mut *state.lane, now);
+    }
+
+    fn now(&self) -> Instant {
+        self.lock().link.now()
+    }
+
+    fn trouble(&self) -> Option<LinkError> {
+        self.lock().trouble.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.lock().link.describe()
+    }
+
+    fn interrupt(&self) {
+        let mut state = self.lock();
+        state.interrupts += 1;
+        state.slots.unpark_all();
+        state.link.waker().wake();
+    }
+
+    fn dismiss(&self) {
+        keeper::dismiss(self);
+    }
+
+    #[cfg(test)]
+    fn slots(&self) -> usize {
+        self.lock().slots.len()
+    }
+}
+
+impl std::fmt::Debug for dyn Engine {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Engine").finish_non_exhaustive()
+    }
+}
