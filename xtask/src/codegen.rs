@@ -347,11 +347,13 @@ fn fault(f: &Fault) -> String {
 
 fn signal(s: &SignalSource) -> String {
     format!(
-        "SignalSource {{ signal: Signal::{:?}, parameter: {}, mask: {}, equals: {:?} }}",
+        "SignalSource {{ signal: Signal::{:?}, parameter: {}, mask: {}, equals: {:?}, \
+         values: &{:?} }}",
         s.signal,
         id(s.parameter),
         mask(s.mask),
-        s.equals
+        s.equals,
+        s.values
     )
 }
 

@@ -89,6 +89,9 @@ pub fn signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
     Ok(Some(match source.equals {
         Some(equals) => plain(i64::from(masked == equals)),
         None if source.mask == -1 => value,
-        None => plain(masked),
+        None => {
+            let named = source.values.iter().find(|(raw, _)| *raw == masked);
+            Value { word: named.map(|(_, word)| *word), ..plain(masked) }
+        }
     }))
 }

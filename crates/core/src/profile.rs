@@ -368,4 +368,6 @@ pub struct SignalSource {
     /// For a flag: the masked value that means true. `None` for a number; a number that is masked
     /// is the masked bits.
     pub equals: Option<i64>,
+    /// Names of masked values, where the parameter's own names are not for them.
+    pub values: &'static [(i64, &'static str)],
 }

@@ -83,6 +83,7 @@ static PROFILE: Profile = Profile {
         parameter: POSITION,
         mask: -1,
         equals: None,
+        values: &[],
     }],
     plans: &[
         Plan {

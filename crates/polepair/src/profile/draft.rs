@@ -101,6 +101,7 @@ pub(crate) struct DraftSignal {
     pub(crate) parameter: Named,
     pub(crate) mask: i64,
     pub(crate) equals: Option<i64>,
+    pub(crate) values: Vec<(i64, String)>,
 }
 
 #[derive(Clone, Debug)]
@@ -223,7 +224,8 @@ impl Names<'_> {
 
     fn signal(&self, s: &polepair_core::profile::SignalSource) -> DraftSignal {
         let parameter = self.of(s.parameter);
-        DraftSignal { signal: s.signal, parameter, mask: s.mask, equals: s.equals }
+        let values = s.values.iter().map(|&(raw, name)| (raw, name.into())).collect();
+        DraftSignal { signal: s.signal, parameter, mask: s.mask, equals: s.equals, values }
     }
 
     fn plan(&self, plan: &polepair_core::plan::Plan) -> DraftPlan {

@@ -491,15 +491,16 @@ fn signals(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
 fn source(table: &Node<'_, '_>, key: &str, signal: Signal) -> Result<DraftSignal, FileError> {
     if !table.is_table(key) {
         let parameter = table.needed_text(key)?;
-        return Ok(DraftSignal { signal, parameter, mask: -1, equals: None });
+        return Ok(DraftSignal { signal, parameter, mask: -1, equals: None, values: Vec::new() });
     }
-    let keys = ["parameter", "mask", "equals"];
+    let keys = ["parameter", "mask", "equals", "values"];
     let node = table.table(key, &keys)?.ok_or_else(|| table.place().error("not a table"))?;
     Ok(DraftSignal {
         signal,
         parameter: node.needed_text("parameter")?,
         mask: node.integer("mask")?.map_or(-1, |found| found.value),
         equals: node.integer("equals")?.map(|found| found.value),
+        values: values(&node)?,
     })
 }
 

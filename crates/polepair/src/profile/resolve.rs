@@ -160,8 +160,6 @@ impl<'a> Names<'a> {
         };
         let scale =
             Scale { factor: p.factor, times: reference(&p.times)?, over: reference(&p.over)? };
-        let values: Vec<(i64, &'static str)> =
-            p.values.iter().map(|(raw, word)| (*raw, kept(word))).collect();
         Ok(Parameter {
             name: kept(&p.name),
             symbol: kept(&p.symbol),
@@ -179,7 +177,7 @@ impl<'a> Names<'a> {
             certainty: p.certainty,
             moves: p.moves,
             section: kept(&p.section),
-            values: values.leak(),
+            values: words(&p.values),
         })
     }
 
@@ -188,7 +186,12 @@ impl<'a> Names<'a> {
         if s.equals.is_some_and(|value| value & !s.mask != 0) {
             return Err(s.parameter.place.error("`equals` has bits that `mask` takes away"));
         }
-        Ok(SignalSource { signal: s.signal, parameter, mask: s.mask, equals: s.equals })
+        if let Some((raw, word)) = s.values.iter().find(|(raw, _)| raw & !s.mask != 0) {
+            let what = format!("`{word}` names {raw:#x}, which has bits that `mask` takes away");
+            return Err(s.parameter.place.error(what));
+        }
+        let (mask, equals, values) = (s.mask, s.equals, words(&s.values));
+        Ok(SignalSource { signal: s.signal, parameter, mask, equals, values })
     }
 
     fn identity(&self, identity: &DraftIdentity) -> Result<Identity, FileError> {
@@ -292,4 +295,9 @@ impl<'a> Names<'a> {
         }
         Ok(id)
     }
+}
+
+fn words(values: &[(i64, String)]) -> &'static [(i64, &'static str)] {
+    let words: Vec<_> = values.iter().map(|(raw, word)| (*raw, kept(word))).collect();
+    words.leak()
 }

@@ -12051,31 +12051,76 @@ static SYNTRON_DS102_FAULTS: [Fault; 26] = [
 ];
 
 static SYNTRON_DS102_SIGNALS: [SignalSource; 10] = [
-    SignalSource { signal: Signal::Position, parameter: ParameterId(24), mask: -1, equals: None },
-    SignalSource { signal: Signal::Velocity, parameter: ParameterId(18), mask: -1, equals: None },
-    SignalSource { signal: Signal::Torque, parameter: ParameterId(19), mask: -1, equals: None },
+    SignalSource {
+        signal: Signal::Position,
+        parameter: ParameterId(24),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Velocity,
+        parameter: ParameterId(18),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Torque,
+        parameter: ParameterId(19),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
     SignalSource {
         signal: Signal::Temperature,
         parameter: ParameterId(22),
         mask: -1,
         equals: None,
+        values: &[],
     },
     SignalSource {
         signal: Signal::TargetVelocity,
         parameter: ParameterId(7),
         mask: -1,
         equals: None,
+        values: &[],
     },
-    SignalSource { signal: Signal::Fault, parameter: ParameterId(21), mask: -1, equals: None },
-    SignalSource { signal: Signal::Enabled, parameter: ParameterId(8), mask: 0x1, equals: Some(1) },
-    SignalSource { signal: Signal::Moving, parameter: ParameterId(23), mask: 0x1, equals: Some(1) },
+    SignalSource {
+        signal: Signal::Fault,
+        parameter: ParameterId(21),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Enabled,
+        parameter: ParameterId(8),
+        mask: 0x1,
+        equals: Some(1),
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Moving,
+        parameter: ParameterId(23),
+        mask: 0x1,
+        equals: Some(1),
+        values: &[],
+    },
     SignalSource {
         signal: Signal::Reached,
         parameter: ParameterId(23),
         mask: 0x1,
         equals: Some(0),
+        values: &[],
     },
-    SignalSource { signal: Signal::Mode, parameter: ParameterId(0), mask: -1, equals: None },
+    SignalSource {
+        signal: Signal::Mode,
+        parameter: ParameterId(0),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
 ];
 
 static SYNTRON_DS102_PLANS: [Plan; 10] = SYNTRON_DS102_PLANS_ROWS;
@@ -12349,24 +12394,62 @@ pub static SYNTRON_DS102: Profile = Profile {
 };
 
 static SYNTRON_TS_SIGNALS: [SignalSource; 8] = [
-    SignalSource { signal: Signal::Position, parameter: ParameterId(24), mask: -1, equals: None },
-    SignalSource { signal: Signal::Velocity, parameter: ParameterId(18), mask: -1, equals: None },
+    SignalSource {
+        signal: Signal::Position,
+        parameter: ParameterId(24),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Velocity,
+        parameter: ParameterId(18),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
     SignalSource {
         signal: Signal::TargetVelocity,
         parameter: ParameterId(7),
         mask: -1,
         equals: None,
+        values: &[],
     },
-    SignalSource { signal: Signal::Fault, parameter: ParameterId(21), mask: -1, equals: None },
-    SignalSource { signal: Signal::Enabled, parameter: ParameterId(8), mask: 0x1, equals: Some(1) },
-    SignalSource { signal: Signal::Moving, parameter: ParameterId(23), mask: 0x1, equals: Some(1) },
+    SignalSource {
+        signal: Signal::Fault,
+        parameter: ParameterId(21),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Enabled,
+        parameter: ParameterId(8),
+        mask: 0x1,
+        equals: Some(1),
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Moving,
+        parameter: ParameterId(23),
+        mask: 0x1,
+        equals: Some(1),
+        values: &[],
+    },
     SignalSource {
         signal: Signal::Reached,
         parameter: ParameterId(23),
         mask: 0x1,
         equals: Some(0),
+        values: &[],
     },
-    SignalSource { signal: Signal::Mode, parameter: ParameterId(0), mask: -1, equals: None },
+    SignalSource {
+        signal: Signal::Mode,
+        parameter: ParameterId(0),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
 ];
 
 static SYNTRON_TS_PLANS: [Plan; 10] = {

@@ -6111,43 +6111,90 @@ static TMCM_170_FAULTS: [Fault; 10] = [
 ];
 
 static TMCM_170_SIGNALS: [SignalSource; 12] = [
-    SignalSource { signal: Signal::Position, parameter: ParameterId(1), mask: -1, equals: None },
-    SignalSource { signal: Signal::Velocity, parameter: ParameterId(3), mask: -1, equals: None },
-    SignalSource { signal: Signal::Torque, parameter: ParameterId(29), mask: -1, equals: None },
-    SignalSource { signal: Signal::Current, parameter: ParameterId(29), mask: -1, equals: None },
-    SignalSource { signal: Signal::Voltage, parameter: ParameterId(30), mask: -1, equals: None },
+    SignalSource {
+        signal: Signal::Position,
+        parameter: ParameterId(1),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Velocity,
+        parameter: ParameterId(3),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Torque,
+        parameter: ParameterId(29),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Current,
+        parameter: ParameterId(29),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Voltage,
+        parameter: ParameterId(30),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
     SignalSource {
         signal: Signal::Temperature,
         parameter: ParameterId(31),
         mask: -1,
         equals: None,
+        values: &[],
     },
     SignalSource {
         signal: Signal::TargetPosition,
         parameter: ParameterId(0),
         mask: -1,
         equals: None,
+        values: &[],
     },
     SignalSource {
         signal: Signal::TargetVelocity,
         parameter: ParameterId(2),
         mask: -1,
         equals: None,
+        values: &[],
     },
-    SignalSource { signal: Signal::Fault, parameter: ParameterId(33), mask: 0x323, equals: None },
+    SignalSource {
+        signal: Signal::Fault,
+        parameter: ParameterId(33),
+        mask: 0x323,
+        equals: None,
+        values: &[],
+    },
     SignalSource {
         signal: Signal::Enabled,
         parameter: ParameterId(33),
         mask: 0x10,
         equals: Some(0),
+        values: &[],
     },
     SignalSource {
         signal: Signal::Reached,
         parameter: ParameterId(33),
         mask: 0x80,
         equals: Some(128),
+        values: &[],
     },
-    SignalSource { signal: Signal::Mode, parameter: ParameterId(33), mask: 0x40, equals: None },
+    SignalSource {
+        signal: Signal::Mode,
+        parameter: ParameterId(33),
+        mask: 0x40,
+        equals: None,
+        values: &[(0, "velocity"), (64, "positioning")],
+    },
 ];
 
 static TMCM_170_PLANS: [Plan; 12] = [

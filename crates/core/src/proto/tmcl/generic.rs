@@ -57,7 +57,7 @@ const PARAMETERS: &[Parameter] = &[
 ];
 
 const fn signal(signal: Signal, at: u16) -> SignalSource {
-    SignalSource { signal, parameter: ParameterId(at), mask: -1, equals: None }
+    SignalSource { signal, parameter: ParameterId(at), mask: -1, equals: None, values: &[] }
 }
 
 const fn axis(index: u16, name: &'static str, symbol: &'static str) -> Parameter {
