@@ -16,8 +16,7 @@ use polepair_core::proto::{HostOptions, Protocol};
 use polepair_core::station::{AxisIndex, Host, Station, Ticket};
 use polepair_core::time::Instant;
 
-const OPTIONS: HostOptions =
-    HostOptions { baud: 0, reply_timeout_ms: None, gap_us: Some(0), host: None, echo: false };
+const OPTIONS: HostOptions = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
 const REPLY: Reply =
     Reply { host: 2, module: 1, status: Status::Ok, opcode: Opcode::Gap, value: 123_456 };
 
@@ -35,7 +34,7 @@ fn codec(c: &mut Criterion) {
 
 fn host(c: &mut Criterion) {
     let reply = REPLY.emit();
-    let mut host = Tmcl::host(&OPTIONS);
+    let mut host = Tmcl::host(&OPTIONS, &[1]);
     let profile = Tmcl::generic();
     let driver = Axis::new(profile, 1);
     let request = {
@@ -59,7 +58,7 @@ fn lane(c: &mut Criterion) {
     let reply = REPLY.emit();
     let driver = Box::new(Tmcl::driver(Tmcl::generic(), 1));
     let mut lane: Box<dyn AnyLane<Stream>> =
-        Box::new(Lane::new(Tmcl::host(&OPTIONS), [driver as Box<_>]));
+        Box::new(Lane::new(Tmcl::host(&OPTIONS, &[1]), [driver as Box<_>]));
     let (mut out, mut now) = ([0; 520], 0);
     c.bench_function("submit to outcome, through the erased lane", |b| {
         b.iter(|| {

@@ -4,6 +4,8 @@ use core::borrow::BorrowMut;
 
 /// A kind of wire. The types it names are what a [`Station`](crate::station::Station) takes and gives.
 pub trait Medium: 'static {
+    /// Which of them it is.
+    const KIND: MediumKind;
     /// What arrives: a run of bytes, or one frame.
     type Unit: ?Sized;
     /// What a station writes into: a byte buffer, or one frame.
@@ -24,6 +26,15 @@ pub trait Medium: 'static {
     );
 }
 
+/// A medium by name, where the type has been erased.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum MediumKind {
+    /// [`Stream`].
+    Serial,
+    /// [`Can`].
+    Can,
+}
+
 /// RS-232, RS-485, a pseudo-terminal or TCP: a stream of bytes without frame boundaries.
 #[derive(Debug)]
 pub enum Stream {}
@@ -33,6 +44,7 @@ pub enum Stream {}
 pub enum Can {}
 
 impl Medium for Stream {
+    const KIND: MediumKind = MediumKind::Serial;
     type Unit = [u8];
     type Out = [u8];
     type Buffer = [u8; STREAM_UNIT_MAX];
@@ -51,6 +63,7 @@ impl Medium for Stream {
 }
 
 impl Medium for Can {
+    const KIND: MediumKind = MediumKind::Can;
     type Unit = Frame;
     type Out = Frame;
     type Buffer = Frame;

@@ -37,10 +37,9 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_running_lane_does_not_allocate() {
-    let options =
-        HostOptions { baud: 0, reply_timeout_ms: None, gap_us: Some(0), host: None, echo: false };
+    let options = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
     let driver = Box::new(Tmcl::driver(Tmcl::generic(), 1));
-    let mut lane = Lane::new(Tmcl::host(&options), [driver as Box<_>]);
+    let mut lane = Lane::new(Tmcl::host(&options, &[1]), [driver as Box<_>]);
     let (mut out, mut now, mut done) = ([0; 520], Instant::ZERO, 0);
     let before = ALLOCATIONS.load(Ordering::Relaxed);
     for n in 0..10_000u32 {

@@ -109,15 +109,9 @@ mod bench {
         path: &str,
         text: &'static str,
     ) -> impl FnMut() + use<P> {
-        let options = HostOptions {
-            baud: 0,
-            reply_timeout_ms: None,
-            gap_us: Some(0),
-            host: None,
-            echo: false,
-        };
+        let options = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
         let driver = P::driver(P::generic(), 1);
-        let lane = Lane::<Stream, _>::new(P::host(&options), [Box::new(driver) as _]);
+        let lane = Lane::<Stream, _>::new(P::host(&options, &[1]), [Box::new(driver) as _]);
         let port = serial::open(path, SerialLine::n81(0)).unwrap();
         let connection = Connection::new(Box::new(port), Box::new(lane));
         move || {

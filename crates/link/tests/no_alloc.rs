@@ -73,10 +73,9 @@ impl Link<Stream> for Prompt {
 
 #[test]
 fn a_round_trip_allocates_nothing() {
-    let options =
-        HostOptions { baud: 0, reply_timeout_ms: None, gap_us: Some(0), host: None, echo: false };
+    let options = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
     let driver = Tmcl::driver(Tmcl::generic(), 1);
-    let lane = Lane::<Stream, _>::new(Tmcl::host(&options), [Box::new(driver) as _]);
+    let lane = Lane::<Stream, _>::new(Tmcl::host(&options, &[1]), [Box::new(driver) as _]);
     let link = Prompt(Waker::new().unwrap(), AtomicBool::new(false));
     let connection = Connection::new(Box::new(link), Box::new(lane));
     let ask = || {

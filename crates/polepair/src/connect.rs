@@ -304,12 +304,12 @@ fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         _ => url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0)),
     };
     Ok(HostOptions {
-        baud,
         reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
         // Nothing on a pty or TCP tells frames apart by silence.
         gap_us: gap_us.or((baud == 0).then_some(0)),
         host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
         echo: url.flag("echo")?,
+        ..HostOptions::new(baud)
     })
 }
 

@@ -110,11 +110,12 @@ impl proto::Visitor for Maker<'_> {
         if P::NAME != self.protocol || !on_stream::<P>() || self.made.is_some() {
             return;
         }
+        let addresses: Vec<u32> = self.axes.iter().map(|(_, address)| *address).collect();
         let drivers = self.axes.iter().map(|&(profile, address)| {
             let driver: BoxedDriver<_, _> = Box::new(P::driver(profile, address));
             driver
         });
-        let lane = Lane::<P::Medium, P::Host>::new(P::host(&self.options), drivers);
+        let lane = Lane::<P::Medium, P::Host>::new(P::host(&self.options, &addresses), drivers);
         let lane: Box<dyn AnyLane<P::Medium>> = Box::new(lane);
         // The medium is a stream, as was asked above; the compiler must be shown.
         let lane: Box<dyn Any> = Box::new(lane);

@@ -26,7 +26,7 @@ use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
 use polepair_link::Link;
 use polepair_sim::fault::Faults;
-use polepair_sim::rack::{Built, Rack, RackDrive, RackLink};
+use polepair_sim::rack::{Built, Rack, RackDrive, RackLink, RackWire};
 use polepair_sim::serial_line::{Duplex, Serial};
 use polepair_sim::world::World;
 use std::sync::Arc;
@@ -127,7 +127,9 @@ impl Description {
     /// Whether bytes arrive on that link as they were sent.
     #[must_use]
     pub fn is_faultless(&self, link: usize) -> bool {
-        self.wires[link].faults == Faults::NONE && !self.rack.links[link].serial.echo
+        let echo =
+            matches!(self.rack.links[link].wire, RackWire::Serial(Serial { echo: true, .. }));
+        self.wires[link].faults == Faults::NONE && !echo
     }
 
     fn add(
@@ -151,7 +153,8 @@ impl Description {
             baud: protocol.baud,
             names: vec![String::new(); drives.len()],
         });
-        self.rack.links.push(RackLink { name: name.to_owned(), serial: Serial::RS485, drives });
+        let wire = RackWire::Serial(Serial::RS485);
+        self.rack.links.push(RackLink { name: name.to_owned(), wire, drives });
         self.settle_host(self.wires.len() - 1);
     }
 
@@ -188,17 +191,21 @@ impl Description {
     /// The same with another baud rate everywhere; 0 takes byte timing away.
     pub(crate) fn set_baud(&mut self, baud: u32) {
         for (link, wire) in self.rack.links.iter_mut().zip(&mut self.wires) {
-            link.serial.timed = baud > 0;
-            link.serial.baud = Some(baud).filter(|baud| *baud > 0);
-            wire.baud = baud;
+            if let RackWire::Serial(serial) = &mut link.wire {
+                serial.timed = baud > 0;
+                serial.baud = Some(baud).filter(|baud| *baud > 0);
+                wire.baud = baud;
+            }
         }
     }
 
     /// Makes the host's adapter hear itself.
     pub(crate) fn set_echo(&mut self, echo: bool) {
         for link in &mut self.rack.links {
-            link.serial.echo = echo;
-            link.serial.duplex = if echo { Duplex::Half } else { link.serial.duplex };
+            if let RackWire::Serial(serial) = &mut link.wire {
+                serial.echo = echo;
+                serial.duplex = if echo { Duplex::Half } else { serial.duplex };
+            }
         }
     }
 }

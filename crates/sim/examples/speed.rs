@@ -52,9 +52,13 @@ fn desk(world: &mut World, protocol: &str, product: &str) -> Option<(NodeId, Par
     let mut spec = RackDrive::new(profile, protocol);
     spec.address = Some(spoken.first_address);
     spec.build(world, wire, false).ok()?;
-    let options =
-        HostOptions { baud: BAUD, reply_timeout_ms: None, gap_us: None, host: None, echo: false };
-    let host = world.add(host::lane(protocol, options, &[(profile, spoken.first_address)])?);
+    let options = HostOptions::new(BAUD);
+    let host = world.add(host::lane(
+        protocol,
+        spoken.medium,
+        options,
+        &[(profile, spoken.first_address)],
+    )?);
     world.plug_host(wire, host, 0);
     world.with(host, |node, now| {
         let axes = node.axes()?;

@@ -4,7 +4,7 @@ use std::any::Any;
 
 use polepair_core::axis::AnyLane;
 use polepair_core::lane::Lane;
-use polepair_core::medium::{Can, Stream};
+use polepair_core::medium::{Can, Medium, MediumKind, Stream};
 use polepair_core::profile::Profile;
 use polepair_core::proto::{self, HostOptions, Protocol};
 
@@ -19,7 +19,9 @@ pub struct Spoken {
     pub profile: &'static str,
     /// The first address that a scan tries.
     pub first_address: u32,
-    /// The baud rate from the factory; 0 for a protocol on CAN.
+    /// The wire it speaks on.
+    pub medium: MediumKind,
+    /// The baud or bit rate from the factory.
     pub baud: u32,
 }
 
@@ -31,15 +33,16 @@ pub fn protocols() -> Vec<Spoken> {
     list.0
 }
 
-/// A host of the protocol called `protocol` with one axis per profile and address. `None` when no
-/// protocol is called so.
+/// A host of the protocol called `protocol` on that medium, with one axis per profile and address.
+/// `None` when there is no such protocol.
 #[must_use]
 pub fn lane(
     protocol: &str,
+    medium: MediumKind,
     options: HostOptions,
     axes: &[(&'static Profile, u32)],
 ) -> Option<Box<dyn Node>> {
-    let mut maker = Maker { protocol, options, axes, made: None };
+    let mut maker = Maker { protocol, medium, options, axes, made: None };
     proto::visit(&mut maker);
     maker.made
 }
@@ -52,6 +55,7 @@ impl proto::Visitor for Lister {
             name: P::NAME,
             profile: P::PROFILE,
             first_address: *P::ADDRESSES.start(),
+            medium: P::Medium::KIND,
             baud: P::BAUD,
         });
     }
@@ -59,6 +63,7 @@ impl proto::Visitor for Lister {
 
 struct Maker<'a> {
     protocol: &'a str,
+    medium: MediumKind,
     options: HostOptions,
     axes: &'a [(&'static Profile, u32)],
     made: Option<Box<dyn Node>>,
@@ -66,16 +71,18 @@ struct Maker<'a> {
 
 impl proto::Visitor for Maker<'_> {
     fn protocol<P: Protocol>(&mut self) {
-        if P::NAME != self.protocol || self.made.is_some() {
+        let meant = P::NAME == self.protocol && P::Medium::KIND == self.medium;
+        if !meant || self.made.is_some() {
             return;
         }
+        let addresses: Vec<u32> = self.axes.iter().map(|(_, address)| *address).collect();
         let drivers = self.axes.iter().map(|&(profile, address)| {
             let driver: polepair_core::lane::BoxedDriver<_, _> =
                 Box::new(P::driver(profile, address));
             driver
         });
         let lane: Box<dyn AnyLane<P::Medium>> =
-            Box::new(Lane::<P::Medium, P::Host>::new(P::host(&self.options), drivers));
+            Box::new(Lane::<P::Medium, P::Host>::new(P::host(&self.options, &addresses), drivers));
         self.made = node(Box::new(lane));
     }
 }

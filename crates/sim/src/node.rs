@@ -5,6 +5,7 @@
 //! each of its ports.
 
 use polepair_core::axis::{AnyLane, Axes};
+use polepair_core::drives::Device;
 use polepair_core::drives::bench::Bench;
 use polepair_core::medium::{Can, Stream};
 use polepair_core::station::{Station, Timed};
@@ -32,9 +33,14 @@ pub trait Node: Timed + Send {
     }
 }
 
-/// A simulated drive with one serial port.
+/// A simulated drive with a port for each of its ends: [`SERIAL_PORT`], [`CAN_PORT`].
 #[derive(Debug)]
 pub struct Drive<D>(pub D);
+
+/// Where the serial end of a [`Drive`] is.
+pub const SERIAL_PORT: u8 = 0;
+/// Where the CAN end of a [`Drive`] is.
+pub const CAN_PORT: u8 = 1;
 
 /// A host lane on a serial port.
 pub struct HostLane(pub Box<dyn AnyLane<Stream>>);
@@ -68,9 +74,12 @@ timed!(impl {T} for LoneCan<T>);
 timed!(impl {} for HostLane);
 timed!(impl {} for CanHostLane);
 
-impl<D: Station<Stream> + Bench + Send> Node for Drive<D> {
+impl<D: Device> Node for Drive<D> {
     fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
-        (port == 0).then_some(&mut self.0 as _)
+        if port == SERIAL_PORT { self.0.stream() } else { None }
+    }
+    fn can(&mut self, port: u8) -> Option<&mut dyn Station<Can>> {
+        if port == CAN_PORT { self.0.can() } else { None }
     }
     fn bench(&mut self) -> Option<&mut dyn Bench> {
         Some(&mut self.0)

@@ -5,9 +5,11 @@
 
 use polepair_core::drives::bench::Act;
 use polepair_core::drives::{self, DeviceOptions, Family};
+use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
+use polepair_core::time::Instant;
 
-use crate::node::{Drive, Node};
+use crate::node::{CAN_PORT, Drive, Node, SERIAL_PORT};
 use crate::serial_line::Serial;
 use crate::world::{NodeId, WireId, World};
 
@@ -18,15 +20,49 @@ pub struct Rack {
     pub links: Vec<RackLink>,
 }
 
-/// One link: a serial wire with its drives.
+/// One link: a wire with its drives.
 #[derive(Clone, Debug)]
 pub struct RackLink {
     /// What people call it.
     pub name: String,
     /// How the wire is built.
-    pub serial: Serial,
+    pub wire: RackWire,
     /// The drives on it.
     pub drives: Vec<RackDrive>,
+}
+
+/// How the wire of a link is built.
+#[derive(Clone, Copy, Debug)]
+pub enum RackWire {
+    /// Two or three conductors for bytes.
+    Serial(Serial),
+    /// A CAN bus.
+    Can(CanLine),
+}
+
+impl RackWire {
+    /// What the wire carries.
+    #[must_use]
+    pub const fn medium(&self) -> MediumKind {
+        match self {
+            Self::Serial(_) => MediumKind::Serial,
+            Self::Can(_) => MediumKind::Can,
+        }
+    }
+
+    /// Bytes arrive at once: the wire has no baud rate.
+    #[must_use]
+    pub const fn is_untimed(&self) -> bool {
+        matches!(self, Self::Serial(Serial { timed: false, .. }))
+    }
+
+    /// Lays the wire in `world`.
+    pub fn lay(&self, world: &mut World) -> WireId {
+        match *self {
+            Self::Serial(serial) => world.serial(serial),
+            Self::Can(line) => world.can(line),
+        }
+    }
 }
 
 /// One simulated drive.
@@ -34,8 +70,11 @@ pub struct RackLink {
 pub struct RackDrive {
     /// Which product.
     pub profile: &'static Profile,
-    /// The protocol word of the wire: `tmcl`, `modbus-rtu`.
-    pub wire: String,
+    /// The protocol words of its wires, that of the link it is listed on first: `tmcl`,
+    /// `modbus-rtu`.
+    pub wires: Vec<String>,
+    /// The link of another medium that it is plugged into besides, by its place in the rack.
+    pub also_on: Option<usize>,
     /// Address on the wire; the factory's if `None`.
     pub address: Option<u32>,
     /// Seed of whatever is random in the drive.
@@ -49,7 +88,8 @@ pub struct RackDrive {
 /// Where the parts of a rack are in a world.
 #[derive(Clone, Debug, Default)]
 pub struct Built {
-    /// A wire for each link, with a node for each drive.
+    /// A wire for each link, with a node for each drive: first those listed on the link, then those
+    /// of other links that are plugged into it besides.
     pub links: Vec<(WireId, Vec<NodeId>)>,
 }
 
@@ -68,6 +108,18 @@ pub enum RackError {
         /// The option or value.
         option: String,
     },
+    /// The drive is to be on two links, and the second is none that it can be plugged into.
+    NoSecondLink {
+        /// The profile's name.
+        profile: &'static str,
+    },
+    /// The drive has no connector for such a wire.
+    Wire {
+        /// The profile's name.
+        profile: &'static str,
+        /// What the wire carries.
+        medium: MediumKind,
+    },
     /// The drive has no such thing as an act of the description is done to.
     Act {
         /// The profile's name.
@@ -82,6 +134,15 @@ impl std::fmt::Display for RackError {
                 write!(f, "{profile}: no simulated drive of this kind")
             }
             Self::Option { profile, option } => write!(f, "{profile}: unknown option: {option}"),
+            Self::NoSecondLink { profile } => {
+                write!(f, "{profile}: its second link must be one of the rack's, of another kind")
+            }
+            Self::Wire { profile, medium: MediumKind::Serial } => {
+                write!(f, "{profile}: this drive has no serial connector")
+            }
+            Self::Wire { profile, medium: MediumKind::Can } => {
+                write!(f, "{profile}: this drive has no CAN connector")
+            }
             Self::Act { profile } => write!(f, "{profile}: it has no such load, switch or input"),
         }
     }
@@ -97,13 +158,23 @@ impl Rack {
     pub fn build(&self, world: &mut World) -> Result<Built, RackError> {
         let mut built = Built::default();
         for link in &self.links {
-            let wire = world.serial(link.serial);
-            let mut nodes = Vec::with_capacity(link.drives.len());
-            for spec in &link.drives {
-                nodes.push(spec.build(world, wire, !link.serial.timed)?);
-            }
-            built.links.push((wire, nodes));
+            built.links.push((link.wire.lay(world), Vec::with_capacity(link.drives.len())));
         }
+        let mut second = Vec::new();
+        for (at, link) in self.links.iter().enumerate() {
+            let wire = built.links[at].0;
+            for spec in &link.drives {
+                let other = spec.other_link(self, link.wire.medium())?;
+                let untimed = link.wire.is_untimed() || other.is_some_and(|n| n.1.is_untimed());
+                let node = spec.build(world, wire, untimed)?;
+                built.links[at].1.push(node);
+                if let Some((n, wire)) = other {
+                    spec.plug(world, built.links[n].0, wire.medium(), node)?;
+                    second.push((n, node));
+                }
+            }
+        }
+        second.into_iter().for_each(|(n, node)| built.links[n].1.push(node));
         Ok(built)
     }
 }
@@ -112,8 +183,9 @@ impl RackDrive {
     /// A drive as from the factory.
     #[must_use]
     pub fn new(profile: &'static Profile, wire: &str) -> Self {
-        let (wire, address) = (wire.to_owned(), None);
-        Self { profile, wire, address, seed: 0, extra: Vec::new(), acts: Vec::new() }
+        let (wires, address) = (vec![wire.to_owned()], None);
+        let (extra, acts) = (Vec::new(), Vec::new());
+        Self { profile, wires, also_on: None, address, seed: 0, extra, acts }
     }
 
     /// Puts the drive on a wire of `world`.
@@ -126,15 +198,9 @@ impl RackDrive {
         wire: WireId,
         untimed: bool,
     ) -> Result<NodeId, RackError> {
-        let profile = self.profile.name;
         let node = world.add(self.device(untimed)?);
-        for &act in &self.acts {
-            let done = world.with(node, |n, now| n.bench().is_some_and(|b| b.act(now, act)));
-            if !done {
-                return Err(RackError::Act { profile });
-            }
-        }
-        world.plug_drive(wire, node, 0);
+        world.with(node, |node, now| self.prepare(node, now))?;
+        self.plug(world, wire, world.medium(wire), node)?;
         Ok(node)
     }
 
@@ -144,9 +210,10 @@ impl RackDrive {
     /// [`RackError`].
     pub fn device(&self, untimed: bool) -> Result<Box<dyn Node>, RackError> {
         let extra: Vec<_> = self.extra.iter().map(|(k, v)| (&**k, &**v)).collect();
+        let wires: Vec<&str> = self.wires.iter().map(String::as_str).collect();
         let options = DeviceOptions {
             address: self.address,
-            wire: &self.wire,
+            wires: &wires,
             untimed,
             seed: self.seed,
             extra: &extra,
@@ -154,6 +221,52 @@ impl RackDrive {
         let mut maker = Maker { profile: self.profile, options, made: None };
         drives::visit(&mut maker);
         maker.made.unwrap_or(Err(RackError::NoSuchDrive { profile: self.profile.name }))
+    }
+
+    /// Does to the drive what the description says, before power is given.
+    ///
+    /// # Errors
+    /// [`RackError::Act`].
+    pub fn prepare(&self, node: &mut dyn Node, now: Instant) -> Result<(), RackError> {
+        let mut done = |act: Act| node.bench().is_some_and(|bench| bench.act(now, act));
+        match self.acts.iter().all(|act| done(*act)) {
+            true => Ok(()),
+            false => Err(RackError::Act { profile: self.profile.name }),
+        }
+    }
+
+    fn other_link<'a>(
+        &self,
+        rack: &'a Rack,
+        medium: MediumKind,
+    ) -> Result<Option<(usize, &'a RackWire)>, RackError> {
+        let Some(at) = self.also_on else { return Ok(None) };
+        let other = rack.links.get(at).map(|link| &link.wire);
+        let other = other.filter(|wire| wire.medium() != medium);
+        let profile = self.profile.name;
+        other.map(|wire| Some((at, wire))).ok_or(RackError::NoSecondLink { profile })
+    }
+
+    fn plug(
+        &self,
+        world: &mut World,
+        wire: WireId,
+        medium: MediumKind,
+        node: NodeId,
+    ) -> Result<(), RackError> {
+        let port = match medium {
+            MediumKind::Serial => SERIAL_PORT,
+            MediumKind::Can => CAN_PORT,
+        };
+        let fits = world.look(node, |node, _| match medium {
+            MediumKind::Serial => node.stream(port).is_some(),
+            MediumKind::Can => node.can(port).is_some(),
+        });
+        if !fits {
+            return Err(RackError::Wire { profile: self.profile.name, medium });
+        }
+        world.plug_drive(wire, node, port);
+        Ok(())
     }
 }
 

@@ -18,7 +18,7 @@
 
 use std::collections::VecDeque;
 
-use polepair_core::medium::{CanLine, Frame, STREAM_UNIT_MAX, SerialLine};
+use polepair_core::medium::{CanLine, Frame, MediumKind, STREAM_UNIT_MAX, SerialLine};
 use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
@@ -183,6 +183,15 @@ impl World {
     pub fn can(&mut self, line: CanLine) -> WireId {
         self.wires.push(Wire { plugs: Vec::new(), kind: Kind::Can(CanBus::new(line)) });
         WireId(self.wires.len() - 1)
+    }
+
+    /// What a wire carries.
+    #[must_use]
+    pub fn medium(&self, wire: WireId) -> MediumKind {
+        match self.wires[wire.0].kind {
+            Kind::Serial(_) => MediumKind::Serial,
+            Kind::Can(_) => MediumKind::Can,
+        }
     }
 
     /// Adds a node, on no wire yet.

@@ -8,7 +8,7 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::drives::{self, bench::Truth};
 use polepair_core::error::Outcome;
 use polepair_core::explain::{Context, Cut, Direction, Dissector, Field, Sink};
-use polepair_core::medium::STREAM_UNIT_MAX;
+use polepair_core::medium::{MediumKind, STREAM_UNIT_MAX};
 use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::proto::{self, HostOptions};
 use polepair_core::station::{AxisIndex, Ticket};
@@ -178,9 +178,8 @@ impl Alone {
 }
 
 fn lane(spoken: &Spoken, profile: &'static Profile) -> Alone {
-    let options =
-        HostOptions { baud: 0, reply_timeout_ms: None, gap_us: None, host: None, echo: false };
-    let node = host::lane(spoken.name, options, &[(profile, spoken.first_address)]);
+    let options = HostOptions::new(0);
+    let node = host::lane(spoken.name, spoken.medium, options, &[(profile, spoken.first_address)]);
     Alone { node: node.expect("in the registry"), now: Instant::ZERO, said: Vec::new() }
 }
 
@@ -249,7 +248,7 @@ fn replies(spoken: &Spoken, profile: &'static Profile, requests: &[Vec<u8>]) -> 
 /// Every protocol with every product that speaks it.
 fn pairs() -> Vec<(Spoken, &'static dyn Dissector, &'static Profile)> {
     let mut all = Vec::new();
-    for spoken in host::protocols().into_iter().filter(|p| p.baud > 0) {
+    for spoken in host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial) {
         let dissector = proto::dissector(spoken.name).expect("every host has a dissector");
         let products = drives::profiles().iter().filter(|p| p.protocol == spoken.profile);
         all.extend(products.map(|profile| (spoken, dissector, *profile)));

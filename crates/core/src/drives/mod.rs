@@ -4,18 +4,19 @@ pub mod bench;
 pub mod syntron_ts;
 pub mod tmcm17x;
 
-use crate::medium::Stream;
+use crate::medium::{Can, Stream};
 use crate::profile::Profile;
-use crate::station::Station;
+use crate::station::{Station, Timed};
 
 /// Settings of a simulated drive, as a rack file or a command line gives them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeviceOptions<'a> {
     /// Address on the wire; the factory's if `None`.
     pub address: Option<u32>,
-    /// The protocol word of the wire, where a family speaks several: `modbus-rtu`, `modbus-ascii`.
-    pub wire: &'a str,
-    /// The wire has no byte timing (pty, TCP): frames are told apart by length, not by silence.
+    /// The protocol words of the wires it is on, where a family speaks several: `modbus-rtu`, or
+    /// `tml` and `tmlcan` for one that relays between both.
+    pub wires: &'a [&'a str],
+    /// Its serial wire has no byte timing (pty, TCP): frames are told apart by length, not by silence.
     pub untimed: bool,
     /// Seed of whatever is random in the drive (sensor noise).
     pub seed: u64,
@@ -23,12 +24,24 @@ pub struct DeviceOptions<'a> {
     pub extra: &'a [(&'a str, &'a str)],
 }
 
+/// A simulated drive: one object, with as many ends as it has connectors.
+pub trait Device: Timed + bench::Bench + Send {
+    /// Its end of a serial wire.
+    fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
+        None
+    }
+    /// Its end of a CAN bus.
+    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+        None
+    }
+}
+
 /// One family: its products as profiles, and how one is simulated.
 pub trait Family {
     /// The word in profiles: `tmcm17x`.
     const NAME: &'static str;
     /// A simulated drive.
-    type Device: Station<Stream> + bench::Bench + Send + 'static;
+    type Device: Device + 'static;
     /// The products, the usual one first.
     fn profiles() -> &'static [&'static Profile];
     /// A drive as from the factory, powered.

@@ -16,26 +16,26 @@ use crate::station::Host;
 
 type Device = <Tmcm17x as Family>::Device;
 
-const OPTIONS: HostOptions =
-    HostOptions { baud: 250_000, reply_timeout_ms: None, gap_us: None, host: None, echo: false };
+const OPTIONS: HostOptions = HostOptions::new(250_000);
 
 fn lane(address: u32, host: u32) -> BoxedLane {
     let profile = Tmcm17x::profiles()[0];
     let driver: BoxedDriver<_, _> = Box::new(TmclCan::driver(profile, address));
     let options = HostOptions { host: Some(host), ..OPTIONS };
-    Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(TmclCan::host(&options), [driver]))
+    Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(TmclCan::host(&options, &[]), [driver]))
 }
 
 /// A module told, over its serial end, to use other identifiers.
 fn device(can_id: i32, reply_id: i32) -> Device {
-    let options = DeviceOptions { address: None, wire: "tmcl", untimed: true, seed: 1, extra: &[] };
+    let options =
+        DeviceOptions { address: None, wires: &["tmcl"], untimed: true, seed: 1, extra: &[] };
     let mut device = Tmcm17x::device(Tmcm17x::profiles()[0], &options).unwrap();
     for (parameter, value) in [(71, can_id), (70, reply_id)] {
         let text = std::format!("SGP {parameter}, 0, {value}");
         let driver = Tmcl::driver(Tmcm17x::profiles()[0], 1);
         let request = crate::axis::Driver::parse(&driver, &text).unwrap();
         let mut out = [0; 16];
-        let len = Tmcl::host(&OPTIONS).emit(&request, &mut out);
+        let len = Tmcl::host(&OPTIONS, &[1]).emit(&request, &mut out);
         let now = Instant::ZERO.plus_ms(100);
         Station::<crate::medium::Stream>::handle_input(&mut device, now, &out[..len]);
         let reply =
@@ -110,10 +110,12 @@ fn one_axis_turns_and_the_other_does_not() {
 #[test]
 fn lanes_that_cannot_share_a_wire_are_refused() {
     assert!(Mux::new([]).is_none());
-    let other = HostOptions { baud: 500_000, ..OPTIONS };
+    let other = HostOptions { bit_rate: 500_000, ..OPTIONS };
     let driver: BoxedDriver<_, _> = Box::new(TmclCan::driver(TmclCan::generic(), 3));
-    let other: BoxedLane =
-        Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(TmclCan::host(&other), [driver]));
+    let other: BoxedLane = Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(
+        TmclCan::host(&other, &[]),
+        [driver],
+    ));
     assert!(Mux::new([lane(0x11, 0x21), other]).is_none());
     let mux = Mux::new([lane(0x11, 0x21)]).unwrap();
     assert_eq!(mux.address(AxisIndex(1)), None);

@@ -23,13 +23,35 @@ pub fn dissector(name: &str) -> Option<&'static dyn Dissector> {
     dissectors().iter().copied().find(|d| d.name() == name)
 }
 
+/// Flag of an address that names groups of drives instead of one. The bits below are a mask: bit
+/// n - 1 is group number n. None set is everybody.
+pub const GROUP: u32 = 1 << 31;
+
+/// Which standard a serial line follows, for protocols that speak differently on each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wire {
+    /// Point to point, both ways at once.
+    Rs232,
+    /// Many drives on one pair, one speaker at a time.
+    Rs485,
+}
+
 /// Settings of a host that a connection string can give.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostOptions {
-    /// Baud rate; 0 on a wire without timing.
+    /// Baud rate of a serial line; 0 on a wire without timing.
     pub baud: u32,
+    /// Bit rate of a CAN bus; 0 where the link does not know it (UDP).
+    pub bit_rate: u32,
+    /// Which standard the serial line follows; the protocol's usual one if `None`.
+    pub wire: Option<Wire>,
     /// Time allowed for a reply, ms; the profile's if `None`.
     pub reply_timeout_ms: Option<u32>,
+    /// Time allowed for an acknowledgement where it is apart from the reply, ms; the protocol's
+    /// if `None`.
+    pub ack_timeout_ms: Option<u32>,
+    /// Wait for each step of bringing a line back into step, ms; the protocol's if `None`.
+    pub pause_ms: Option<u32>,
     /// Silence before a frame, µs; the protocol's standard if `None`.
     pub gap_us: Option<u32>,
     /// Host address; the protocol's default if `None`.
@@ -41,6 +63,22 @@ pub struct HostOptions {
 impl HostOptions {
     /// As [`gap_us`](Self::gap_us): 3.5 characters at the line's baud rate, whatever it is.
     pub const GAP_CHARACTERS: u32 = u32::MAX;
+
+    /// Everything as the protocol has it, on a wire of that baud or bit rate.
+    #[must_use]
+    pub const fn new(rate: u32) -> Self {
+        Self {
+            baud: rate,
+            bit_rate: rate,
+            wire: None,
+            reply_timeout_ms: None,
+            ack_timeout_ms: None,
+            pause_ms: None,
+            gap_us: None,
+            host: None,
+            echo: false,
+        }
+    }
 }
 
 /// How a protocol's commanding end is made.
@@ -49,7 +87,8 @@ pub trait Protocol {
     type Medium: Medium;
     /// Its host.
     type Host: Host<Self::Medium> + Send + 'static;
-    /// The word in connection strings: `tmcl`, `modbus-rtu`.
+    /// The word in connection strings: `tmcl`, `modbus-rtu`. Two protocols may share it that differ
+    /// in the medium.
     const NAME: &'static str;
     /// The word in profiles: `tmcl`, `modbus`.
     const PROFILE: &'static str;
@@ -62,11 +101,13 @@ pub trait Protocol {
     const HOST: Option<u32> = None;
     /// Every address that a drive can have.
     const EVERY_ADDRESS: core::ops::RangeInclusive<u32>;
-    /// The baud rate from the factory.
+    /// Groups of drives that an address can name by [`GROUP`]: numbers 1 to this.
+    const GROUPS: u8 = 0;
+    /// The baud or bit rate from the factory.
     const BAUD: u32;
-    /// The host.
-    fn host(options: &HostOptions) -> Self::Host;
-    /// The driver of one axis.
+    /// The host of these axes. Where one of them is a relay to the others, it is the first.
+    fn host(options: &HostOptions, axes: &[u32]) -> Self::Host;
+    /// The driver of one axis, or of those that an address with [`GROUP`] names.
     fn driver(
         profile: &'static Profile,
         address: u32,
@@ -75,6 +116,18 @@ pub trait Protocol {
         Answer = <Self::Host as Host<Self::Medium>>::Answer,
     > + Send
     + 'static;
+    /// Writes the one question that every drive on the wire answers, and returns its length; `None`
+    /// where each address must be asked by itself.
+    fn discover(options: &HostOptions, out: &mut <Self::Medium as Medium>::Out) -> Option<usize> {
+        let _ = (options, out);
+        None
+    }
+    /// The address of the drive that sent this unit, where the unit alone tells it: so a scan knows
+    /// who is there without asking, and who answered [`discover`](Self::discover).
+    fn sender(options: &HostOptions, unit: &<Self::Medium as Medium>::Unit) -> Option<u32> {
+        let _ = (options, unit);
+        None
+    }
 }
 
 /// Takes every protocol in turn.
@@ -86,6 +139,7 @@ pub trait Visitor {
 /// Shows every protocol with a host to `visitor`.
 pub fn visit(visitor: &mut impl Visitor) {
     visitor.protocol::<tmcl::Tmcl>();
+    visitor.protocol::<tmcl::TmclCan>();
     visitor.protocol::<modbus::Rtu>();
     visitor.protocol::<modbus::Ascii>();
 }

@@ -27,7 +27,7 @@ use crate::profile::text_of;
 use crate::registry;
 use polepair_core::drives::bench::Act;
 use polepair_sim::fault::Faults;
-use polepair_sim::rack::{RackDrive, RackLink};
+use polepair_sim::rack::{RackDrive, RackLink, RackWire};
 use polepair_sim::random::{Ppm, Random};
 use polepair_sim::serial_line::{Duplex, Serial};
 use std::path::Path;
@@ -121,7 +121,7 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
     };
     let serial = Serial { duplex, timed: baud > 0, echo, baud: asked };
     let wire = Wire { protocol: protocol.name, faults: faults(node)?, baud, names };
-    Ok((RackLink { name, serial, drives }, wire))
+    Ok((RackLink { name, wire: RackWire::Serial(serial), drives }, wire))
 }
 
 fn drive_of_table(

@@ -7,7 +7,7 @@ use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::{Instant, earliest};
 use polepair_sim::node::Node;
-use polepair_sim::rack::Rack;
+use polepair_sim::rack::{Rack, RackWire};
 use polepair_sim::world::{EndId, World};
 
 /// The drives of one link of a rack. Each hears the host, none hears another.
@@ -36,13 +36,7 @@ impl DriveLine {
             let unbuildable =
                 |error: polepair_sim::rack::RackError| Error::usage("E231", error.to_string(), "");
             let mut node = drive.device(true).map_err(unbuildable)?;
-            for &act in &drive.acts {
-                let done = node.bench().is_some_and(|bench| bench.act(Instant::ZERO, act));
-                if !done {
-                    let profile = drive.profile.name;
-                    return Err(unbuildable(polepair_sim::rack::RackError::Act { profile }));
-                }
-            }
+            drive.prepare(&mut *node, Instant::ZERO).map_err(unbuildable)?;
             nodes.push(node);
         }
         Ok(Self { nodes })
@@ -120,7 +114,9 @@ impl FaultyLine {
             Error::usage("E212", format!("the rack has no link {link}"), "links count from 0")
         })?;
         let mut spec = spec.clone();
-        spec.serial.timed = false;
+        if let RackWire::Serial(serial) = &mut spec.wire {
+            serial.timed = false;
+        }
         let mut world = World::new(seed.wrapping_add(link as u64));
         let built = Rack { links: vec![spec] }.build(&mut world);
         let built = built.map_err(|error| Error::usage("E231", error.to_string(), ""))?;

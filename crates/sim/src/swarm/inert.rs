@@ -104,7 +104,12 @@ impl Desk {
         spec.address = Some(spoken.first_address);
         let drive = spec.build(&mut world, wire, false).ok()?;
         let options = host_options(spoken, false);
-        let host = world.add(host::lane(spoken.name, options, &[(profile, spoken.first_address)])?);
+        let host = world.add(host::lane(
+            spoken.name,
+            spoken.medium,
+            options,
+            &[(profile, spoken.first_address)],
+        )?);
         world.plug_host(wire, host, 0);
         world.run_until(world.now().plus_ms(2_000));
         Some(Self { world, host, drive })
@@ -144,5 +149,5 @@ impl Desk {
 /// How a swarm's hosts are set.
 pub fn host_options(spoken: &Spoken, echo: bool) -> HostOptions {
     let line = SerialLine::n81(spoken.baud);
-    HostOptions { baud: line.baud, reply_timeout_ms: None, gap_us: None, host: None, echo }
+    HostOptions { echo, ..HostOptions::new(line.baud) }
 }

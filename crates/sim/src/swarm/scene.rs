@@ -2,6 +2,7 @@
 
 use polepair_core::drives;
 use polepair_core::drives::bench::Act;
+use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
@@ -60,7 +61,8 @@ impl Scene {
         let report = Report { seed, ..Report::default() };
         let calamities = Vec::new();
         let mut scene = Self { world, clients: Vec::new(), calamities, calm_at, report };
-        let spoken: Vec<_> = host::protocols().into_iter().filter(|p| p.baud > 0).collect();
+        let spoken: Vec<_> =
+            host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial).collect();
         for _ in 0..random.between(1, LINKS_MAX) {
             if !spoken.is_empty() {
                 let protocol = random.pick(&spoken);
@@ -217,7 +219,9 @@ impl Scene {
             axes.push(Axis::new(index, drive, profile, inert(spoken, profile)));
             served.push((profile, address));
         }
-        let Some(lane) = host::lane(spoken.name, host_options(spoken, echo), &served) else {
+        let Some(lane) =
+            host::lane(spoken.name, spoken.medium, host_options(spoken, echo), &served)
+        else {
             return;
         };
         let host = self.world.add(lane);

@@ -5,6 +5,7 @@ use super::drive::{Drive, Refusal, numbers};
 use super::options::Options;
 use super::panel::Key;
 use super::registers::{DN_BASE, fns};
+use crate::drives;
 use crate::drives::bench::{Act, Bench, Truth};
 use crate::medium::{SerialLine, Stream};
 use crate::profile::Profile;
@@ -66,6 +67,12 @@ impl Timed for Device {
 
     fn poll_timeout(&self) -> Option<Instant> {
         earliest(self.end.poll_timeout(), self.modbus.drive.due())
+    }
+}
+
+impl drives::Device for Device {
+    fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
+        Some(self)
     }
 }
 

@@ -58,7 +58,7 @@ impl Options {
             gap_ms: if options.untimed { 0 } else { 10 },
             untimed: options.untimed,
             address: u8::try_from(address).ok().filter(|a| *a < 128).ok_or("address")?,
-            ascii: options.wire == "modbus-ascii",
+            ascii: options.wires.contains(&"modbus-ascii"),
             lines: Lines {
                 purposes: PURPOSES,
                 driven: [false; 8],

@@ -25,7 +25,7 @@ mod wire;
 type Device = <SyntronTs as Family>::Device;
 
 const OPTIONS: DeviceOptions<'static> =
-    DeviceOptions { address: None, wire: "modbus-rtu", untimed: true, seed: 1, extra: &[] };
+    DeviceOptions { address: None, wires: &["modbus-rtu"], untimed: true, seed: 1, extra: &[] };
 
 /// A drive on a test's desk.
 struct Desk {

@@ -4,7 +4,7 @@ use super::flags;
 use super::module::Module;
 use super::profile;
 use crate::drives::bench::{Act, Bench, Truth};
-use crate::drives::{DeviceOptions, Family};
+use crate::drives::{self, DeviceOptions, Family};
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::profile::Profile;
 use crate::proto::tmcl::device::{BadSum, CanEnd, Quirks, SerialEnd};
@@ -35,6 +35,7 @@ impl Family for Tmcm17x {
         }
         if let Some(address) = options.address {
             module.memory.deliver(66, i32::from(address as u8));
+            module.memory.deliver(71, i32::from(address as u16 & 0x7FF));
         }
         for (key, value) in options.extra {
             match (*key, *value) {
@@ -46,8 +47,11 @@ impl Family for Tmcm17x {
                 ("settings", "before-reply") => quirks.settings_before_reply = true,
                 ("settings", "after-reply") => quirks.settings_before_reply = false,
                 ("host", host) => {
-                    let host = host.parse::<u8>().map_err(|_| host)?;
-                    module.memory.deliver(76, i32::from(host));
+                    let host = host.parse::<u16>().ok().filter(|id| *id <= 0x7FF).ok_or(host)?;
+                    if host <= 0xFF {
+                        module.memory.deliver(76, i32::from(host));
+                    }
+                    module.memory.deliver(70, i32::from(host));
                 }
                 ("deaf-ms", ms) => quirks.deaf_after_foreign_ms = ms.parse().map_err(|_| ms)?,
                 ("power-on-hallerr", "0" | "1") => {
@@ -79,6 +83,16 @@ impl Device {
     fn new(module: Module, quirks: Quirks) -> Self {
         let (serial, can) = (SerialEnd::new(quirks, &module), CanEnd::new(quirks, &module));
         Self { module, serial, can }
+    }
+}
+
+impl drives::Device for Device {
+    fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
+        Some(self)
+    }
+
+    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+        Some(self)
     }
 }
 

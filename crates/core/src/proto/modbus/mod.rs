@@ -57,7 +57,7 @@ macro_rules! protocol {
                 &axis::GENERIC
             }
 
-            fn host(options: &HostOptions) -> Host {
+            fn host(options: &HostOptions, _axes: &[u32]) -> Host {
                 Host::new(wire::Format::$kind, options)
             }
 

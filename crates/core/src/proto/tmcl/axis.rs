@@ -5,14 +5,14 @@
 //! the vendor's host library does.
 
 use super::generic::GENERIC;
-use super::host::{CanHost, SerialHost};
+use super::host::{CanHost, SerialHost, sender};
 use super::opcode::Opcode;
 use super::session::{Answer, Ask};
 use super::text;
 use super::wire::Request;
 use crate::axis::Driver;
 use crate::error::{Failure, Unsupported};
-use crate::medium::{Can, Stream};
+use crate::medium::{Can, Frame, Stream};
 use crate::profile::{Parameter, Profile, Signal};
 use crate::proto::{HostOptions, Protocol};
 use crate::station::Class;
@@ -165,7 +165,7 @@ impl Protocol for Tmcl {
         &GENERIC
     }
 
-    fn host(options: &HostOptions) -> SerialHost {
+    fn host(options: &HostOptions, _axes: &[u32]) -> SerialHost {
         SerialHost::new(options)
     }
 
@@ -196,8 +196,12 @@ impl Protocol for TmclCan {
         &GENERIC
     }
 
-    fn host(options: &HostOptions) -> CanHost {
+    fn host(options: &HostOptions, _axes: &[u32]) -> CanHost {
         CanHost::new(options)
+    }
+
+    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+        sender(options, frame)
     }
 
     fn driver(

@@ -231,14 +231,13 @@ pub struct CanHost {
 }
 
 impl CanHost {
-    /// A host as `options` say: `host` is the CAN id of replies, `baud` the bit rate.
+    /// A host as `options` say: `host` is the CAN id of replies.
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
-        let host = options.host.and_then(|id| u16::try_from(id).ok()).filter(|id| *id <= 0x7FF);
-        let reply_id = host.unwrap_or(HOST.into());
+        let reply_id = reply_id(options);
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
         let session = Session::new(reply_id, timeout);
-        Self { session, reply_id, bit_rate: options.baud, eight: false }
+        Self { session, reply_id, bit_rate: options.bit_rate, eight: false }
     }
 
     /// Sends eight data bytes, the last one the serial checksum, as the vendor's library does.
@@ -322,6 +321,18 @@ impl CanHost {
     fn frame(&self, request: &Request) -> Frame {
         request.emit_can(request.address.into(), self.eight)
     }
+}
+
+fn reply_id(options: &HostOptions) -> u16 {
+    let host = options.host.and_then(|id| u16::try_from(id).ok()).filter(|id| *id <= 0x7FF);
+    host.unwrap_or(HOST.into())
+}
+
+/// The module that sent a reply, if the frame is one.
+pub(super) fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+    let to_host = frame.id == u32::from(reply_id(options)) && !frame.extended && !frame.remote;
+    let reply = Reply::parse_can(frame.bytes(), HOST).ok().filter(|_| to_host)?;
+    is_known(&reply).then_some(reply.module.into())
 }
 
 /// A status with a name: the shape of a reply.

@@ -22,9 +22,9 @@ struct Pair {
 
 impl Pair {
     fn new(profile: &'static Profile) -> Self {
-        let options =
-            HostOptions { baud: 0, reply_timeout_ms: None, gap_us: None, host: None, echo: false };
-        let mut lane = Lane::new(Rtu::host(&options), [Box::new(Rtu::driver(profile, 1)) as _]);
+        let options = HostOptions::new(0);
+        let mut lane =
+            Lane::new(Rtu::host(&options, &[1]), [Box::new(Rtu::driver(profile, 1)) as _]);
         lane.arm(AXIS, true);
         let mut desk = Desk::new();
         desk.device = SyntronTs::device(profile, &OPTIONS).unwrap();

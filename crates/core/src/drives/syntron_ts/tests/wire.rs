@@ -204,7 +204,7 @@ fn settings_can_act_at_once() {
 
 #[test]
 fn ascii_takes_twelve_words() {
-    let options = DeviceOptions { wire: "modbus-ascii", ..OPTIONS };
+    let options = DeviceOptions { wires: &["modbus-ascii"], ..OPTIONS };
     let mut desk = Desk::new();
     desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
     desk.ascii = true;

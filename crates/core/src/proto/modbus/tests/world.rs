@@ -15,8 +15,7 @@ use crate::proto::modbus::wire::{Exception, Format, Function, Space};
 use crate::station::{Class, Host as _, Station, Ticket, Timed, To};
 use crate::time::Instant;
 
-pub const UNTIMED: HostOptions =
-    HostOptions { baud: 0, reply_timeout_ms: Some(100), gap_us: None, host: None, echo: false };
+pub const UNTIMED: HostOptions = HostOptions { reply_timeout_ms: Some(100), ..HostOptions::new(0) };
 
 /// A register file that notes what was written.
 #[derive(Debug)]

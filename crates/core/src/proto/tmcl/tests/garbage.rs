@@ -37,7 +37,7 @@ fn frame(random: &mut Random, good: &[u8]) -> Vec<u8> {
 }
 
 fn options(baud: u32) -> HostOptions {
-    HostOptions { baud, reply_timeout_ms: Some(50), gap_us: None, host: None, echo: false }
+    HostOptions { reply_timeout_ms: Some(50), ..HostOptions::new(baud) }
 }
 
 #[test]

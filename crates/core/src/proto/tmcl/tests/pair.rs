@@ -124,8 +124,7 @@ pub struct Wire {
 impl Wire {
     pub fn new(baud: u32, quirks: Quirks) -> Self {
         let firmware = Bench::default();
-        let options =
-            HostOptions { baud, reply_timeout_ms: None, gap_us: None, host: None, echo: false };
+        let options = HostOptions::new(baud);
         Self {
             now: Instant(1_000_000_000),
             host: SerialHost::new(&options),
@@ -477,13 +476,7 @@ fn ascii_mode_on_the_wire() {
 
 #[test]
 fn the_same_module_on_can() {
-    let options = HostOptions {
-        baud: 250_000,
-        reply_timeout_ms: None,
-        gap_us: None,
-        host: None,
-        echo: false,
-    };
+    let options = HostOptions::new(250_000);
     for eight in [false, true] {
         let mut host = CanHost::new(&options);
         if eight {
