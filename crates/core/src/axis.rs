@@ -81,6 +81,18 @@ impl Verb {
         )
     }
 
+    /// Whether a caller can give it such an argument. All others are never there.
+    #[must_use]
+    pub const fn takes(self, argument: Argument) -> bool {
+        use Argument::{Acceleration, Target, Torque, Velocity};
+        match self {
+            Self::Velocity => matches!(argument, Velocity | Acceleration),
+            Self::Torque => matches!(argument, Torque),
+            Self::MoveTo | Self::MoveBy => matches!(argument, Target | Velocity | Acceleration),
+            _ => false,
+        }
+    }
+
     /// True for what takes motion out: it overtakes all else and ends what runs on the axis.
     #[must_use]
     pub const fn is_stop(self) -> bool {

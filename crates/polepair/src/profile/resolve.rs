@@ -4,7 +4,7 @@ use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftStep,
     DraftWatchdog, Named,
 };
-use super::read::encoding_range;
+use super::{read::encoding_range, step};
 use crate::file::{FileError, Place};
 use crate::words::{folded, hint};
 use polepair_core::plan::{Compare, Operand, Plan, STEPS_MAX, Step, Test};
@@ -224,6 +224,17 @@ impl<'a> Names<'a> {
         if plan.steps.len() + plan.undo.len() > STEPS_MAX {
             let reason = format!("`{}` has more than {STEPS_MAX} steps", plan.verb.name());
             return Err(plan.place.error(reason));
+        }
+        for step in plan.steps.iter().chain(&plan.undo) {
+            let (DraftStep::Write(_, operand, _) | DraftStep::Send { operand, .. }) = step else {
+                continue;
+            };
+            if let Operand::Argument(argument) | Operand::Given(argument) = *operand
+                && !plan.verb.takes(argument)
+            {
+                let (verb, word) = (plan.verb.name(), step::word(argument));
+                return Err(plan.place.error(format!("`{verb}` is never given a `{{{word}}}`")));
+            }
         }
         let steps = |drafts: &[DraftStep]| -> Result<&'static [Step], FileError> {
             Ok(drafts.iter().map(|step| self.step(step)).collect::<Result<Vec<_>, _>>()?.leak())

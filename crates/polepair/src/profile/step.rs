@@ -30,6 +30,11 @@ const ARGUMENTS: [(&str, Argument); 4] = [
     ("torque", Argument::Torque),
 ];
 
+/// How an argument is written.
+pub(crate) fn word(argument: Argument) -> &'static str {
+    ARGUMENTS.iter().find(|(_, a)| *a == argument).map_or("", |(word, _)| word)
+}
+
 /// Reads one step.
 pub(crate) fn parse(step: &Found<String>) -> Result<DraftStep, FileError> {
     // One further than the opening quote: steps hardly ever hold escapes, which would shift this.

@@ -68,7 +68,7 @@ source = "§4"
 steps = [
     "require status & 0x1 == 0 else Close the lid",
     "write Speed = {velocity}",
-    "write path 2 position = {target?}",
+    "write path 2 position = {acceleration?}",
     "until status within-magnitude 3 within 1.5 s",
 ]
 undo = ["write speed = 0"]
@@ -116,7 +116,7 @@ fn plans_and_signals_point_at_parameters() {
         [
             Step::Require { read: ParameterId(3), test: lid, hint: "Close the lid" },
             Step::Write(ParameterId(0), Operand::Argument(Argument::Velocity)),
-            Step::Write(ParameterId(5), Operand::Given(Argument::Target)),
+            Step::Write(ParameterId(5), Operand::Given(Argument::Acceleration)),
             Step::Until {
                 read: ParameterId(3),
                 test: Test { mask: -1, compare: Compare::Within, value: 3 },
@@ -163,6 +163,7 @@ fn mistakes_name_file_line_column_and_the_nearest_word() {
             "bad.toml:15:33: no parameter is called `gaer`; \
           did you mean `gear`?",
         ),
+        ("{acceleration?}", "{target?}", "`velocity` is never given a `{target}`"),
         ("max = 100", "max = 40000", "`max` is 40000; it must be -32768 to 32767"),
         ("min = -100", "min = 101", "`speed`: min 101 is greater than max 100"),
         ("max = 1\n", "max = 1\ndefault = 7\n", "`write to`: default 7 is not within 0 to 1"),
