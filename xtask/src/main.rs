@@ -3,6 +3,7 @@
 
 mod codegen;
 mod pages;
+mod picture;
 mod swarm;
 mod tidy;
 
@@ -13,6 +14,7 @@ const USAGE: &str = "\
 usage: cargo xtask COMMAND
   codegen [--check]   profiles/*.toml as Rust constants and drive pages, or what is stale
   tidy                the architecture's never-rules, checked
+  picture             a terminal's output on stdin as an SVG picture on stdout
   swarm [--seeds N] [--from S] [--jobs J]   seeded worlds with faults; 8000 seeds from 1 by default
   swarm --replay S                          one seed again, with everything that happens
   swarm --debug ...                         the same without a release build first";
@@ -24,6 +26,7 @@ fn main() -> ExitCode {
         ["codegen"] => codegen::run(&root(), false),
         ["codegen", "--check"] => codegen::run(&root(), true),
         ["tidy"] => tidy::run(&root()),
+        ["picture"] => picture::run(),
         ["swarm", "--debug", rest @ ..] => swarm::run(rest),
         ["swarm", rest @ ..] if cfg!(debug_assertions) => in_release(rest),
         ["swarm", rest @ ..] => swarm::run(rest),
