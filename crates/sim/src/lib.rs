@@ -6,7 +6,7 @@
 //! the same objects that stand at real ones.
 #![forbid(unsafe_code)]
 
-mod can_bus;
+pub mod can_bus;
 pub mod check;
 pub mod fault;
 pub mod host;

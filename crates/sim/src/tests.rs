@@ -1,18 +1,17 @@
 //! The world with tiny stations: a caller that asks and an answerer that repeats.
 
-use polepair_core::medium::{Can, CanLine, Frame, Parity, SerialLine, Stream};
+use polepair_core::medium::{Parity, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
 
-use crate::can_bus::bits_on_wire;
 use crate::fault::Faults;
-use crate::node::{Lone, LoneCan};
+use crate::node::Lone;
 use crate::random::{Ppm, Random};
 use crate::serial_line::Serial;
 use crate::sim_link::SimLink;
 use crate::swarm::{self, Report};
 use crate::uart;
-use crate::world::{Happening, World};
+use crate::world::World;
 
 /// Answers every run of bytes with the same bytes, each one more, after a millisecond.
 #[derive(Debug)]
@@ -237,68 +236,4 @@ fn a_seed_has_one_history() {
     for seed in [3, 8, 44] {
         assert_eq!(swarm::run(seed), swarm::run(seed));
     }
-}
-
-/// Sends its frames one by one and keeps what it hears.
-#[derive(Debug, Default)]
-struct CanTalker {
-    to_send: Vec<Frame>,
-    heard: Vec<(Instant, u32)>,
-    seen: std::sync::Arc<std::sync::Mutex<Vec<(Instant, u32)>>>,
-}
-
-impl Timed for CanTalker {
-    fn handle_timeout(&mut self, _: Instant) {}
-    fn poll_timeout(&self) -> Option<Instant> {
-        None
-    }
-}
-
-impl Station<Can> for CanTalker {
-    fn handle_input(&mut self, now: Instant, frame: &Frame) {
-        self.heard.push((now, frame.id));
-        self.seen.lock().expect("one thread").push((now, frame.id));
-    }
-    fn handle_line(&mut self, _: Instant, _: LineEvent) {}
-    fn poll_transmit(&mut self, _: Instant, out: &mut Frame) -> Option<usize> {
-        *out = self.to_send.pop()?;
-        Some(1)
-    }
-    fn line(&self) -> CanLine {
-        CanLine { bit_rate: 500_000 }
-    }
-}
-
-#[test]
-fn the_lowest_identifier_wins_the_bus() {
-    let mut world = World::new(1);
-    let bus = world.can(CanLine { bit_rate: 500_000 });
-    let listener = CanTalker::default();
-    let seen = listener.seen.clone();
-    let frames = [vec![0x300, 0x100], vec![0x200, 0x050]];
-    let talkers = frames.map(|ids| CanTalker {
-        to_send: ids.into_iter().map(|id| Frame::standard(id, &[1, 2])).collect(),
-        ..CanTalker::default()
-    });
-    for talker in talkers.into_iter().chain([listener]) {
-        let node = world.add(Box::new(LoneCan(talker)));
-        world.plug_drive(bus, node, 0);
-    }
-    let mut arrivals = 0;
-    while let Some(happened) = world.step() {
-        arrivals += u32::from(matches!(happened, Happening::Arrival(_)));
-    }
-    let ids: Vec<u32> = seen.lock().expect("one thread").iter().map(|(_, id)| *id).collect();
-    // The first talker finds the bus idle; then the lowest waiting identifier goes first.
-    assert_eq!((ids, arrivals), (vec![0x100, 0x050, 0x200, 0x300], 4));
-}
-
-#[test]
-fn a_can_frame_takes_its_bits() {
-    // 47 bits without data and without stuffing; 0x555 alternates, its CRC may stuff.
-    let bare = bits_on_wire(&Frame::standard(0x555, &[]));
-    assert!((47..=50).contains(&bare), "{bare}");
-    // Worst case of eight bytes: 135 bits; all-zero data comes near it.
-    let full = bits_on_wire(&Frame::standard(0, &[0; 8]));
-    assert!((125..=135).contains(&full), "{full}");
 }

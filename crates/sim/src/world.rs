@@ -16,9 +16,10 @@
 //! assert_eq!(world.now(), Instant::ZERO.plus_ms(10));
 //! ```
 
-use std::collections::VecDeque;
+mod can;
+mod outside;
 
-use polepair_core::medium::{CanLine, Frame, MediumKind, STREAM_UNIT_MAX, SerialLine};
+use polepair_core::medium::{CanLine, MediumKind, STREAM_UNIT_MAX, SerialLine};
 use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
@@ -28,6 +29,7 @@ use crate::node::Node;
 use crate::queue::Queue;
 use crate::random::{History, Random};
 use crate::serial_line::{Air, Ears, Label, Serial, SerialWire};
+use outside::Outside;
 
 /// Transmissions that one station may make in answer to one event.
 const TRANSMISSIONS_MAX: usize = 64;
@@ -35,8 +37,6 @@ const TRANSMISSIONS_MAX: usize = 64;
 const SAME_INSTANT_MAX: u32 = 1_000;
 /// How long such a node waits.
 const SPIN_PAUSE_NS: u64 = 1_000_000;
-/// Bytes that wait at an outside end; what comes beyond is dropped and counted.
-const INBOX_MAX: usize = 1 << 20;
 
 /// A node of a world.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -181,7 +181,10 @@ impl World {
 
     /// Adds a CAN bus.
     pub fn can(&mut self, line: CanLine) -> WireId {
-        self.wires.push(Wire { plugs: Vec::new(), kind: Kind::Can(CanBus::new(line)) });
+        self.wires.push(Wire {
+            plugs: Vec::new(),
+            kind: Kind::Can(CanBus::new(line, self.random.fork())),
+        });
         WireId(self.wires.len() - 1)
     }
 
@@ -341,10 +344,10 @@ impl World {
     /// Whether something waits at an outside end.
     #[must_use]
     pub fn has_mail(&self, end: EndId) -> bool {
-        !self.ends[end.0].arrivals.is_empty()
+        self.ends[end.0].has_mail()
     }
 
-    /// Bytes that were dropped because nobody took them from an outside end.
+    /// Bytes and frames that were dropped because nobody took them from an outside end.
     #[must_use]
     pub fn dropped(&self, end: EndId) -> u64 {
         self.ends[end.0].dropped
@@ -356,7 +359,9 @@ impl World {
 enum Due {
     Time(usize),
     Chunk(usize, Ears),
+    Start(usize),
     Frame(usize),
+    Recovery(usize, usize),
 }
 
 struct Slot {
@@ -380,51 +385,6 @@ enum Kind {
 enum Party {
     Node(usize, u8),
     Outside(usize),
-}
-
-struct Outside {
-    place: (usize, usize),
-    line: SerialLine,
-    arrivals: VecDeque<(Instant, usize)>,
-    bytes: VecDeque<u8>,
-    dropped: u64,
-}
-
-impl Default for Outside {
-    fn default() -> Self {
-        Self {
-            place: (0, 0),
-            line: SerialLine::n81(0),
-            arrivals: VecDeque::new(),
-            bytes: VecDeque::new(),
-            dropped: 0,
-        }
-    }
-}
-
-impl Outside {
-    fn put(&mut self, now: Instant, bytes: &[u8]) {
-        if bytes.is_empty() || self.bytes.len() + bytes.len() > INBOX_MAX {
-            self.dropped += bytes.len() as u64;
-            return;
-        }
-        self.bytes.extend(bytes);
-        match self.arrivals.back_mut() {
-            Some((at, len)) if *at == now => *len += bytes.len(),
-            _ => self.arrivals.push_back((now, bytes.len())),
-        }
-    }
-
-    fn take(&mut self, buffer: &mut [u8]) -> Option<(Instant, usize)> {
-        let (at, waiting) = self.arrivals.front_mut()?;
-        let (at, count) = (*at, buffer.len().min(*waiting));
-        *waiting -= count;
-        if *waiting == 0 {
-            self.arrivals.pop_front();
-        }
-        buffer.iter_mut().zip(self.bytes.drain(..count)).for_each(|(to, byte)| *to = byte);
-        Some((at, count))
-    }
 }
 
 impl World {
@@ -459,7 +419,9 @@ impl World {
         match due {
             Due::Time(node) => self.time_came(node),
             Due::Chunk(at, ears) => self.chunk_arrives(at, ears),
+            Due::Start(wire) => self.start_frame(wire),
             Due::Frame(wire) => self.frame_arrives(wire),
+            Due::Recovery(wire, plug) => self.recover(wire, plug),
         }
     }
 
@@ -534,52 +496,22 @@ impl World {
         self.drain(node);
     }
 
-    fn frame_arrives(&mut self, wire: usize) -> Happening {
-        let Kind::Can(bus) = &mut self.wires[wire].kind else { return Happening::Nothing };
-        let (ended, down) = (bus.finish(), bus.down);
-        if let Some((from, frame)) = ended {
-            self.history.note(u64::from(frame.id));
-            self.history.note_bytes(frame.bytes());
-            for to in 0..self.wires[wire].plugs.len() {
-                if let Party::Node(node, port) = self.wires[wire].plugs[to] {
-                    if to != from && !down {
-                        self.hand_frame(node, port, &frame);
-                    }
-                    self.drain(node);
-                }
-            }
-        }
-        self.start_frame(wire);
-        Happening::Arrival(WireId(wire))
-    }
-
-    fn hand_frame(&mut self, node: usize, port: u8, frame: &Frame) {
-        if let Some(station) = self.nodes[node].node.can(port) {
-            station.handle_input(self.now, frame);
-        }
-    }
-
-    fn start_frame(&mut self, wire: usize) {
-        let Kind::Can(bus) = &mut self.wires[wire].kind else { return };
-        if let Some(end) = bus.start(self.now) {
-            self.queue.push(end, Due::Frame(wire));
-        }
-    }
-
     fn tell(&mut self, wire: usize, event: LineEvent) {
-        for at in 0..self.wires[wire].plugs.len() {
-            let Party::Node(node, port) = self.wires[wire].plugs[at] else { continue };
-            let slot = &mut self.nodes[node].node;
-            match (&self.wires[wire].kind, self.now) {
-                (Kind::Serial(_), now) => {
-                    slot.stream(port).into_iter().for_each(|s| s.handle_line(now, event));
-                }
-                (Kind::Can(_), now) => {
-                    slot.can(port).into_iter().for_each(|s| s.handle_line(now, event));
-                }
-            }
-            self.drain(node);
+        for plug in 0..self.wires[wire].plugs.len() {
+            self.tell_one(wire, plug, event);
         }
+    }
+
+    fn tell_one(&mut self, wire: usize, plug: usize, event: LineEvent) {
+        let Party::Node(node, port) = self.wires[wire].plugs[plug] else { return };
+        let (slot, now) = (&mut self.nodes[node].node, self.now);
+        match &self.wires[wire].kind {
+            Kind::Serial(_) => {
+                slot.stream(port).into_iter().for_each(|s| s.handle_line(now, event))
+            }
+            Kind::Can(_) => slot.can(port).into_iter().for_each(|s| s.handle_line(now, event)),
+        }
+        self.drain(node);
     }
 
     /// Lets a node speak on all its wires, then notes when it next wants time.
@@ -603,19 +535,6 @@ impl World {
             self.transmit(place, line, &buffer[..len]);
         }
         self.buffer = buffer;
-    }
-
-    fn drain_can(&mut self, node: usize, port: u8, (wire, plug): (usize, usize)) {
-        let Kind::Can(bus) = &mut self.wires[wire].kind else { return };
-        let mut frame = Frame::default();
-        if !bus.has_room(plug) {
-            return;
-        }
-        let Some(station) = self.nodes[node].node.can(port) else { return };
-        if station.poll_transmit(self.now, &mut frame).is_some() {
-            bus.offer(plug, frame);
-            self.start_frame(wire);
-        }
     }
 
     fn transmit(&mut self, place: (usize, usize), line: SerialLine, bytes: &[u8]) {
