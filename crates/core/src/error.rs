@@ -44,6 +44,11 @@ pub enum WireError {
         /// The value found.
         found: u16,
     },
+    /// A CAN identifier that is not the protocol's, or has bits set that must be zero.
+    Identifier {
+        /// The identifier found.
+        found: u32,
+    },
 }
 
 impl core::fmt::Display for WireError {
@@ -59,6 +64,10 @@ impl core::fmt::Display for WireError {
             }
             Self::Unexpected { at, found } => write!(f, "byte {at}: unexpected {found:02X}"),
             Self::Count { at, found } => write!(f, "byte {at}: impossible count {found}"),
+            Self::Identifier { found } => {
+                let digits = if found > 0x7FF { 8 } else { 3 };
+                write!(f, "identifier {found:0digits$X}: not one of this protocol's")
+            }
         }
     }
 }

@@ -1,3 +1,7 @@
+//! What the wire carries, and how.
+
+mod codec;
+
 use super::wire::{IdCode, Instruction, low_first};
 
 #[test]

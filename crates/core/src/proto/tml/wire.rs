@@ -116,8 +116,27 @@ impl Instruction {
         Self { opcode, len: N as u8, data }
     }
 
+    /// As [`new`](Self::new), where words from `count` on are zero already.
+    #[inline]
+    pub(super) const fn from_padded(
+        opcode: u16,
+        data: [u16; DATA_WORDS_MAX],
+        count: usize,
+    ) -> Self {
+        debug_assert!(count <= DATA_WORDS_MAX);
+        Self { opcode, len: count as u8, data }
+    }
+
+    /// Four data words, zero beyond the last.
+    #[must_use]
+    #[inline]
+    pub const fn padded(&self) -> [u16; DATA_WORDS_MAX] {
+        self.data
+    }
+
     /// The data words.
     #[must_use]
+    #[inline]
     pub fn data(&self) -> &[u16] {
         &self.data[..usize::from(self.len)]
     }

@@ -1,0 +1,167 @@
+//! What each wire forbids, in sentences for the person who tried (TML communication manual, chapters
+//! 2 to 5). Hosts and encoders ask here before a byte is sent.
+
+use super::technocan;
+use super::wire::{IdCode, Message};
+use crate::error::Unsupported;
+
+/// A wire with its rules.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Wire {
+    /// RS-232 or Ethernet: one drive, which relays to the others on its CAN bus.
+    Rs232,
+    /// RS-485: many drives, one of whom may speak at a time.
+    Rs485,
+    /// CAN with 29-bit identifiers.
+    TmlCan,
+    /// CAN with 11-bit identifiers.
+    TechnoCan,
+}
+
+/// A rule that a message breaks.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Rule {
+    /// GiveMeData is for one axis.
+    GiveMeDataToGroup,
+    /// Nothing that is answered goes to a group on RS-485.
+    Rs485AnswersFromGroup,
+    /// On RS-485 no drive speaks unasked.
+    Rs485Unasked,
+    /// On RS-232 the host has its drive's axis ID.
+    Rs232HostId,
+    /// On RS-485 and CAN the host has an axis ID of its own.
+    OwnHostId,
+    /// TechnoCAN has no identifiers for multiples of 32.
+    TechnoCanAxis,
+    /// TechnoCAN has five groups.
+    TechnoCanGroups,
+    /// TechnoCAN has room for three data words.
+    TechnoCanWords,
+    /// No drive receives TakeData2 on TechnoCAN, so no relay passes it on.
+    TechnoCanRelay,
+    /// The instruction lacks data words that the wire needs.
+    Incomplete,
+}
+
+impl Rule {
+    /// The rule, and what to do instead.
+    #[must_use]
+    pub const fn sentence(self) -> &'static str {
+        match self {
+            Self::GiveMeDataToGroup => {
+                "GiveMeData is for one axis; ask a group with GiveMeData2 (??NAME)"
+            }
+            Self::Rs485AnswersFromGroup => {
+                "on RS-485 no request for data goes to a group: the answers would collide; ask \
+                 the axes one by one"
+            }
+            Self::Rs485Unasked => {
+                "on RS-485 no drive speaks unasked: leave SRL_MASK, SRH_MASK and MER_MASK at zero, \
+                 use no SEND, and poll instead"
+            }
+            Self::Rs232HostId => {
+                "on RS-232 the host ID equals the axis ID of the drive that is connected; leave \
+                 host= out, or name that drive first"
+            }
+            Self::OwnHostId => {
+                "on RS-485 and CAN the host needs an axis ID that no drive has; choose another host="
+            }
+            Self::TechnoCanAxis => {
+                "on TechnoCAN no axis ID is a multiple of 32; give the drive one from 1 to 31"
+            }
+            Self::TechnoCanGroups => "TechnoCAN has groups 1 to 5 only",
+            Self::TechnoCanWords => {
+                "on TechnoCAN an instruction has at most three data words, PVTP and TakeData \
+                 excepted; use a shorter form"
+            }
+            Self::TechnoCanRelay => {
+                "behind a TechnoCAN relay nothing comes from groups or unasked: no drive receives \
+                 TakeData2, so no relay passes it on; ask each axis with GiveMeData"
+            }
+            Self::Incomplete => "the instruction lacks data words",
+        }
+    }
+}
+
+impl From<Rule> for Unsupported {
+    fn from(rule: Rule) -> Self {
+        Self::Forbidden(rule.sentence())
+    }
+}
+
+impl Wire {
+    /// Whether the host's own ID has the host bit set: it shares its drive's axis ID.
+    #[must_use]
+    pub const fn shares_id(self) -> bool {
+        matches!(self, Self::Rs232)
+    }
+
+    /// The ID code by which drives answer to the host.
+    #[must_use]
+    pub const fn sender(self, host: u8) -> IdCode {
+        IdCode { group: false, id: host, host: self.shares_id() }
+    }
+
+    /// Whether a drive acknowledges a message to `to`. On RS-485 neither groups nor axis ID 0 \[I\]:
+    /// everybody would speak at once.
+    #[must_use]
+    pub const fn acknowledges(self, to: IdCode) -> bool {
+        match self {
+            Self::Rs232 => true,
+            Self::Rs485 => !to.group && to.id != 0,
+            Self::TmlCan | Self::TechnoCan => false,
+        }
+    }
+
+    /// Whether drives may speak unasked (SRL_MASK and its like, SEND).
+    ///
+    /// # Errors
+    /// [`Rule::Rs485Unasked`].
+    pub const fn unasked(self) -> Result<(), Rule> {
+        match self {
+            Self::Rs485 => Err(Rule::Rs485Unasked),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether a host of this ID can speak to a drive that is on the wire itself: the one connected
+    /// on RS-232, any on the others.
+    ///
+    /// # Errors
+    /// [`Rule::Rs232HostId`], [`Rule::OwnHostId`].
+    pub const fn host_id(self, host: u8, drive: u8) -> Result<(), Rule> {
+        match (self, host == drive) {
+            (Self::Rs232, false) => Err(Rule::Rs232HostId),
+            (Self::Rs485 | Self::TmlCan | Self::TechnoCan, true) => Err(Rule::OwnHostId),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether a message may be sent on this wire.
+    ///
+    /// # Errors
+    /// The rule that it breaks.
+    pub fn check(self, message: &Message) -> Result<(), Rule> {
+        let Message { to, instruction } = message;
+        let many = to.group || to.id == 0;
+        match instruction.opcode & 0xFE00 {
+            0xB000 if to.group => return Err(Rule::GiveMeDataToGroup),
+            _ if self == Self::Rs485 && many && is_request(instruction.opcode) => {
+                return Err(Rule::Rs485AnswersFromGroup);
+            }
+            _ => {}
+        }
+        match self {
+            Self::TechnoCan => technocan::encode(message).map(drop),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Whether an instruction of this opcode is answered with data (type B).
+#[must_use]
+pub const fn is_request(opcode: u16) -> bool {
+    matches!(opcode & 0xF800, 0xA000) // GetTMLData, 16 and 32 bits, both pages
+        || matches!(opcode & 0xFC00, 0xB000) // GiveMeData, GiveMeData2
+        || matches!(opcode, 0xD600 | 0xD801 | 0xDA10 | 0xDA50) // PING, GetVersion, checksums
+}

@@ -1,0 +1,72 @@
+//! TMLCAN: TML on CAN with 29-bit identifiers (TML communication manual, chapter 4).
+//!
+//! ```text
+//! bit  28 … 22         21  20 … 13  12 … 10  9  8 … 0
+//!      opcode 15 … 9   G   ID       0 0 0    H  opcode 8 … 0
+//! ```
+//! The data are the instruction's data words, low byte first. Nothing is added and nothing lost.
+
+use super::wire::{DATA_WORDS_MAX, IdCode, Instruction, Message};
+use crate::error::WireError;
+use crate::medium::Frame;
+
+/// Identifier bits that are zero in every message: 12 to 10, and what a 29-bit identifier lacks.
+const ZEROS: u32 = 0xE000_1C00;
+
+/// The frame that carries a message.
+#[must_use]
+#[inline]
+pub fn encode(message: &Message) -> Frame {
+    let Message { to, instruction } = message;
+    let opcode = u32::from(instruction.opcode);
+    let id = (opcode & 0xFE00) << 13
+        | u32::from(to.group) << 21
+        | u32::from(to.id) << 13
+        | u32::from(to.host) << 9
+        | opcode & 0x1FF;
+    let (data, len) = low_bytes_first(instruction);
+    Frame { id, extended: true, remote: false, len, data }
+}
+
+/// Reads the message that a frame carries.
+///
+/// # Errors
+/// [`WireError::Identifier`] for 11 bits, a remote request or bits that must be zero;
+/// [`WireError::Count`] for an odd number of data bytes.
+#[inline]
+pub fn decode(frame: &Frame) -> Result<Message, WireError> {
+    if !frame.extended || frame.remote || frame.id & ZEROS != 0 {
+        return Err(WireError::Identifier { found: frame.id });
+    }
+    let opcode = (frame.id >> 13 & 0xFE00 | frame.id & 0x1FF) as u16;
+    let to = IdCode {
+        group: frame.id >> 21 & 1 != 0,
+        id: (frame.id >> 13) as u8,
+        host: frame.id >> 9 & 1 != 0,
+    };
+    Ok(Message { to, instruction: words(opcode, frame.data, frame.len)? })
+}
+
+/// Data words as bytes of a frame, and how many.
+#[inline]
+pub(super) fn low_bytes_first(instruction: &Instruction) -> ([u8; 8], u8) {
+    (bytes_of(instruction.padded()), 2 * instruction.data().len() as u8)
+}
+
+/// An instruction whose data words are the first `len` bytes of a frame.
+#[inline]
+pub(super) fn words(opcode: u16, data: [u8; 8], len: u8) -> Result<Instruction, WireError> {
+    if !len.is_multiple_of(2) || len > 8 {
+        return Err(WireError::Count { at: 0, found: len.into() });
+    }
+    // Bytes behind the length are no data, whatever a driver left there.
+    let kept = u64::from_le_bytes(data) & !u64::MAX.checked_shl(u32::from(len) * 8).unwrap_or(0);
+    let words = [kept as u16, (kept >> 16) as u16, (kept >> 32) as u16, (kept >> 48) as u16];
+    Ok(Instruction::from_padded(opcode, words, usize::from(len / 2)))
+}
+
+#[inline]
+const fn bytes_of(words: [u16; DATA_WORDS_MAX]) -> [u8; 8] {
+    let [a, b, c, d] = words;
+    (a as u64 | (b as u64) << 16 | (c as u64) << 32 | (d as u64) << 48).to_le_bytes()
+}
