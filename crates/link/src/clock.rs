@@ -5,6 +5,10 @@ use std::time::{Duration, SystemTime};
 
 use polepair_core::time::Instant;
 
+/// A stamp older than this is not believed.
+#[cfg(target_os = "linux")]
+const STAMP_AGE_MAX_NS: u64 = 10_000_000_000;
+
 /// Nanoseconds of the monotonic clock since this process first asked. A stepped wall clock does
 /// not move it.
 #[must_use]
@@ -17,6 +21,16 @@ pub fn now() -> Instant {
 #[must_use]
 pub fn wall_ns(at: Instant) -> u64 {
     origin().wall_ns.saturating_add(at.0)
+}
+
+/// The instant of a wall time that the kernel has just stamped. Somebody may have set the clock
+/// since: what does not look fresh counts as of now.
+#[cfg(target_os = "linux")]
+pub(crate) fn of_stamp(wall_ns: u64) -> Instant {
+    let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    let age = nanoseconds(wall).0.saturating_sub(wall_ns);
+    let now = now();
+    if age > STAMP_AGE_MAX_NS { now } else { Instant(now.0.saturating_sub(age)) }
 }
 
 /// Sleeps until `at`; returns at once when it has passed.

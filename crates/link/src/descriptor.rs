@@ -44,11 +44,21 @@ impl Descriptor {
     }
 
     pub(crate) fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        self.receive_with(until, || self.read(buffer))
+    }
+
+    /// Waits as [`Link::receive`](crate::Link::receive) does. `read` takes what is there, `None`
+    /// when that is nothing, or nothing of interest.
+    pub(crate) fn receive_with(
+        &self,
+        until: Instant,
+        mut read: impl FnMut() -> Result<Option<Received>, LinkError>,
+    ) -> Result<Received, LinkError> {
         // A look in passing is not worth reading the clock for.
         let past = until == Instant::ZERO;
         let mut left = if past { Duration::ZERO } else { until.since(clock::now()) };
         if left.is_zero() {
-            return Ok(self.read(buffer)?.unwrap_or(Received::TimedOut));
+            return Ok(read()?.unwrap_or(Received::TimedOut));
         }
         loop {
             let (ready, woken) = match self.wait(until, left) {
@@ -57,7 +67,7 @@ impl Descriptor {
                 Err(errno) => return Err(self.error(errno)),
             };
             if !ready.is_empty() {
-                if let Some(received) = self.read(buffer)? {
+                if let Some(received) = read()? {
                     return Ok(received);
                 }
                 // Hung up, and nothing to read: without this the loop would spin.

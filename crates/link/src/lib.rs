@@ -28,19 +28,25 @@ pub mod connection;
 #[cfg(unix)]
 mod descriptor;
 pub mod error;
+mod hex;
 pub mod link;
 pub mod ports;
 #[cfg(unix)]
 pub mod pty;
 pub mod serial;
 pub mod serve;
+pub mod slcan;
+#[cfg(target_os = "linux")]
+mod sys;
 pub mod tap;
 pub mod tcp;
+#[cfg(unix)]
+pub mod udp;
 pub mod wake;
 
 pub use connection::{AnyLane, Connection, Interrupter, Pending, Waited};
 pub use error::{Cause, LinkError};
-pub use link::{Link, Received};
+pub use link::{Link, Losses, Received};
 pub use ports::{Port, ports};
 pub use serve::{Served, Stop, Wire, serve};
 pub use tap::{Direction, Tap, Tapped};

@@ -40,6 +40,11 @@ pub trait Link<M: Medium>: Send + Sync {
     /// For people: `/dev/ttyUSB0`, `10.0.0.5:4001`.
     fn describe(&self) -> String;
 
+    /// What was noticed and could not be handed on, since the link was opened.
+    fn losses(&self) -> Losses {
+        Losses::default()
+    }
+
     /// Opens the same thing again, by its stable name, after it was lost.
     ///
     /// # Errors
@@ -70,4 +75,17 @@ pub enum Received {
     TimedOut,
     /// A [`Waker`] was used.
     Woken,
+}
+
+/// What a link noticed and could not hand on. A gap in the evidence is never a silent loss.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Losses {
+    /// Units that the system or the adapter threw away because nobody took them in time.
+    pub overrun: u64,
+    /// What arrived and was no unit of this medium: damaged, or of a kind not spoken here.
+    pub malformed: u64,
+    /// Errors on the wire that the CAN controller reported.
+    pub errors: u64,
+    /// Units that the adapter would not send.
+    pub refused: u64,
 }

@@ -1,0 +1,53 @@
+//! Hexadecimal digits, as the ASCII dialects of CAN write them.
+
+/// The digit of `nibble`, upper case.
+pub(crate) const fn digit(nibble: u32) -> u8 {
+    b"0123456789ABCDEF"[(nibble & 0xF) as usize]
+}
+
+/// The value of one digit.
+pub(crate) const fn value(digit: u8) -> Option<u8> {
+    match digit {
+        b'0'..=b'9' => Some(digit - b'0'),
+        b'a'..=b'f' => Some(digit - b'a' + 10),
+        b'A'..=b'F' => Some(digit - b'A' + 10),
+        _ => None,
+    }
+}
+
+/// The value of 1 to 8 digits.
+pub(crate) fn number(digits: &[u8]) -> Option<u32> {
+    if digits.is_empty() || digits.len() > 8 {
+        return None;
+    }
+    digits.iter().try_fold(0, |sum, &d| Some(sum << 4 | u32::from(value(d)?)))
+}
+
+/// A line under construction; what does not fit is cut, which no caller lets happen.
+#[derive(Debug)]
+pub(crate) struct Text<'a> {
+    pub(crate) out: &'a mut [u8],
+    pub(crate) len: usize,
+}
+
+impl<'a> Text<'a> {
+    pub(crate) fn new(out: &'a mut [u8]) -> Self {
+        Self { out, len: 0 }
+    }
+
+    pub(crate) fn byte(&mut self, byte: u8) {
+        if let Some(place) = self.out.get_mut(self.len) {
+            *place = byte;
+            self.len += 1;
+        }
+    }
+
+    pub(crate) fn bytes(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.byte(byte));
+    }
+
+    /// `value` in so many digits.
+    pub(crate) fn number(&mut self, value: u32, digits: u32) {
+        (0..digits).rev().for_each(|n| self.byte(digit(value >> (4 * n))));
+    }
+}

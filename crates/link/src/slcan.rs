@@ -1,0 +1,325 @@
+//! Serial CAN adapters that speak Lawicel's ASCII language (CANUSB, CANable, USBtin and many
+//! others), on serial ports, pseudo-terminals and TCP.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
+use polepair_core::station::LineEvent;
+use polepair_core::time::Instant;
+
+use crate::error::{Cause, LinkError};
+use crate::link::{Link, Losses, Received};
+use crate::tcp::TcpLink;
+use crate::wake::Waker;
+
+pub mod codec;
+#[cfg(test)]
+mod tests;
+
+use codec::{Answer, End, LINE_MAX, Lines, State};
+
+/// How long an adapter may take to answer a command; some never do.
+const ANSWER_MS: u32 = 150;
+/// Baud rate of adapters with a real serial line; those on USB take any.
+pub const BAUD: u32 = 115_200;
+
+/// A CAN bus behind a serial adapter, from the computer's end.
+pub struct SlcanLink {
+    inner: Box<dyn Link<Stream>>,
+    line: Mutex<CanLine>,
+    unread: Mutex<Unread>,
+    /// The link is lost: nobody is left to be told that we go.
+    lost: AtomicBool,
+    malformed: AtomicU64,
+    errors: AtomicU64,
+    refused: AtomicU64,
+}
+
+/// Bytes read and not yet looked at, and the line that they are part of.
+struct Unread {
+    bytes: <Stream as Medium>::Buffer,
+    from: usize,
+    to: usize,
+    at: Instant,
+    lines: Lines,
+    bus_off: bool,
+}
+
+/// Opens the adapter on a serial port or pseudo-terminal. `baud` is that of the port, [`BAUD`]
+/// unless the adapter needs another; `line` that of the bus, 0 to leave the adapter's.
+///
+/// # Errors
+/// As [`serial::open`](crate::serial::open) and [`SlcanLink::open`].
+pub fn open_serial(path: &str, baud: u32, line: CanLine) -> Result<SlcanLink, LinkError> {
+    SlcanLink::open(Box::new(crate::serial::open(path, SerialLine::n81(baud))?), line)
+}
+
+/// Opens the adapter behind `address` (`10.0.0.5:4001`).
+///
+/// # Errors
+/// As [`TcpLink::connect`] and [`SlcanLink::open`].
+pub fn open_tcp(address: &str, line: CanLine) -> Result<SlcanLink, LinkError> {
+    SlcanLink::open(Box::new(TcpLink::connect(address)?), line)
+}
+
+impl SlcanLink {
+    /// Sets up the adapter behind `inner` and goes on the bus.
+    ///
+    /// # Errors
+    /// [`Cause::Unsuitable`] when the adapter cannot do the bit rate, [`Cause::Refused`] when it
+    /// does not open the bus, else as `inner`.
+    pub fn open(inner: Box<dyn Link<Stream>>, line: CanLine) -> Result<Self, LinkError> {
+        let link = Self {
+            line: line.into(),
+            unread: Mutex::new(Unread {
+                bytes: Stream::buffer(),
+                from: 0,
+                to: 0,
+                at: inner.now(),
+                lines: Lines::default(),
+                bus_off: false,
+            }),
+            inner,
+            lost: AtomicBool::new(false),
+            malformed: AtomicU64::new(0),
+            errors: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
+        };
+        link.begin(line)?;
+        Ok(link)
+    }
+
+    /// Closes the channel if an earlier program left it open, sets the bit rate and opens it.
+    fn begin(&self, line: CanLine) -> Result<(), LinkError> {
+        let name = self.inner.describe();
+        let mut text = [0; LINE_MAX];
+        let rate = rate_command(line, &name, &mut text)?;
+        // Twice: the first refusal may be a late answer to what was asked before.
+        let mut refused = self.set_up(rate)?;
+        if refused.is_some() {
+            refused = self.set_up(rate)?;
+        }
+        match refused {
+            None => Ok(()),
+            Some(Step::BitRate) => {
+                let rate = line.bit_rate;
+                let hint = format!("The adapter refuses {rate} bit/s; choose one that it can do.");
+                Err(LinkError::new(&name, Cause::Unsuitable).hinting(&hint))
+            }
+            Some(Step::Open) => {
+                let hint = "The adapter does not go on the bus: switch it off and on, and check \
+                            that it speaks slcan (Lawicel's ASCII commands).";
+                Err(LinkError::new(&name, Cause::Refused).hinting(hint))
+            }
+        }
+    }
+
+    /// Tells what the adapter refused.
+    fn set_up(&self, rate: Option<&[u8]>) -> Result<Option<Step>, LinkError> {
+        // An adapter may refuse to close what is not open.
+        self.command(b"\rC\r")?;
+        if let Some(rate) = rate
+            && self.command(rate)? == Some(false)
+        {
+            return Ok(Some(Step::BitRate));
+        }
+        Ok((self.command(b"O\r")? == Some(false)).then_some(Step::Open))
+    }
+
+    /// Sends a command; true when it was done, false when refused, `None` when nothing was said.
+    fn command(&self, command: &[u8]) -> Result<Option<bool>, LinkError> {
+        // Each carriage return is answered, by most adapters.
+        let mut answers = command.iter().filter(|&&byte| byte == b'\r').count();
+        self.inner.send(command)?;
+        let until = self.inner.now().plus_ms(ANSWER_MS);
+        let mut unread = self.unread();
+        let mut done = None;
+        while answers > 0 {
+            match unread.end() {
+                None if !unread.fill(&*self.inner, until)? => break,
+                Some(End::Bell) => done = Some(false),
+                Some(End::Line) if unread.lines.line().is_empty() => done = Some(true),
+                // Frames of before, and what a terminal server greets with.
+                _ => continue,
+            }
+            answers -= 1;
+        }
+        Ok(done)
+    }
+
+    fn unread(&self) -> MutexGuard<'_, Unread> {
+        self.unread.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The next thing of interest among the bytes that were read.
+    fn next(&self, unread: &mut Unread, frame: &mut Frame) -> Option<Received> {
+        loop {
+            let at = unread.at;
+            let answer = match unread.end()? {
+                End::Line => Answer::of(unread.lines.line()),
+                End::Bell => {
+                    self.refused.fetch_add(1, Ordering::Relaxed);
+                    continue;
+                }
+                End::Spoilt => Answer::Unknown,
+            };
+            match answer {
+                Answer::Frame(arrived) => {
+                    *frame = arrived;
+                    return Some(Received::Bytes { len: 1, at });
+                }
+                Answer::State(state) => {
+                    if let Some(event) = unread.change(state) {
+                        return Some(Received::Line { event, at });
+                    }
+                }
+                Answer::Trouble => drop(self.errors.fetch_add(1, Ordering::Relaxed)),
+                Answer::Unknown => drop(self.malformed.fetch_add(1, Ordering::Relaxed)),
+                Answer::Done | Answer::Told => {}
+            }
+        }
+    }
+
+    fn judged<T>(&self, result: Result<T, LinkError>) -> Result<T, LinkError> {
+        if result.as_ref().is_err_and(LinkError::is_gone) {
+            self.lost.store(true, Ordering::Relaxed);
+        }
+        result
+    }
+}
+
+/// What an adapter can refuse on the way to the bus.
+#[derive(Clone, Copy)]
+enum Step {
+    BitRate,
+    Open,
+}
+
+/// The command for a bit rate; `None` to leave the adapter's.
+fn rate_command<'a>(
+    line: CanLine,
+    name: &str,
+    text: &'a mut [u8; LINE_MAX],
+) -> Result<Option<&'a [u8]>, LinkError> {
+    if line.bit_rate == 0 {
+        return Ok(None);
+    }
+    match codec::write_bit_rate(line.bit_rate, text) {
+        Some(len) => Ok(Some(&text[..len])),
+        None => {
+            let hint = "Serial CAN adapters do 10, 20, 50, 100, 125, 250, 500, 800 and 1000 \
+                        kbit/s, and what divides 8 MHz by 8 to 1600.";
+            Err(LinkError::new(name, Cause::Unsuitable).hinting(hint))
+        }
+    }
+}
+
+impl Unread {
+    /// What the next bytes that were read end, if anything.
+    fn end(&mut self) -> Option<End> {
+        while self.from < self.to {
+            let byte = self.bytes[self.from];
+            self.from += 1;
+            if let Some(end) = self.lines.push(byte) {
+                return Some(end);
+            }
+        }
+        None
+    }
+
+    /// Reads more; false when nothing came.
+    fn fill(&mut self, inner: &dyn Link<Stream>, until: Instant) -> Result<bool, LinkError> {
+        Ok(matches!(self.receive(inner, until)?, Received::Bytes { .. }))
+    }
+
+    fn receive(&mut self, inner: &dyn Link<Stream>, until: Instant) -> Result<Received, LinkError> {
+        let received = inner.receive(&mut self.bytes, until)?;
+        if let Received::Bytes { len, at } = received {
+            (self.from, self.to, self.at) = (0, len, at);
+        }
+        Ok(received)
+    }
+
+    /// What a controller's new state means to the bus's users, if anything.
+    fn change(&mut self, state: State) -> Option<LineEvent> {
+        let off = state == State::BusOff;
+        let changed = std::mem::replace(&mut self.bus_off, off) != off;
+        changed.then_some(if off { LineEvent::BusOff } else { LineEvent::Up })
+    }
+}
+
+impl std::fmt::Debug for SlcanLink {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("SlcanLink").field(&self.inner.describe()).finish()
+    }
+}
+
+impl Drop for SlcanLink {
+    fn drop(&mut self) {
+        if !self.lost.load(Ordering::Relaxed) {
+            // Otherwise the adapter goes on writing to whoever opens the port next.
+            let _ = self.inner.send(b"C\r");
+        }
+    }
+}
+
+impl Link<Can> for SlcanLink {
+    fn now(&self) -> Instant {
+        self.inner.now()
+    }
+
+    fn send(&self, frame: &Frame) -> Result<(), LinkError> {
+        let mut text = [0; LINE_MAX];
+        let len = codec::write_frame(frame, None, &mut text);
+        self.judged(self.inner.send(&text[..len]))
+    }
+
+    fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
+        let mut unread = self.unread();
+        loop {
+            if let Some(received) = self.next(&mut unread, frame) {
+                return Ok(received);
+            }
+            match self.judged(unread.receive(&*self.inner, until))? {
+                Received::Bytes { .. } => {}
+                other => return Ok(other),
+            }
+        }
+    }
+
+    fn set_line(&self, line: CanLine) -> Result<(), LinkError> {
+        let mut set = self.line.lock().unwrap_or_else(PoisonError::into_inner);
+        if *set == line {
+            return Ok(());
+        }
+        let (name, mut text) = (self.inner.describe(), [0; LINE_MAX]);
+        let Some(rate) = rate_command(line, &name, &mut text)? else { return Ok(()) };
+        // Another thread may be reading: a refusal is counted, not waited for.
+        [b"C\r", rate, b"O\r"].iter().try_for_each(|word| self.inner.send(word))?;
+        *set = line;
+        Ok(())
+    }
+
+    fn waker(&self) -> Waker {
+        self.inner.waker()
+    }
+
+    fn describe(&self) -> String {
+        self.inner.describe()
+    }
+
+    fn losses(&self) -> Losses {
+        Losses {
+            malformed: self.malformed.load(Ordering::Relaxed),
+            errors: self.errors.load(Ordering::Relaxed),
+            refused: self.refused.load(Ordering::Relaxed),
+            ..self.inner.losses()
+        }
+    }
+
+    fn reopen(&self) -> Result<Box<dyn Link<Can>>, LinkError> {
+        let line = *self.line.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(Box::new(Self::open(self.inner.reopen()?, line)?))
+    }
+}

@@ -1,0 +1,183 @@
+use std::sync::Arc;
+use std::thread;
+
+use polepair_core::medium::{CanLine, Frame, Medium, SerialLine, Stream};
+use polepair_core::station::LineEvent;
+
+use super::codec::{Answer, End, LINE_MAX, Lines, State, parse_bit_rate, parse_frame};
+use super::*;
+use crate::clock;
+use crate::pty::Pty;
+
+const LINE: CanLine = CanLine { bit_rate: 500_000 };
+
+fn extended(id: u32, data: &[u8]) -> Frame {
+    Frame { id, extended: true, ..Frame::standard(0, data) }
+}
+
+fn written(frame: &Frame, stamp: Option<u16>) -> String {
+    let mut out = [0; LINE_MAX];
+    let len = codec::write_frame(frame, stamp, &mut out);
+    String::from_utf8(out[..len].to_vec()).unwrap()
+}
+
+/// Lawicel CAN232 manual, commands t, T, r, R, and the traffic of the kernel's slcan driver.
+#[test]
+fn frames_are_written_and_read_as_the_manual_prints_them() {
+    let full = [1, 2, 3, 4, 5, 6, 7, 0x88];
+    let remote = |id, extended, len| Frame { id, extended, remote: true, len, data: [0; 8] };
+    let cases = [
+        (Frame::standard(0x100, &[0x11, 0x33]), None, "t10021133\r"),
+        (Frame::standard(0x7FF, &[]), None, "t7FF0\r"),
+        (extended(0x1F33_4455, &full), None, "T1F33445580102030405060788\r"),
+        (extended(1, &full), Some(59_999), "T0000000180102030405060788EA5F\r"),
+        (remote(0x123, false, 2), None, "r1232\r"),
+        (remote(0x1ABC, true, 8), Some(7), "R00001ABC80007\r"),
+    ];
+    for (frame, stamp, text) in cases {
+        assert_eq!(written(&frame, stamp), text);
+        assert_eq!(parse_frame(&text.as_bytes()[..text.len() - 1]), Some((frame, stamp)));
+    }
+    let wrong = ["", "t", "t8000", "t1239", "t12311", "t1231223", "T200000000", "r123211", "x1230"];
+    for wrong in wrong {
+        assert_eq!(parse_frame(wrong.as_bytes()), None, "{wrong}");
+    }
+}
+
+#[test]
+fn bit_rates_are_the_manuals_or_exact_registers() {
+    let command = |rate| {
+        let mut out = [0; LINE_MAX];
+        let len = codec::write_bit_rate(rate, &mut out)?;
+        Some(String::from_utf8(out[..len - 1].to_vec()).unwrap())
+    };
+    assert_eq!(command(10_000).as_deref(), Some("S0"));
+    assert_eq!(command(500_000).as_deref(), Some("S6"));
+    assert_eq!(command(1_000_000).as_deref(), Some("S8"));
+    assert_eq!(command(333_333), None);
+    assert_eq!(command(0), None);
+    for rate in [5_000, 40_000, 80_000, 160_000, 200_000, 400_000] {
+        let command = command(rate).unwrap();
+        assert!(command.starts_with('s'), "{command}");
+        assert_eq!(parse_bit_rate(command.as_bytes()), Some(rate), "{command}");
+    }
+    // CAN232 manual, command s.
+    assert_eq!(parse_bit_rate(b"s031C"), Some(125_000));
+    assert_eq!(parse_bit_rate(b"S9"), None);
+    assert_eq!(parse_bit_rate(b"sw100005"), None);
+}
+
+#[test]
+fn states_are_read_in_the_kernels_dialect() {
+    for (text, answer) in [
+        ("sa000000", Answer::State(State::Active)),
+        ("sw100005", Answer::State(State::Warning)),
+        ("sp130020", Answer::State(State::Passive)),
+        ("sb255255", Answer::State(State::BusOff)),
+        ("sw10005", Answer::Unknown),
+        ("e1a", Answer::Trouble),
+        ("e2as", Answer::Trouble),
+        ("e2a", Answer::Unknown),
+        ("F04", Answer::Told),
+        ("V1013", Answer::Told),
+        ("Z", Answer::Done),
+        ("hello", Answer::Unknown),
+    ] {
+        assert_eq!(Answer::of(text.as_bytes()), answer, "{text}");
+    }
+}
+
+fn frames_in(bytes: &[u8]) -> (Vec<u32>, u32) {
+    let (mut lines, mut ids, mut spoilt) = (Lines::default(), Vec::new(), 0);
+    for &byte in bytes {
+        match lines.push(byte) {
+            Some(End::Line) => match Answer::of(lines.line()) {
+                Answer::Frame(frame) => ids.push(frame.id),
+                Answer::Unknown => spoilt += 1,
+                _ => {}
+            },
+            Some(End::Spoilt) => spoilt += 1,
+            Some(End::Bell) | None => {}
+        }
+    }
+    (ids, spoilt)
+}
+
+#[test]
+fn junk_costs_the_line_it_stands_in() {
+    assert_eq!(frames_in(b"t1110\rt\xFF220\rt3330\r"), (vec![0x111, 0x333], 1));
+    assert_eq!(frames_in(b"t1110t2220\r"), (vec![0x222], 1));
+    assert_eq!(frames_in(b"\xFEt0000\r\nt1110\r\n"), (vec![0x111], 1));
+    let long = [vec![b'x'; 5000], b"\rt1110\r".to_vec()].concat();
+    assert_eq!(frames_in(&long), (vec![0x111], 1));
+    assert_eq!(frames_in(b"t11\x07t2220\r"), (vec![0x222], 0));
+}
+
+/// An adapter by hand: answers every command, keeps what it was told.
+fn adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u8>>) {
+    let pty = Pty::open(None).unwrap();
+    let path = pty.path().to_owned();
+    let thread = thread::spawn(move || {
+        let (mut told, mut from) = (Vec::new(), 0);
+        let mut buffer = Stream::buffer();
+        let end = clock::now().plus_ms(5000);
+        while clock::now() < end && !told.ends_with(b"O\rt1231AB\rC\r") {
+            let received = pty.receive(&mut buffer, clock::now().plus_ms(100)).unwrap();
+            let Received::Bytes { len, .. } = received else { continue };
+            told.extend_from_slice(&buffer[..len]);
+            while let Some(at) = told[from..].iter().position(|&byte| byte == b'\r') {
+                let line = &told[from..from + at];
+                let refused = !refuses.is_empty() && line == refuses;
+                pty.send(if refused { b"\x07" } else { b"\r" }).unwrap();
+                if line == b"O" {
+                    pty.send(b"sb255255\rt7FF211\rT1ABCDEF0255AA12\x07").unwrap();
+                    pty.send(b"34\rT1ABCDEF0255AA1234\re1a\rsa000000\r").unwrap();
+                }
+                from += at + 1;
+            }
+        }
+        told
+    });
+    (path, thread)
+}
+
+#[test]
+fn an_adapter_is_set_up_used_and_closed() {
+    let (path, adapter) = adapter(b"");
+    let link = open_serial(&path, 0, LINE).unwrap();
+    let mut frame = Frame::default();
+    let mut next = || link.receive(&mut frame, clock::now().plus_ms(2000)).unwrap();
+    assert!(matches!(next(), Received::Line { event: LineEvent::BusOff, .. }));
+    assert!(matches!(next(), Received::Bytes { len: 1, .. }));
+    assert!(matches!(next(), Received::Line { event: LineEvent::Up, .. }));
+    assert_eq!(frame, extended(0x1ABC_DEF0, &[0x55, 0xAA]));
+    let losses = Losses { malformed: 2, errors: 1, refused: 1, ..Losses::default() };
+    assert_eq!(link.losses(), losses);
+    link.send(&Frame::standard(0x123, &[0xAB])).unwrap();
+    drop(link);
+    let told = adapter.join().unwrap();
+    assert_eq!(String::from_utf8(told).unwrap(), "\rC\rS6\rO\rt1231AB\rC\r");
+}
+
+#[test]
+fn an_adapter_that_refuses_the_bit_rate_is_no_link() {
+    let (path, adapter) = adapter(b"S6");
+    let error = open_serial(&path, 0, LINE).unwrap_err();
+    assert_eq!(error.cause(), Cause::Unsuitable);
+    assert!(error.hint().contains("500000"), "{}", error.hint());
+    let rate = CanLine { bit_rate: 333_333 };
+    let error = open_serial(&path, 0, rate).unwrap_err();
+    assert!(error.hint().contains("8 MHz"), "{}", error.hint());
+    drop(adapter);
+}
+
+#[test]
+fn a_silent_adapter_is_opened_all_the_same() {
+    let pty = Arc::new(Pty::open(None).unwrap());
+    let link = open_serial(pty.path(), 0, LINE).unwrap();
+    pty.send(b"t1110\r").unwrap();
+    let mut frame = Frame::default();
+    let received = link.receive(&mut frame, clock::now().plus_ms(2000)).unwrap();
+    assert!(matches!(received, Received::Bytes { .. }), "{received:?}");
+    assert_eq!(frame.id, 0x111);
+}

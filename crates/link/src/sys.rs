@@ -1,0 +1,156 @@
+//! Linux, where rustix does not reach: socket options by number, and messages with their stamps.
+#![allow(unsafe_code)]
+
+use std::io;
+use std::mem::{MaybeUninit, size_of};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::os::fd::{AsRawFd, OwnedFd};
+
+use libc::{c_int, c_void, socklen_t};
+
+/// Room for the control messages asked for: a time stamp of up to three `timespec` and a counter.
+const CONTROL_MAX: usize = 192;
+
+/// What came with a datagram or frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Message {
+    pub(crate) len: usize,
+    /// `MSG_` flags.
+    pub(crate) flags: c_int,
+    /// Who sent it, where that is an internet address.
+    pub(crate) from: Option<SocketAddr>,
+    /// When it arrived, nanoseconds since 1970.
+    pub(crate) stamp_ns: Option<u64>,
+    /// How many were thrown away so far for want of room, modulo 2³².
+    pub(crate) overrun: Option<u32>,
+}
+
+/// Asks for a time stamp and the count of losses with every message. A kernel that has neither
+/// says so, and they are left out.
+pub(crate) fn ask_for_stamps(fd: &OwnedFd) {
+    let _ = set_option(fd, libc::SOL_SOCKET, libc::SO_TIMESTAMPNS, &1_i32);
+    let _ = set_option(fd, libc::SOL_SOCKET, libc::SO_RXQ_OVFL, &1_i32);
+}
+
+/// `setsockopt`. `T` is what the option takes: an integer, or an array of plain numbers.
+pub(crate) fn set_option<T: Plain + ?Sized>(
+    fd: &OwnedFd,
+    level: c_int,
+    name: c_int,
+    value: &T,
+) -> io::Result<()> {
+    let len = socklen_t::try_from(size_of_val(value)).unwrap_or(0);
+    // SAFETY: the pointer is to `len` initialised bytes that live through the call (`Plain`).
+    let done = unsafe {
+        libc::setsockopt(fd.as_raw_fd(), level, name, std::ptr::from_ref(value).cast(), len)
+    };
+    if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
+/// Types without padding or pointers.
+pub(crate) trait Plain {}
+impl Plain for i32 {}
+impl Plain for u32 {}
+impl Plain for [libc::can_filter] {}
+
+/// Lets the kernel drop what `program` (classic BPF) refuses before it wakes anybody.
+pub(crate) fn attach_filter(fd: &OwnedFd, program: &mut [libc::sock_filter]) -> io::Result<()> {
+    let program = libc::sock_fprog {
+        len: u16::try_from(program.len()).map_err(|_| io::ErrorKind::InvalidInput)?,
+        filter: program.as_mut_ptr(),
+    };
+    let len = size_of::<libc::sock_fprog>() as socklen_t;
+    // SAFETY: `program` is a whole sock_fprog whose pointer is to `len` filters; the kernel copies
+    // them before it returns.
+    let done = unsafe {
+        libc::setsockopt(
+            fd.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_ATTACH_FILTER,
+            std::ptr::from_ref(&program).cast(),
+            len,
+        )
+    };
+    if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
+/// Takes one message with its stamps, if there is one; never waits.
+pub(crate) fn receive(fd: &OwnedFd, buffer: &mut [u8]) -> io::Result<Option<Message>> {
+    let mut vector =
+        libc::iovec { iov_base: buffer.as_mut_ptr().cast::<c_void>(), iov_len: buffer.len() };
+    let mut control = Control([0; CONTROL_MAX]);
+    let mut name = MaybeUninit::<libc::sockaddr_storage>::zeroed();
+    // SAFETY: all zeros is a valid msghdr (no name, no vector, no control).
+    let mut header: libc::msghdr = unsafe { MaybeUninit::zeroed().assume_init() };
+    header.msg_name = name.as_mut_ptr().cast();
+    header.msg_namelen = size_of::<libc::sockaddr_storage>() as socklen_t;
+    header.msg_iov = &raw mut vector;
+    header.msg_iovlen = 1;
+    header.msg_control = control.0.as_mut_ptr().cast();
+    header.msg_controllen = CONTROL_MAX as _;
+    // SAFETY: the header's pointers are to live buffers of the lengths that stand beside them.
+    let len = unsafe { libc::recvmsg(fd.as_raw_fd(), &raw mut header, libc::MSG_DONTWAIT) };
+    let Ok(len) = usize::try_from(len) else {
+        let error = io::Error::last_os_error();
+        let nothing =
+            matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted);
+        return if nothing { Ok(None) } else { Err(error) };
+    };
+    // SAFETY: zeroed before, and any bytes are a valid sockaddr_storage.
+    let from = address(unsafe { name.assume_init_ref() });
+    let mut message = Message { len, flags: header.msg_flags, from, ..Message::default() };
+    read_control(&header, &mut message);
+    Ok(Some(message))
+}
+
+/// Aligned as control messages are.
+#[repr(align(16))]
+struct Control([u8; CONTROL_MAX]);
+
+fn read_control(header: &libc::msghdr, message: &mut Message) {
+    // SAFETY: `header` is what recvmsg filled in, and its control buffer still lives; the macros
+    // stay within msg_controllen.
+    unsafe {
+        let mut next = libc::CMSG_FIRSTHDR(header);
+        while let Some(control) = next.as_ref() {
+            if control.cmsg_level == libc::SOL_SOCKET {
+                let data = libc::CMSG_DATA(control);
+                match control.cmsg_type {
+                    libc::SCM_TIMESTAMPNS => {
+                        let at = data.cast::<libc::timespec>().read_unaligned();
+                        message.stamp_ns = Some(nanoseconds(at));
+                    }
+                    libc::SO_RXQ_OVFL => {
+                        message.overrun = Some(data.cast::<u32>().read_unaligned());
+                    }
+                    _ => {}
+                }
+            }
+            next = libc::CMSG_NXTHDR(header, control);
+        }
+    }
+}
+
+#[allow(clippy::unnecessary_cast, reason = "the width of time_t differs by platform")]
+fn nanoseconds(at: libc::timespec) -> u64 {
+    let whole = u64::try_from(at.tv_sec as i64).unwrap_or(0).saturating_mul(1_000_000_000);
+    whole.saturating_add(u64::try_from(at.tv_nsec as i64).unwrap_or(0))
+}
+
+fn address(name: &libc::sockaddr_storage) -> Option<SocketAddr> {
+    match c_int::from(name.ss_family) {
+        libc::AF_INET => {
+            // SAFETY: the family says that it is one, and a sockaddr_storage is larger.
+            let name = unsafe { &*std::ptr::from_ref(name).cast::<libc::sockaddr_in>() };
+            let ip = Ipv4Addr::from(u32::from_be(name.sin_addr.s_addr));
+            Some(SocketAddr::new(IpAddr::V4(ip), u16::from_be(name.sin_port)))
+        }
+        libc::AF_INET6 => {
+            // SAFETY: as above.
+            let name = unsafe { &*std::ptr::from_ref(name).cast::<libc::sockaddr_in6>() };
+            let ip = Ipv6Addr::from(name.sin6_addr.s6_addr);
+            Some(SocketAddr::new(IpAddr::V6(ip), u16::from_be(name.sin6_port)))
+        }
+        _ => None,
+    }
+}

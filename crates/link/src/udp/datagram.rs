@@ -1,0 +1,289 @@
+//! One frame as a datagram: a MessagePack map with the fields of python-can's `Message`. That
+//! program is the format's only specification; keys may come in any order and foreign ones are
+//! skipped.
+
+use polepair_core::medium::Frame;
+
+/// The longest datagram taken. One of a classic frame has 176 bytes at most, one of 64 bytes of
+/// CAN FD 232.
+pub const DATAGRAM_MAX: usize = 512;
+/// Values that one datagram may hold, those of foreign keys counted.
+const VALUES_MAX: usize = 256;
+
+/// What a datagram carried.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Unpacked {
+    /// A frame.
+    Frame(Frame),
+    /// The report of an error on the wire.
+    ErrorFrame,
+}
+
+/// Writes `frame` as sent at `wall_ns` (nanoseconds since 1970) and returns the length.
+pub fn pack(frame: &Frame, wall_ns: u64, out: &mut [u8; DATAGRAM_MAX]) -> usize {
+    let mut writer = Writer { out, len: 0 };
+    writer.put(&[0x80 | 11]);
+    writer.key("timestamp");
+    writer.put(&[0xCB]);
+    writer.put(&(wall_ns as f64 / 1e9).to_be_bytes());
+    writer.key("arbitration_id");
+    writer.unsigned(frame.id);
+    writer.flag("is_extended_id", frame.extended);
+    writer.flag("is_remote_frame", frame.remote);
+    writer.flag("is_error_frame", false);
+    writer.key("channel");
+    writer.put(&[0xC0]);
+    writer.key("dlc");
+    writer.put(&[frame.len.min(8)]);
+    writer.key("data");
+    let data = if frame.remote { &[] } else { frame.bytes() };
+    writer.put(&[0xC4, data.len() as u8]);
+    writer.put(data);
+    writer.flag("is_fd", false);
+    writer.flag("bitrate_switch", false);
+    writer.flag("error_state_indicator", false);
+    writer.len
+}
+
+struct Writer<'a> {
+    out: &'a mut [u8; DATAGRAM_MAX],
+    len: usize,
+}
+
+impl Writer<'_> {
+    fn put(&mut self, bytes: &[u8]) {
+        self.out[self.len..self.len + bytes.len()].copy_from_slice(bytes);
+        self.len += bytes.len();
+    }
+
+    /// Keys have at most 31 characters.
+    fn key(&mut self, name: &str) {
+        self.put(&[0xA0 | name.len() as u8]);
+        self.put(name.as_bytes());
+    }
+
+    fn flag(&mut self, name: &str, set: bool) {
+        self.key(name);
+        self.put(&[0xC2 | u8::from(set)]);
+    }
+
+    /// In the shortest form, as python-can writes it.
+    fn unsigned(&mut self, value: u32) {
+        let bytes = value.to_be_bytes();
+        match value {
+            0..=0x7F => self.put(&bytes[3..]),
+            0x80..=0xFF => self.put(&[0xCC, bytes[3]]),
+            0x100..=0xFFFF => self.put(&[0xCD, bytes[2], bytes[3]]),
+            _ => {
+                self.put(&[0xCE]);
+                self.put(&bytes);
+            }
+        }
+    }
+}
+
+/// Reads a datagram. `None` when it is damaged, is something else, or carries what classic CAN
+/// cannot (CAN FD).
+#[must_use]
+pub fn unpack(datagram: &[u8]) -> Option<Unpacked> {
+    let mut reader = Reader { rest: datagram, values: 0 };
+    let Item::Map(pairs) = reader.item()? else { return None };
+    let mut fields = Fields::default();
+    for _ in 0..pairs {
+        let Item::Text(key) = reader.item()? else { return None };
+        let value = reader.item()?;
+        if !fields.set(key, value)? {
+            reader.skip(value)?;
+        }
+    }
+    if reader.rest.is_empty() { fields.check() } else { None }
+}
+
+/// What the map said, else what python-can takes for granted.
+struct Fields<'a> {
+    id: Option<u64>,
+    extended: bool,
+    remote: bool,
+    error: bool,
+    fd: bool,
+    len: Option<u64>,
+    data: &'a [u8],
+}
+
+impl Default for Fields<'_> {
+    fn default() -> Self {
+        Self {
+            id: None,
+            extended: true,
+            remote: false,
+            error: false,
+            fd: false,
+            len: None,
+            data: &[],
+        }
+    }
+}
+
+impl<'a> Fields<'a> {
+    /// True when the key was one of ours, `None` when its value is not of the type it must have.
+    fn set(&mut self, key: &[u8], value: Item<'a>) -> Option<bool> {
+        let place = match key {
+            b"is_extended_id" => &mut self.extended,
+            b"is_remote_frame" => &mut self.remote,
+            b"is_error_frame" => &mut self.error,
+            b"is_fd" => &mut self.fd,
+            b"arbitration_id" => {
+                self.id = Some(value.unsigned()?);
+                return Some(true);
+            }
+            b"dlc" => {
+                self.len = if value == Item::Nil { None } else { Some(value.unsigned()?) };
+                return Some(true);
+            }
+            b"data" => {
+                self.data = value.bytes()?;
+                return Some(true);
+            }
+            _ => return Some(false),
+        };
+        let Item::Bool(set) = value else { return None };
+        *place = set;
+        Some(true)
+    }
+
+    fn check(&self) -> Option<Unpacked> {
+        if self.error {
+            return Some(Unpacked::ErrorFrame);
+        }
+        let id = u32::try_from(self.id?).ok()?;
+        let len = u8::try_from(self.len.unwrap_or(self.data.len() as u64)).ok()?;
+        let highest = if self.extended { 0x1FFF_FFFF } else { 0x7FF };
+        let data_len = if self.remote { 0 } else { usize::from(len) };
+        if self.fd || id > highest || len > 8 || self.data.len() != data_len {
+            return None;
+        }
+        let mut frame =
+            Frame { id, extended: self.extended, remote: self.remote, len, data: [0; 8] };
+        frame.data[..data_len].copy_from_slice(self.data);
+        Some(Unpacked::Frame(frame))
+    }
+}
+
+/// A value, or the head of one that holds others.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Item<'a> {
+    Nil,
+    Bool(bool),
+    Unsigned(u64),
+    Text(&'a [u8]),
+    Binary(&'a [u8]),
+    Array(usize),
+    Map(usize),
+    /// Negative and real numbers, and extensions: nothing that a frame needs.
+    Other,
+}
+
+impl<'a> Item<'a> {
+    fn unsigned(self) -> Option<u64> {
+        if let Item::Unsigned(value) = self { Some(value) } else { None }
+    }
+
+    fn bytes(self) -> Option<&'a [u8]> {
+        match self {
+            Item::Nil => Some(&[]),
+            Item::Binary(bytes) | Item::Text(bytes) => Some(bytes),
+            _ => None,
+        }
+    }
+}
+
+struct Reader<'a> {
+    rest: &'a [u8],
+    values: usize,
+}
+
+impl<'a> Reader<'a> {
+    fn take(&mut self, len: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.rest.split_at_checked(len)?;
+        self.rest = rest;
+        Some(taken)
+    }
+
+    /// A big-endian number of `width` bytes.
+    fn number(&mut self, width: usize) -> Option<u64> {
+        Some(self.take(width)?.iter().fold(0, |sum, byte| sum << 8 | u64::from(*byte)))
+    }
+
+    fn length(&mut self, width: usize) -> Option<usize> {
+        usize::try_from(self.number(width)?).ok()
+    }
+
+    fn item(&mut self) -> Option<Item<'a>> {
+        self.values += 1;
+        if self.values > VALUES_MAX {
+            return None;
+        }
+        let head = self.take(1)?[0];
+        let low = usize::from(head);
+        Some(match head {
+            0x00..=0x7F => Item::Unsigned(head.into()),
+            0x80..=0x8F => Item::Map(low & 0x0F),
+            0x90..=0x9F => Item::Array(low & 0x0F),
+            0xA0..=0xBF => Item::Text(self.take(low & 0x1F)?),
+            0xC0 => Item::Nil,
+            0xC2 | 0xC3 => Item::Bool(head == 0xC3),
+            0xC4..=0xC6 => {
+                let len = self.length(1 << (head - 0xC4))?;
+                Item::Binary(self.take(len)?)
+            }
+            0xCC..=0xCF => Item::Unsigned(self.number(1 << (head - 0xCC))?),
+            0xD0..=0xD3 => signed(self.number(1 << (head - 0xD0))?, 8 << (head - 0xD0)),
+            0xD9..=0xDB => {
+                let len = self.length(1 << (head - 0xD9))?;
+                Item::Text(self.take(len)?)
+            }
+            0xDC | 0xDD => Item::Array(self.length(2 << (head - 0xDC))?),
+            0xDE | 0xDF => Item::Map(self.length(2 << (head - 0xDE))?),
+            0xE0..=0xFF => Item::Other,
+            _ => {
+                let len = self.opaque(head)?;
+                self.take(len)?;
+                Item::Other
+            }
+        })
+    }
+
+    /// Length of a real number or an extension, its type included.
+    fn opaque(&mut self, head: u8) -> Option<usize> {
+        match head {
+            0xC7..=0xC9 => self.length(1 << (head - 0xC7))?.checked_add(1),
+            0xCA => Some(4),
+            0xCB => Some(8),
+            0xD4..=0xD8 => Some((1 << (head - 0xD4)) + 1),
+            _ => None,
+        }
+    }
+
+    /// Passes over what `item` holds.
+    fn skip(&mut self, item: Item<'_>) -> Option<()> {
+        let mut left = held(item)?;
+        while left > 0 {
+            let item = self.item()?;
+            left = (left - 1).checked_add(held(item)?)?;
+        }
+        Some(())
+    }
+}
+
+fn held(item: Item<'_>) -> Option<usize> {
+    match item {
+        Item::Array(count) => Some(count),
+        Item::Map(count) => count.checked_mul(2),
+        _ => Some(0),
+    }
+}
+
+/// A signed integer of so many bits, if it is not negative.
+fn signed<'a>(value: u64, bits: u32) -> Item<'a> {
+    if value >> (bits - 1) == 0 { Item::Unsigned(value) } else { Item::Other }
+}
