@@ -1,6 +1,7 @@
 //! What the wire carries, and how.
 
 mod codec;
+mod online;
 
 use super::wire::{IdCode, Instruction, low_first};
 

@@ -175,3 +175,22 @@ pub struct Message {
     /// What it says.
     pub instruction: Instruction,
 }
+
+/// The variable that an opcode's operand names: bits 8 to 0 of its address, and bit 9 for the page
+/// (0x0200 to 0x03FF, or 0x0800 to 0x09FF).
+#[must_use]
+pub const fn operand_address(opcode: u16) -> u16 {
+    let page = if opcode & 0x200 == 0 { 0x0200 } else { 0x0800 };
+    page | opcode & 0x1FF
+}
+
+/// The operand that names a variable in an opcode. `None` outside both pages: such variables need
+/// instructions that carry the whole address.
+#[must_use]
+pub const fn short_operand(address: u16) -> Option<u16> {
+    match address & 0xFE00 {
+        0x0200 => Some(address & 0x1FF),
+        0x0800 => Some(0x200 | address & 0x1FF),
+        _ => None,
+    }
+}
