@@ -7,7 +7,7 @@ pub mod tml;
 
 use crate::axis::Driver;
 use crate::explain::Dissector;
-use crate::medium::Medium;
+use crate::medium::{Frame, Medium};
 use crate::profile::Profile;
 use crate::station::Host;
 
@@ -116,16 +116,16 @@ pub trait Protocol {
         Answer = <Self::Host as Host<Self::Medium>>::Answer,
     > + Send
     + 'static;
-    /// Writes the one question that every drive on the wire answers, and returns its length; `None`
-    /// where each address must be asked by itself.
-    fn discover(options: &HostOptions, out: &mut <Self::Medium as Medium>::Out) -> Option<usize> {
-        let _ = (options, out);
+    /// On CAN, the one question that every drive answers; `None` where each address must be asked
+    /// by itself.
+    fn discover(options: &HostOptions) -> Option<Frame> {
+        let _ = options;
         None
     }
-    /// The address of the drive that sent this unit, where the unit alone tells it: so a scan knows
-    /// who is there without asking, and who answered [`discover`](Self::discover).
-    fn sender(options: &HostOptions, unit: &<Self::Medium as Medium>::Unit) -> Option<u32> {
-        let _ = (options, unit);
+    /// On CAN, the address of the drive that sent this frame, where the frame alone tells it: so a
+    /// scan knows who is there before it asks, and who answered [`discover`](Self::discover).
+    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+        let _ = (options, frame);
         None
     }
 }
