@@ -4,7 +4,11 @@
 //! protocol instead. Generated files are committed and never edited.
 
 use polepair_core::plan::{Operand, Plan, Step, Test};
-use polepair_core::profile::{Ask, Fault, Parameter, ParameterId, Profile, SignalSource, Watchdog};
+use polepair_core::profile::{
+    Access, Ask, Certainty, Fault, Parameter, ParameterId, Persistence, Profile, Scale,
+    SignalSource, Watchdog,
+};
+use polepair_core::units::Unit;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -112,6 +116,9 @@ fn rust(profiles: &[&'static Profile]) -> String {
         "/// Every profile of this file, by name.\n\
          pub static PROFILES: [&Profile; {count}] = [{list}];\n"
     );
+    if file.text.contains("mapped(\"") {
+        file.text = file.text.replacen("\n};\n\n", &format!("\n}};\n\n{MAPPED}"), 1);
+    }
     let body = file.text.split_once("\n\n").map_or("", |(_, body)| body);
     let imports = imports(body);
     file.text.replacen("IMPORTS", &imports, 1)
@@ -130,6 +137,29 @@ const P: Parameter = Parameter {
     access: Access::ReadWrite, persistence: Persistence::Volatile,
     certainty: Certainty::Documented, moves: false, section: \"\", values: &[],
 };
+
+";
+
+/// How a variable of which only a memory map tells is written: in one line.
+const MAPPED: &str = "\
+/// A variable that is known from the memory map alone.
+const fn mapped(name: &'static str, index: u16, encoding: Encoding) -> Parameter {
+    let (min, max) = match encoding {
+        Encoding::I16 => (i16::MIN as i64, i16::MAX as i64),
+        Encoding::U16 => (0, u16::MAX as i64),
+        Encoding::U32 => (0, u32::MAX as i64),
+        _ => (i32::MIN as i64, i32::MAX as i64),
+    };
+    let certainty = Certainty::Inferred;
+    let symbol = name;
+    Parameter { name, symbol, index, encoding, min, max, certainty, moves: true, ..P }
+}
+
+/// As [`mapped`], in a unit.
+const fn scaled(mut mapped: Parameter, unit: Unit, scale: Scale) -> Parameter {
+    (mapped.unit, mapped.scale) = (unit, scale);
+    mapped
+}
 
 ";
 
@@ -295,6 +325,9 @@ fn id(parameter: ParameterId) -> String {
 
 /// One parameter; what is as in `P` is left out.
 fn parameter(profile: &Profile, p: &Parameter) -> String {
+    if is_mapped(p) {
+        return mapped(p);
+    }
     let mut row = format!("Parameter {{ name: {:?}, ", p.name);
     for (key, text) in [("symbol", p.symbol), ("about", p.about), ("section", p.section)] {
         if !text.is_empty() {
@@ -304,22 +337,15 @@ fn parameter(profile: &Profile, p: &Parameter) -> String {
     if p.space != 0 {
         let _ = write!(row, "space: {}, ", p.space);
     }
-    // Registers are known by their hexadecimal numbers, everything else by decimal ones.
+    // Registers and memory are known by their hexadecimal numbers, everything else by decimal ones.
     let index = match profile.protocol {
-        "modbus" => format!("{:#06x}", p.index),
+        "modbus" | "tml" => format!("{:#06x}", p.index),
         _ => p.index.to_string(),
     };
     let _ = write!(row, "index: {index}, encoding: Encoding::{:?}, ", p.encoding);
     let _ = write!(row, "unit: Unit::{:?}, min: {}, max: {}, ", p.unit, p.min, p.max);
-    if p.scale != polepair_core::profile::Scale::ONE {
-        let part = |it: Option<ParameterId>| match it {
-            Some(it) => format!("Some({})", id(it)),
-            None => "None".to_owned(),
-        };
-        let (times, over) = (part(p.scale.times), part(p.scale.over));
-        let factor = p.scale.factor;
-        let _ =
-            write!(row, "scale: Scale {{ factor: {factor:?}, times: {times}, over: {over} }}, ");
+    if p.scale != Scale::ONE {
+        let _ = write!(row, "scale: {}, ", scale(p.scale));
     }
     if let Some(default) = p.default {
         let _ = write!(row, "default: Some({default}), ");
@@ -335,6 +361,35 @@ fn parameter(profile: &Profile, p: &Parameter) -> String {
     }
     row.push_str("..P }");
     row
+}
+
+/// Whether a row says no more than a line of a memory map does.
+fn is_mapped(p: &Parameter) -> bool {
+    let plain = p.about.is_empty() && p.section.is_empty() && p.values.is_empty();
+    let (access, persistence) = (p.access, p.persistence);
+    plain
+        && p.name == p.symbol
+        && p.certainty == Certainty::Inferred
+        && p.moves
+        && (access, persistence) == (Access::ReadWrite, Persistence::Volatile)
+        && (p.space, p.default) == (0, None)
+}
+
+fn mapped(p: &Parameter) -> String {
+    let row = format!("mapped({:?}, {:#06x}, Encoding::{:?})", p.name, p.index, p.encoding);
+    if p.scale == Scale::ONE && p.unit == Unit::None {
+        return row;
+    }
+    format!("scaled({row}, Unit::{:?}, {})", p.unit, scale(p.scale))
+}
+
+fn scale(scale: Scale) -> String {
+    let part = |it: Option<ParameterId>| match it {
+        Some(it) => format!("Some({})", id(it)),
+        None => "None".to_owned(),
+    };
+    let Scale { factor, times, over } = scale;
+    format!("Scale {{ factor: {factor:?}, times: {}, over: {} }}", part(times), part(over))
 }
 
 fn fault(f: &Fault) -> String {

@@ -154,7 +154,8 @@ pub struct Parameter {
     /// What it does, in a sentence; empty where no source says.
     pub about: &'static str,
     /// The protocol's address space: TMCL 0 = axis parameter, 1 + bank = global parameter;
-    /// Modbus 0 = holding register, 1 = coil, 2 = discrete input, 3 = input register.
+    /// Modbus 0 = holding register, 1 = coil, 2 = discrete input, 3 = input register;
+    /// TML 0 = data memory.
     pub space: u8,
     /// The protocol's number within the space.
     pub index: u16,
@@ -200,6 +201,8 @@ pub enum Encoding {
     I32,
     /// Signed 32 bits in two registers, low word first.
     I32LowFirst,
+    /// Signed 32 bits of which the lower 16 are the fraction: raw counts 65536ths.
+    Fixed,
     /// Two signed registers: tens in the first, thousandths in the second. Raw counts thousandths.
     TensAndThousandths,
 }

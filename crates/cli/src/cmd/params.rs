@@ -211,6 +211,7 @@ const fn encoding(parameter: &Parameter) -> &'static str {
         Encoding::U32 => "32 bits",
         Encoding::I32 => "32 bits, signed",
         Encoding::I32LowFirst => "32 bits, signed, low word first",
+        Encoding::Fixed => "32 bits, signed, the lower 16 a fraction",
         Encoding::TensAndThousandths => "tens in one register, thousandths in the next",
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod syntron_ts;
+pub mod technosoft;
 pub mod tmcm17x;
 
 use crate::medium::{Can, Stream};
@@ -69,11 +70,13 @@ pub fn visit(visitor: &mut impl Visitor) {
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    static ALL: [&Profile; 4] = [
+    static ALL: [&Profile; 6] = [
         &tmcm17x::profile::TMCM_171,
         &tmcm17x::profile::TMCM_170,
         &syntron_ts::profile::SYNTRON_TS,
         &syntron_ts::profile::SYNTRON_DS102,
+        &technosoft::profile::TECHNOSOFT_F514L,
+        &technosoft::profile::TECHNOSOFT_FA00G,
     ];
     &ALL
 }

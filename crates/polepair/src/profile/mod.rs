@@ -24,6 +24,7 @@
 //! ```
 
 mod draft;
+mod map;
 mod read;
 mod resolve;
 mod step;

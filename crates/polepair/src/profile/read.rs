@@ -4,7 +4,7 @@ use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal,
     DraftWatchdog,
 };
-use super::step;
+use super::{map, step};
 use crate::file::{FileError, Found, Node, Text, number};
 use crate::words;
 use polepair_core::axis::Verb;
@@ -14,9 +14,9 @@ use polepair_core::profile::{
 use polepair_core::units::Unit;
 
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
-const ENTRIES_MAX: usize = 4096;
+pub(crate) const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 17] = [
+const KEYS: [&str; 18] = [
     "name",
     "extends",
     "remove",
@@ -30,6 +30,7 @@ const KEYS: [&str; 17] = [
     "watchdog",
     "ram",
     "identify",
+    "map",
     "parameter",
     "fault",
     "signals",
@@ -66,7 +67,7 @@ struct Dialect {
     encoding: Encoding,
 }
 
-const DIALECTS: [Dialect; 2] = [
+const DIALECTS: [Dialect; 3] = [
     Dialect {
         protocol: "tmcl",
         spaces: &[("axis", 0), ("global 0", 1), ("global 1", 2), ("global 2", 3), ("global 3", 4)],
@@ -77,18 +78,24 @@ const DIALECTS: [Dialect; 2] = [
         spaces: &[("holding", 0), ("coil", 1), ("discrete", 2), ("input", 3)],
         encoding: Encoding::U16,
     },
+    Dialect { protocol: MEMORY, spaces: &[("data", 0)], encoding: Encoding::I16 },
 ];
+
+/// The protocol whose parameters are a drive's memory: several names may share an address, and a
+/// map of the memory gives them all.
+pub(crate) const MEMORY: &str = "tml";
 
 const AXES: [(&str, AxisKind); 3] =
     [("rotary", AxisKind::Rotary), ("linear", AxisKind::Linear), ("ratio", AxisKind::Ratio)];
 
-const ENCODINGS: [(&str, Encoding); 7] = [
+const ENCODINGS: [(&str, Encoding); 8] = [
     ("bit", Encoding::Bit),
     ("u16", Encoding::U16),
     ("i16", Encoding::I16),
     ("u32", Encoding::U32),
     ("i32", Encoding::I32),
     ("i32-low-first", Encoding::I32LowFirst),
+    ("fixed", Encoding::Fixed),
     ("tens-and-thousandths", Encoding::TensAndThousandths),
 ];
 
@@ -118,7 +125,9 @@ pub(crate) const fn encoding_range(encoding: Encoding) -> (i64, i64) {
         Encoding::U16 => (0, u16::MAX as i64),
         Encoding::I16 => (i16::MIN as i64, i16::MAX as i64),
         Encoding::U32 => (0, u32::MAX as i64),
-        Encoding::I32 | Encoding::I32LowFirst => (i32::MIN as i64, i32::MAX as i64),
+        Encoding::I32 | Encoding::I32LowFirst | Encoding::Fixed => {
+            (i32::MIN as i64, i32::MAX as i64)
+        }
         // 32767 tens and less than ten more, in thousandths.
         Encoding::TensAndThousandths => (-327_679_999, 327_679_999),
     }
@@ -137,6 +146,9 @@ pub(crate) fn draft(
         };
         head(&mut draft, &node)?;
         let file = Reader { dialect: dialect_of(&node, &draft.protocol)? };
+        if let Some(map) = node.text("map")? {
+            map::apply(&mut draft, &map)?;
+        }
         for name in node.texts("remove")? {
             remove(&mut draft, &name)?;
         }
@@ -298,8 +310,7 @@ impl Reader {
         let inherited = draft.parameters.len();
         for table in node.tables("parameter", &PARAMETER_KEYS)? {
             for parameter in self.repeated(&table)? {
-                let name = words::folded(&parameter.name);
-                let same = |p: &DraftParameter| words::folded(&p.name) == name;
+                let same = self.same(&parameter);
                 match draft.parameters[..inherited].iter().position(same) {
                     Some(at) => draft.parameters[at] = parameter,
                     None => draft.parameters.push(parameter),
@@ -310,6 +321,16 @@ impl Reader {
             }
         }
         Ok(())
+    }
+
+    /// Whether another entry is this one: its name is, or in a memory the name that the map gives it.
+    fn same(&self, parameter: &DraftParameter) -> impl Fn(&DraftParameter) -> bool + use<> {
+        let (name, symbol) = (words::folded(&parameter.name), words::folded(&parameter.symbol));
+        let memory = self.dialect.protocol == MEMORY;
+        move |p| {
+            words::folded(&p.name) == name
+                || (memory && !symbol.is_empty() && words::folded(&p.symbol) == symbol)
+        }
     }
 
     fn repeated(&self, table: &Node<'_, '_>) -> Result<Vec<DraftParameter>, FileError> {

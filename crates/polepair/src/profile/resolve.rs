@@ -4,7 +4,8 @@ use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftStep,
     DraftWatchdog, Named,
 };
-use super::{read::encoding_range, step};
+use super::read::{MEMORY, encoding_range};
+use super::step;
 use crate::file::{FileError, Place};
 use crate::words::{folded, hint};
 use polepair_core::plan::{Compare, Operand, Plan, STEPS_MAX, Step, Test};
@@ -16,6 +17,7 @@ use std::collections::HashMap;
 
 /// Checks the draft and leaks what it says.
 pub(crate) fn profile(draft: &Draft) -> Result<&'static Profile, FileError> {
+    let draft = &in_order(draft);
     let names = Names::of(draft)?;
     draft.parameters.iter().try_for_each(check_parameter)?;
     check_faults(&draft.faults)?;
@@ -43,6 +45,16 @@ pub(crate) fn profile(draft: &Draft) -> Result<&'static Profile, FileError> {
         reply_timeout_ms: draft.reply_timeout_ms,
         caution: kept(&draft.caution),
     })))
+}
+
+/// A memory in the order of its addresses, of names that share one the described first: whoever has
+/// an address finds its name by halving.
+fn in_order(draft: &Draft) -> Draft {
+    let mut draft = draft.clone();
+    if draft.protocol == MEMORY {
+        draft.parameters.sort_by_key(|p| (p.space, p.index, p.about.is_empty()));
+    }
+    draft
 }
 
 fn kept(text: &str) -> &'static str {
@@ -106,13 +118,15 @@ struct Names<'a> {
 }
 
 impl<'a> Names<'a> {
-    /// Numbers the parameters; two may share neither name, nor symbol, nor place on the wire.
+    /// Numbers the parameters; two may share neither name, nor symbol, nor, but in a memory, place on
+    /// the wire.
     fn of(draft: &'a Draft) -> Result<Self, FileError> {
         let mut ids = HashMap::new();
         let mut wires = HashMap::new();
         for (at, p) in draft.parameters.iter().enumerate() {
             let id = u16::try_from(at).map_err(|_| p.place.error("too many parameters"))?;
-            if let Some(other) = wires.insert((p.space, p.index), &p.name) {
+            let other = wires.insert((p.space, p.index), &p.name);
+            if let Some(other) = other.filter(|_| draft.protocol != MEMORY) {
                 let reason = format!("`{}` has the space and index of `{other}`", p.name);
                 return Err(p.place.error(reason));
             }

@@ -153,7 +153,7 @@ fn mistakes_name_file_line_column_and_the_nearest_word() {
         (
             "\"modbus\"",
             "\"modbsu\"",
-            "bad.toml:3:12: no profile protocol `modbsu`: tmcl or modbus; \
+            "bad.toml:3:12: no profile protocol `modbsu`: tmcl or modbus or tml; \
           did you mean `modbus`?",
         ),
         ("\"rpm\"", "\"rmp\"", "bad.toml:14:8: `rmp` is none of"),
@@ -267,5 +267,76 @@ fn a_shipped_profile_can_be_extended() {
                 (theirs.verb, theirs.steps, theirs.undo)
             );
         }
+    }
+}
+
+#[test]
+fn a_memory_map_gives_addresses_and_types() {
+    let base = crate::profile::parse("base.toml", MEMORY).unwrap();
+    let names: Vec<_> = base.parameters.iter().map(|p| (p.name, p.index)).collect();
+    assert_eq!(
+        names,
+        [("actual position", 0x228), ("APOS_LD", 0x228), ("gain", 0x25E), ("CSPD", 0x2A0)],
+        "in the order of addresses, the described one first"
+    );
+    let speed = base.parameter(base.find("cspd").unwrap()).unwrap();
+    assert_eq!((speed.encoding, speed.scale.factor), (Encoding::Fixed, 1.0 / 65536.0));
+}
+
+const MEMORY: &str = r#"
+name = "memory"
+protocol = "tml"
+map = """
+# what a set-up archive holds
+FIXED CSPD    @0x02A0
+LONG  APOS_LD @0x0228 [rot] # of the load
+INT   KPP     @0x025E
+LONG  APOS    @0x0228 [rot]
+FLOAT ADC     @0xA1C3
+UINT  HOME1   @0x3F0029
+LONG  ENCRESLONG @0x84C
+"""
+remove = ["ENCRESLONG", "APOS_LD"]
+[[parameter]]
+name = "APOS_LD"
+index = 0x228
+encoding = "i32"
+[[parameter]]
+name = "actual position"
+symbol = "APOS"
+about = "Where it is."
+index = 0x0228
+encoding = "i32"
+[[parameter]]
+name = "gain"
+symbol = "KPP"
+index = 0x025E
+"#;
+
+#[test]
+fn a_map_moves_known_parameters_and_drops_the_others() {
+    let text = "name = \"moved\"\nextends = \"technosoft-f514l\"\nmap = \"\"\"\n\
+                LONG APOS @0x0A28\nFIXED ASPD @0x022C\nINT IQ @0x230\nLONG TPOS @0x2B2\n\
+                FIXED TSPD @0x2B4\nUINT MER @0x8FC\nUINT SRL @0x90E\nUINT MCR @0x309\n\
+                ULONG ENCRESLONG @0x84C\nINT MINE @0x366\n\"\"\"\n";
+    let moved = crate::profile::parse("moved.toml", text).unwrap();
+    let position = moved.parameter(moved.find("actual position").unwrap()).unwrap();
+    assert_eq!((position.symbol, position.index), ("APOS", 0x0A28));
+    assert_eq!(moved.find("KPP"), None);
+    assert!(moved.find("mine").is_some());
+}
+
+#[test]
+fn a_bad_map_names_its_line() {
+    for (line, reason) in [
+        ("INT", "a name is missing behind the type"),
+        ("WORD KPP @0x025E", "`WORD` is no type"),
+        ("INT KPP 0x025E", "`KPP` needs an address: @0x0228"),
+        ("INT 9KPP @0x025E", "`9KPP` is no name"),
+    ] {
+        let text =
+            format!("name = \"m\"\nprotocol = \"tml\"\nmap = \"\"\"\n# one\n{line}\n\"\"\"\n");
+        let error = crate::profile::parse("m.toml", &text).unwrap_err();
+        assert_eq!(error.to_string(), format!("m.toml:3:7: map, line 2: {reason}"));
     }
 }

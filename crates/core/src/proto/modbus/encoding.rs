@@ -7,7 +7,11 @@ use crate::profile::Encoding;
 pub const fn registers(encoding: Encoding) -> u16 {
     match encoding {
         Encoding::Bit | Encoding::U16 | Encoding::I16 => 1,
-        Encoding::U32 | Encoding::I32 | Encoding::I32LowFirst | Encoding::TensAndThousandths => 2,
+        Encoding::U32
+        | Encoding::I32
+        | Encoding::I32LowFirst
+        | Encoding::Fixed
+        | Encoding::TensAndThousandths => 2,
     }
 }
 
@@ -21,7 +25,7 @@ pub const fn decode(encoding: Encoding, words: [u16; 2]) -> i64 {
         Encoding::U16 => high,
         Encoding::I16 => first as i16 as i64,
         Encoding::U32 => high << 16 | low,
-        Encoding::I32 => (high << 16 | low) as i32 as i64,
+        Encoding::I32 | Encoding::Fixed => (high << 16 | low) as i32 as i64,
         Encoding::I32LowFirst => (low << 16 | high) as i32 as i64,
         // TS manual V2 §2.6: tens and above in the first register, the ones digit and three
         // decimals in the second; both signed [I].
@@ -37,7 +41,9 @@ pub const fn encode(encoding: Encoding, raw: i64) -> Option<[u16; 2]> {
         Encoding::U16 => (0, 0xFFFF),
         Encoding::I16 => (i16::MIN as i64, i16::MAX as i64),
         Encoding::U32 => (0, u32::MAX as i64),
-        Encoding::I32 | Encoding::I32LowFirst => (i32::MIN as i64, i32::MAX as i64),
+        Encoding::I32 | Encoding::I32LowFirst | Encoding::Fixed => {
+            (i32::MIN as i64, i32::MAX as i64)
+        }
         Encoding::TensAndThousandths => (-327_689_999, 327_679_999),
     };
     if raw < least || raw > most {
@@ -46,7 +52,7 @@ pub const fn encode(encoding: Encoding, raw: i64) -> Option<[u16; 2]> {
     let (high, low) = ((raw >> 16) as u16, raw as u16);
     Some(match encoding {
         Encoding::Bit | Encoding::U16 | Encoding::I16 => [low, 0],
-        Encoding::U32 | Encoding::I32 => [high, low],
+        Encoding::U32 | Encoding::I32 | Encoding::Fixed => [high, low],
         Encoding::I32LowFirst => [low, high],
         Encoding::TensAndThousandths => [(raw / 10_000) as u16, (raw % 10_000) as u16],
     })

@@ -1,0 +1,148 @@
+//! A drive's memory as its set-up archive lists it: `TYPE NAME @0xADDR [unit]`, one name a line.
+//!
+//! A map is the whole truth of a firmware: parameters that are known keep their words and take its
+//! addresses and types, others come without words, and what the map does not name is not there.
+
+use super::draft::{Draft, DraftParameter};
+use super::read::{ENTRIES_MAX, encoding_range};
+use crate::file::{FileError, Found, Place};
+use crate::words::folded;
+use polepair_core::profile::{Access, Certainty, Encoding, Persistence};
+use polepair_core::units::Unit;
+use std::collections::HashMap;
+
+/// What speeds and positions are computed with.
+const COUNTS_PER_TURN: &str = "ENCRESLONG";
+
+/// Types for which the drive has instructions.
+const TYPES: [(&str, Encoding); 5] = [
+    ("INT", Encoding::I16),
+    ("UINT", Encoding::U16),
+    ("LONG", Encoding::I32),
+    ("ULONG", Encoding::U32),
+    ("FIXED", Encoding::Fixed),
+];
+
+/// Types that a map may name and no instruction reaches.
+const FOREIGN: [&str; 2] = ["FLOAT", "DOUBLE"];
+
+/// One name of a map.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Entry<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) address: u16,
+    pub(crate) encoding: Encoding,
+    /// The unit in which the vendor's tools show it: `[rot]`; empty for none.
+    pub(crate) unit: &'a str,
+}
+
+/// Makes the draft's parameters those of the map.
+pub(crate) fn apply(draft: &mut Draft, map: &Found<String>) -> Result<(), FileError> {
+    let entries = entries(&map.value).map_err(|reason| map.place.error(reason))?;
+    let known = draft.parameters.drain(..).map(|p| (folded(symbol(&p)), p));
+    let mut known: HashMap<String, DraftParameter> = known.collect();
+    let mut parameters = Vec::with_capacity(entries.len());
+    for entry in entries {
+        parameters.push(match known.remove(&folded(entry.name)) {
+            Some(parameter) => moved(parameter, &entry),
+            None => unnamed(&entry, &map.place),
+        });
+    }
+    draft.parameters = parameters;
+    Ok(())
+}
+
+fn symbol(p: &DraftParameter) -> &str {
+    if p.symbol.is_empty() { &p.name } else { &p.symbol }
+}
+
+/// The names of a map; what lies outside the address space or has a foreign type is left out.
+pub(crate) fn entries(text: &str) -> Result<Vec<Entry<'_>>, String> {
+    let mut entries = Vec::new();
+    for (at, line) in text.lines().enumerate() {
+        let line = line.split('#').next().unwrap_or("").trim();
+        if line.is_empty() {
+            continue;
+        }
+        let entry = entry(line).map_err(|reason| format!("map, line {}: {reason}", at + 1))?;
+        entries.extend(entry);
+        if entries.len() > ENTRIES_MAX {
+            return Err(format!("the map has more than {ENTRIES_MAX} names"));
+        }
+    }
+    Ok(entries)
+}
+
+fn entry(line: &str) -> Result<Option<Entry<'_>>, String> {
+    let mut words = line.split_whitespace();
+    let kind = words.next().unwrap_or("");
+    let name = words.next().ok_or("a name is missing behind the type")?;
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    if !name.chars().all(plain) || name.starts_with(|c: char| c.is_ascii_digit()) {
+        return Err(format!("`{name}` is no name"));
+    }
+    let address = words.next().and_then(|word| word.strip_prefix("@0x"));
+    let address = address.and_then(|digits| u32::from_str_radix(digits, 16).ok());
+    let address = address.ok_or_else(|| format!("`{name}` needs an address: @0x0228"))?;
+    let unit = words.find(|word| word.starts_with('[')).unwrap_or("");
+    if FOREIGN.contains(&kind) {
+        return Ok(None);
+    }
+    let known = TYPES.iter().find(|(word, _)| *word == kind);
+    let (_, encoding) = known.ok_or_else(|| format!("`{kind}` is no type"))?;
+    let address = u16::try_from(address).ok();
+    Ok(address.map(|address| Entry { name, address, encoding: *encoding, unit }))
+}
+
+/// A known parameter where this map has it.
+fn moved(mut p: DraftParameter, entry: &Entry<'_>) -> DraftParameter {
+    p.index = entry.address;
+    if p.encoding != entry.encoding {
+        p.encoding = entry.encoding;
+        (p.min, p.max) = encoding_range(entry.encoding);
+    }
+    p
+}
+
+/// A parameter of which only the map's line is known.
+fn unnamed(entry: &Entry<'_>, place: &Place) -> DraftParameter {
+    let (min, max) = encoding_range(entry.encoding);
+    let (unit, factor, per_turn) = shown(entry);
+    let over = || Found { value: COUNTS_PER_TURN.to_owned(), place: place.clone() };
+    DraftParameter {
+        place: place.clone(),
+        name: entry.name.into(),
+        symbol: entry.name.into(),
+        about: String::new(),
+        space: 0,
+        index: entry.address,
+        encoding: entry.encoding,
+        unit,
+        factor,
+        times: None,
+        over: per_turn.then(over),
+        min,
+        max,
+        default: None,
+        access: Access::ReadWrite,
+        persistence: Persistence::Volatile,
+        certainty: Certainty::Inferred,
+        moves: true,
+        section: String::new(),
+        values: Vec::new(),
+    }
+}
+
+/// Unit, factor, and whether it is divided by the counts of a turn. Speeds count slow loops of 1 ms,
+/// the drives' default; currents and voltages depend on the drive's size, so they stay raw.
+fn shown(entry: &Entry<'_>) -> (Unit, f64, bool) {
+    let fixed = entry.encoding == Encoding::Fixed;
+    let fraction = if fixed { 1.0 / 65536.0 } else { 1.0 };
+    match entry.unit {
+        "[rot]" => (Unit::Turn, 1.0, true),
+        "[rpm]" => (Unit::Rpm, 60e3 * fraction, true),
+        "[rad/s^2]" => (Unit::RpmPerSecond, 60e6 * fraction, true),
+        "[s]" => (Unit::Second, 0.001, false),
+        _ => (Unit::None, fraction, false),
+    }
+}
