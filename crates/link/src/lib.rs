@@ -29,6 +29,9 @@ pub mod connection;
 mod descriptor;
 pub mod error;
 mod hex;
+#[cfg(unix)]
+pub mod hub;
+mod inbox;
 pub mod link;
 pub mod ports;
 #[cfg(unix)]

@@ -38,6 +38,11 @@ impl Pty {
         Ok(Self { descriptor, _near: near, name, alias })
     }
 
+    /// Another descriptor of the far end.
+    pub(crate) fn far(&self) -> std::io::Result<OwnedFd> {
+        self.descriptor.fd.try_clone()
+    }
+
     /// What a client opens: the alias if there is one.
     #[must_use]
     pub fn path(&self) -> &str {

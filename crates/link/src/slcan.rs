@@ -4,19 +4,24 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
+use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
 use crate::error::{Cause, LinkError};
+use crate::inbox::Inbox;
 use crate::link::{Link, Losses, Received};
 use crate::tcp::TcpLink;
 use crate::wake::Waker;
 
+#[cfg(unix)]
+mod adapter;
 pub mod codec;
 #[cfg(test)]
 mod tests;
 
+#[cfg(unix)]
+pub use adapter::{Adapter, listen, on_pty};
 use codec::{Answer, End, LINE_MAX, Lines, State};
 
 /// How long an adapter may take to answer a command; some never do.
@@ -36,12 +41,9 @@ pub struct SlcanLink {
     refused: AtomicU64,
 }
 
-/// Bytes read and not yet looked at, and the line that they are part of.
+/// What came and was not yet looked at.
 struct Unread {
-    bytes: <Stream as Medium>::Buffer,
-    from: usize,
-    to: usize,
-    at: Instant,
+    inbox: Inbox,
     lines: Lines,
     bus_off: bool,
 }
@@ -73,10 +75,7 @@ impl SlcanLink {
         let link = Self {
             line: line.into(),
             unread: Mutex::new(Unread {
-                bytes: Stream::buffer(),
-                from: 0,
-                to: 0,
-                at: inner.now(),
+                inbox: Inbox::default(),
                 lines: Lines::default(),
                 bus_off: false,
             }),
@@ -137,7 +136,10 @@ impl SlcanLink {
         let mut done = None;
         while answers > 0 {
             match unread.end() {
-                None if !unread.fill(&*self.inner, until)? => break,
+                None => match unread.inbox.receive(&*self.inner, until)? {
+                    Received::Bytes { .. } => continue,
+                    _ => break,
+                },
                 Some(End::Bell) => done = Some(false),
                 Some(End::Line) if unread.lines.line().is_empty() => done = Some(true),
                 // Frames of before, and what a terminal server greets with.
@@ -155,7 +157,7 @@ impl SlcanLink {
     /// The next thing of interest among the bytes that were read.
     fn next(&self, unread: &mut Unread, frame: &mut Frame) -> Option<Received> {
         loop {
-            let at = unread.at;
+            let at = unread.inbox.at;
             let answer = match unread.end()? {
                 End::Line => Answer::of(unread.lines.line()),
                 End::Bell => {
@@ -218,27 +220,12 @@ fn rate_command<'a>(
 impl Unread {
     /// What the next bytes that were read end, if anything.
     fn end(&mut self) -> Option<End> {
-        while self.from < self.to {
-            let byte = self.bytes[self.from];
-            self.from += 1;
+        while let Some(byte) = self.inbox.next() {
             if let Some(end) = self.lines.push(byte) {
                 return Some(end);
             }
         }
         None
-    }
-
-    /// Reads more; false when nothing came.
-    fn fill(&mut self, inner: &dyn Link<Stream>, until: Instant) -> Result<bool, LinkError> {
-        Ok(matches!(self.receive(inner, until)?, Received::Bytes { .. }))
-    }
-
-    fn receive(&mut self, inner: &dyn Link<Stream>, until: Instant) -> Result<Received, LinkError> {
-        let received = inner.receive(&mut self.bytes, until)?;
-        if let Received::Bytes { len, at } = received {
-            (self.from, self.to, self.at) = (0, len, at);
-        }
-        Ok(received)
     }
 
     /// What a controller's new state means to the bus's users, if anything.
@@ -281,7 +268,7 @@ impl Link<Can> for SlcanLink {
             if let Some(received) = self.next(&mut unread, frame) {
                 return Ok(received);
             }
-            match self.judged(unread.receive(&*self.inner, until))? {
+            match self.judged(unread.inbox.receive(&*self.inner, until))? {
                 Received::Bytes { .. } => {}
                 other => return Ok(other),
             }

@@ -16,6 +16,8 @@ use crate::wake::Waker;
 mod listener;
 #[cfg(unix)]
 pub use listener::TcpServer;
+#[cfg(unix)]
+pub(crate) use {listener::listen, socket::keep_alive};
 
 /// How long connecting to one address may take.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
@@ -131,7 +133,7 @@ mod socket {
     }
 
     /// A far end that lost power never says so: ask it, and give up on bytes never acknowledged.
-    fn keep_alive(stream: &TcpStream) {
+    pub(crate) fn keep_alive(stream: &TcpStream) {
         let _ = sockopt::set_socket_keepalive(stream, true);
         let _ = sockopt::set_tcp_keepidle(stream, Duration::from_secs(5));
         let _ = sockopt::set_tcp_keepintvl(stream, Duration::from_secs(1));

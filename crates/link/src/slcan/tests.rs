@@ -1,12 +1,15 @@
 use std::sync::Arc;
 use std::thread;
 
-use polepair_core::medium::{CanLine, Frame, Medium, SerialLine, Stream};
+use polepair_core::medium::{CanLine, Frame, Medium, Stream};
 use polepair_core::station::LineEvent;
 
+use super::adapter::Adapter;
 use super::codec::{Answer, End, LINE_MAX, Lines, State, parse_bit_rate, parse_frame};
 use super::*;
 use crate::clock;
+use crate::hex::Text;
+use crate::hub::{Saying, Session, Taken};
 use crate::pty::Pty;
 
 const LINE: CanLine = CanLine { bit_rate: 500_000 };
@@ -180,4 +183,105 @@ fn a_silent_adapter_is_opened_all_the_same() {
     let received = link.receive(&mut frame, clock::now().plus_ms(2000)).unwrap();
     assert!(matches!(received, Received::Bytes { .. }), "{received:?}");
     assert_eq!(frame.id, 0x111);
+}
+
+/// Two programs on the adapters of one bus, and what stands behind it.
+#[test]
+fn clients_of_a_bus_hear_each_other_and_the_drives() {
+    let bus = listen("0", LINE).unwrap();
+    let address = bus.address().unwrap().to_string();
+    thread::scope(|scope| {
+        let drives = scope.spawn(|| {
+            let mut heard = Vec::new();
+            let mut frame = Frame::default();
+            while heard.len() < 2 {
+                match bus.receive(&mut frame, clock::now().plus_ms(3000)).unwrap() {
+                    Received::Bytes { .. } => heard.push(frame),
+                    other => panic!("{other:?}"),
+                }
+                bus.send(&Frame::standard(frame.id as u16 + 1, b"drive")).unwrap();
+            }
+            // Until both clients have left.
+            let _ = bus.receive(&mut frame, clock::now().plus_ms(200));
+            heard
+        });
+        let (one, other) = (open_tcp(&address, LINE).unwrap(), open_tcp(&address, LINE).unwrap());
+        let next = |link: &SlcanLink| {
+            let mut frame = Frame::default();
+            let received = link.receive(&mut frame, clock::now().plus_ms(2000)).unwrap();
+            assert!(matches!(received, Received::Bytes { .. }), "{received:?}");
+            frame
+        };
+        let (first, second) = (Frame::standard(0x100, b"one"), extended(0x200, b"other"));
+        let answer = |id| Frame::standard(id, b"drive");
+        one.send(&first).unwrap();
+        assert_eq!((next(&one), next(&other), next(&other)), (answer(0x101), first, answer(0x101)));
+        other.send(&second).unwrap();
+        assert_eq!((next(&other), next(&one), next(&one)), (answer(0x201), second, answer(0x201)));
+        drop((one, other));
+        assert_eq!(drives.join().unwrap(), [first, second]);
+    });
+}
+
+fn said_to(adapter: &mut Adapter, text: &str) -> (String, Vec<Taken>) {
+    let (mut said, mut came) = (Vec::new(), Vec::new());
+    for &byte in text.as_bytes() {
+        let mut room = [0; crate::hub::SAYING_MAX];
+        let mut answer = Saying(Text::new(&mut room));
+        let taken = adapter.take(byte, &mut answer);
+        let len = answer.0.len;
+        said.extend_from_slice(&room[..len]);
+        came.extend((taken != Taken::Nothing).then_some(taken));
+    }
+    (String::from_utf8(said).unwrap(), came)
+}
+
+/// CAN232 manual, "available commands".
+#[test]
+fn an_adapter_answers_as_the_manual_says() {
+    let mut adapter = Adapter::new(LINE);
+    let cases = [
+        ("\r", "\r"),
+        ("t1230\r", "\x07"),
+        ("C\r", "\x07"),
+        ("S9\r", "\x07"),
+        ("S6\r", "\r"),
+        ("Z1\r", "\r"),
+        ("O\r", "\r"),
+        ("O\r", "\x07"),
+        ("S6\r", "\x07"),
+        ("t1230\r", "z\r"),
+        ("T000001230\r", "Z\r"),
+        ("t123\r", "\x07"),
+        ("V\r", "V1013\r"),
+        ("N\r", "NPLPR\r"),
+        ("F\r", "F00\r"),
+        ("C\r", "\r"),
+        ("s031C\r", "\r"),
+        ("L\r", "\r"),
+        ("F\r", "FA4\r"),
+        ("t1230\r", "\x07"),
+        ("W2\r", "\x07"),
+    ];
+    for (command, answer) in cases {
+        assert_eq!(said_to(&mut adapter, command).0, answer, "{command:?}");
+    }
+}
+
+#[test]
+fn an_adapter_of_another_bit_rate_neither_hears_nor_is_heard() {
+    let mut adapter = Adapter::new(LINE);
+    let shown = |adapter: &Adapter| {
+        let mut room = [0; crate::hub::SAYING_MAX];
+        let mut saying = Saying(Text::new(&mut room));
+        adapter.show(&Frame::standard(0x123, &[]), Instant(61_234_000_000), &mut saying);
+        let len = saying.0.len;
+        String::from_utf8(room[..len].to_vec()).unwrap()
+    };
+    assert_eq!(shown(&adapter), "", "closed");
+    said_to(&mut adapter, "S6\rZ1\rO\r");
+    assert_eq!(shown(&adapter), "t123004D2\r");
+    said_to(&mut adapter, "C\rS5\rO\r");
+    assert_eq!(shown(&adapter), "", "out of tune");
+    assert_eq!(said_to(&mut adapter, "t1230\r").1, [Taken::Refused]);
 }

@@ -29,8 +29,7 @@ impl TcpServer {
     /// [`LinkError`], mostly that the port is taken.
     pub fn bind(address: &str) -> Result<Self, LinkError> {
         let fail = |error: std::io::Error| LinkError::from_io(address, &error);
-        let listener = TcpListener::bind(with_host(address)).map_err(fail)?;
-        listener.set_nonblocking(true).map_err(fail)?;
+        let listener = listen(address)?;
         let at = listener.local_addr().map_err(fail)?;
         Ok(Self { listener, address: at, wake: Waker::new().map_err(fail)?, client: None.into() })
     }
@@ -117,6 +116,13 @@ impl Link<Stream> for TcpServer {
     fn describe(&self) -> String {
         self.address.to_string()
     }
+}
+
+/// Listens without ever waiting.
+pub(crate) fn listen(address: &str) -> Result<TcpListener, LinkError> {
+    let listener = TcpListener::bind(with_host(address))
+        .and_then(|listener| listener.set_nonblocking(true).map(|()| listener));
+    listener.map_err(|error| LinkError::from_io(address, &error))
 }
 
 /// Motors are reached from this machine only unless somebody asks for more.

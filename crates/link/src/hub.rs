@@ -1,0 +1,328 @@
+//! A simulated bus that several programs share: every client is one more node on it, and hears the
+//! drives and the other clients, but not itself.
+
+use std::net::{SocketAddr, TcpListener};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use polepair_core::medium::{Can, CanLine, Frame};
+use polepair_core::time::Instant;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
+
+use crate::clock;
+use crate::descriptor::timespec;
+use crate::error::LinkError;
+use crate::hex::Text;
+use crate::inbox::Inbox;
+use crate::link::{Link, Losses, Received};
+use crate::pty::Pty;
+use crate::wake::Waker;
+
+/// Clients at a time; one more is turned away.
+pub const CLIENTS_MAX: usize = 16;
+/// The longest thing said to a client at once.
+pub const SAYING_MAX: usize = 128;
+
+/// How one client is talked to. Every client gets a copy of its own.
+pub trait Session: Clone + Send {
+    /// What a client hears when it connects.
+    fn greeting(&self) -> &'static [u8];
+
+    /// Takes one byte that the client sent, and writes what it is answered.
+    fn take(&mut self, byte: u8, answer: &mut Saying<'_>) -> Taken;
+
+    /// Writes a frame of the bus as this client is told of it; nothing when it is not.
+    fn show(&self, frame: &Frame, at: Instant, saying: &mut Saying<'_>);
+}
+
+/// What a byte of a client's came to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Taken {
+    /// Nothing for the bus.
+    Nothing,
+    /// The end of something that nobody understands.
+    Junk,
+    /// A frame for the bus.
+    Frame(Frame),
+    /// A frame that the bus does not take.
+    Refused,
+    /// The client is to be left.
+    Leave,
+}
+
+/// Room for what is said to a client at once.
+#[derive(Debug)]
+pub struct Saying<'a>(pub(crate) Text<'a>);
+
+/// The server's end of a bus with clients.
+pub struct Hub<S> {
+    name: String,
+    listener: Option<TcpListener>,
+    /// Kept: without it the name by which clients open it would be gone.
+    _pty: Option<Pty>,
+    wake: Waker,
+    prototype: S,
+    room: Mutex<Room<S>>,
+}
+
+struct Room<S> {
+    clients: Vec<Client<S>>,
+    /// Who is heard first the next time, so that nobody is never heard.
+    turn: usize,
+    losses: Losses,
+}
+
+struct Client<S> {
+    fd: Arc<OwnedFd>,
+    session: S,
+    inbox: Inbox,
+    /// What is left of something said when the client's buffer was full.
+    owed: [u8; SAYING_MAX],
+    owed_len: usize,
+    left: bool,
+}
+
+impl<S: Session> Hub<S> {
+    /// Serves one client at a time on a pseudo-terminal.
+    ///
+    /// # Errors
+    /// [`LinkError`] when the system has no descriptors left.
+    pub(crate) fn on_pty(pty: Pty, prototype: S) -> Result<Self, LinkError> {
+        let name = pty.path().to_owned();
+        let fd = pty.far().map_err(|error| LinkError::from_io(&name, &error))?;
+        let mut hub = Self::new(name, prototype)?;
+        hub._pty = Some(pty);
+        hub.admit(fd);
+        Ok(hub)
+    }
+
+    /// Serves clients on TCP, at an address as [`TcpServer::bind`](crate::tcp::TcpServer::bind)
+    /// takes it.
+    ///
+    /// # Errors
+    /// [`LinkError`], mostly that the port is taken.
+    pub(crate) fn listen(address: &str, prototype: S) -> Result<Self, LinkError> {
+        let listener = crate::tcp::listen(address)?;
+        let at = listener.local_addr().map_err(|error| LinkError::from_io(address, &error))?;
+        let mut hub = Self::new(at.to_string(), prototype)?;
+        hub.listener = Some(listener);
+        Ok(hub)
+    }
+
+    fn new(name: String, prototype: S) -> Result<Self, LinkError> {
+        let wake = Waker::new().map_err(|error| LinkError::from_io(&name, &error))?;
+        let room = Room { clients: Vec::new(), turn: 0, losses: Losses::default() };
+        Ok(Self { name, listener: None, _pty: None, wake, prototype, room: room.into() })
+    }
+
+    /// Where it listens, on TCP.
+    #[must_use]
+    pub fn address(&self) -> Option<SocketAddr> {
+        self.listener.as_ref()?.local_addr().ok()
+    }
+
+    fn room(&self) -> MutexGuard<'_, Room<S>> {
+        self.room.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn admit(&self, fd: OwnedFd) {
+        let mut room = self.room();
+        if room.clients.len() == CLIENTS_MAX {
+            return;
+        }
+        let mut client = Client {
+            fd: Arc::new(fd),
+            session: self.prototype.clone(),
+            inbox: Inbox::default(),
+            owed: [0; SAYING_MAX],
+            owed_len: 0,
+            left: false,
+        };
+        client.say(self.prototype.greeting());
+        room.clients.push(client);
+    }
+
+    fn accept(&self) {
+        let Some(listener) = &self.listener else { return };
+        for _ in 0..CLIENTS_MAX {
+            let Ok((stream, _)) = listener.accept() else { return };
+            if stream.set_nonblocking(true).is_ok() {
+                let _ = stream.set_nodelay(true);
+                crate::tcp::keep_alive(&stream);
+                self.admit(stream.into());
+            }
+        }
+    }
+
+    /// Waits until a client, the listener or the waker has something; tells whether the latter.
+    fn wait(&self, until: Instant) -> Result<bool, LinkError> {
+        let mut fds: [Option<Arc<OwnedFd>>; CLIENTS_MAX] = Default::default();
+        for (place, client) in fds.iter_mut().zip(&self.room().clients) {
+            *place = Some(Arc::clone(&client.fd));
+        }
+        let wake = self.wake.as_fd();
+        let watched = |fd: Option<BorrowedFd<'_>>| match fd {
+            Some(_) => PollFlags::IN,
+            None => PollFlags::empty(),
+        };
+        let mut polled: [PollFd<'_>; CLIENTS_MAX + 2] = std::array::from_fn(|n| {
+            let fd = match n {
+                0 => Some(wake),
+                1 => self.listener.as_ref().map(AsFd::as_fd),
+                n => fds[n - 2].as_ref().map(AsFd::as_fd),
+            };
+            PollFd::from_borrowed_fd(fd.unwrap_or(wake), watched(fd))
+        });
+        let left = until.since(clock::now());
+        let timeout = (until != Instant::FAR).then(|| timespec(left));
+        match poll(&mut polled, timeout.as_ref()) {
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(errno) => return Err(LinkError::from_io(&self.name, &errno.into())),
+        }
+        if !polled[1].revents().is_empty() {
+            self.accept();
+        }
+        Ok(!polled[0].revents().is_empty() && self.wake.taken())
+    }
+}
+
+impl<S: Session> Room<S> {
+    /// The next frame that a client has for the bus; the other clients hear it, too.
+    fn hear(&mut self, frame: &mut Frame) -> Option<Instant> {
+        for n in 0..self.clients.len() {
+            let speaker = (self.turn + n) % self.clients.len();
+            if let Some((heard, at)) = self.clients[speaker].hear(&mut self.losses) {
+                self.turn = speaker + 1;
+                self.show(&heard, at, Some(speaker));
+                *frame = heard;
+                return Some(at);
+            }
+        }
+        self.clients.retain(|client| !client.left);
+        None
+    }
+
+    fn show(&mut self, frame: &Frame, at: Instant, speaker: Option<usize>) {
+        for (n, client) in self.clients.iter_mut().enumerate() {
+            if speaker != Some(n) && !client.show(frame, at) {
+                self.losses.overrun += 1;
+            }
+        }
+    }
+}
+
+impl<S: Session> Client<S> {
+    /// The next frame among what the client has said.
+    fn hear(&mut self, losses: &mut Losses) -> Option<(Frame, Instant)> {
+        if self.inbox.is_empty() && !self.left {
+            self.read();
+        }
+        while let Some(byte) = self.inbox.next() {
+            let mut room = [0; SAYING_MAX];
+            let mut answer = Saying(Text::new(&mut room));
+            let taken = self.session.take(byte, &mut answer);
+            let len = answer.0.len;
+            self.say(&room[..len]);
+            match taken {
+                Taken::Nothing => {}
+                Taken::Junk => losses.malformed += 1,
+                Taken::Refused => losses.refused += 1,
+                Taken::Frame(frame) => return Some((frame, self.inbox.at)),
+                Taken::Leave => self.left = true,
+            }
+        }
+        None
+    }
+
+    fn read(&mut self) {
+        let fd = &self.fd;
+        match self.inbox.fill(clock::now(), |bytes| rustix::io::read(fd, bytes)) {
+            Ok(0) => self.left = true,
+            Ok(_) | Err(Errno::AGAIN | Errno::INTR) => {}
+            Err(_) => self.left = true,
+        }
+    }
+
+    /// False when the client takes nothing now, and loses the frame.
+    fn show(&mut self, frame: &Frame, at: Instant) -> bool {
+        let mut room = [0; SAYING_MAX];
+        let mut saying = Saying(Text::new(&mut room));
+        self.session.show(frame, at, &mut saying);
+        let len = saying.0.len;
+        self.say(&room[..len])
+    }
+
+    /// Never waits: a client that does not read loses what it is told, whole.
+    fn say(&mut self, saying: &[u8]) -> bool {
+        if saying.is_empty() || self.left {
+            return true;
+        }
+        let owed = self.write(&self.owed[..self.owed_len]);
+        self.owed.copy_within(owed..self.owed_len, 0);
+        self.owed_len -= owed;
+        if self.owed_len > 0 {
+            return false;
+        }
+        let written = self.write(saying);
+        let rest = &saying[written..];
+        if written > 0 {
+            self.owed[..rest.len()].copy_from_slice(rest);
+            self.owed_len = rest.len();
+        }
+        written > 0
+    }
+
+    /// How much of it the client's buffer took. That a client has left is found out by reading.
+    fn write(&self, bytes: &[u8]) -> usize {
+        if bytes.is_empty() { 0 } else { rustix::io::write(&self.fd, bytes).unwrap_or(0) }
+    }
+}
+
+impl<S: Session + Sync> Link<Can> for Hub<S> {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+
+    fn send(&self, frame: &Frame) -> Result<(), LinkError> {
+        self.room().show(frame, clock::now(), None);
+        Ok(())
+    }
+
+    fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
+        loop {
+            if let Some(at) = self.room().hear(frame) {
+                return Ok(Received::Bytes { len: 1, at });
+            }
+            if self.wait(until)? {
+                return Ok(Received::Woken);
+            }
+            if until <= clock::now() {
+                let heard = self.room().hear(frame);
+                return Ok(heard.map_or(Received::TimedOut, |at| Received::Bytes { len: 1, at }));
+            }
+        }
+    }
+
+    fn set_line(&self, _line: CanLine) -> Result<(), LinkError> {
+        Ok(())
+    }
+
+    fn waker(&self) -> Waker {
+        self.wake.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.name.clone()
+    }
+
+    fn losses(&self) -> Losses {
+        self.room().losses
+    }
+}
+
+impl<S> std::fmt::Debug for Hub<S> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Hub").field(&self.name).finish()
+    }
+}
