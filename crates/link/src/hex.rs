@@ -1,4 +1,4 @@
-//! Hexadecimal digits, as the ASCII dialects of CAN write them.
+//! Digits, as the ASCII dialects of CAN write them.
 
 /// The digit of `nibble`, upper case.
 pub(crate) const fn digit(nibble: u32) -> u8 {
@@ -49,5 +49,15 @@ impl<'a> Text<'a> {
     /// `value` in so many digits.
     pub(crate) fn number(&mut self, value: u32, digits: u32) {
         (0..digits).rev().for_each(|n| self.byte(digit(value >> (4 * n))));
+    }
+
+    /// `value` in decimal, in so many digits at least.
+    pub(crate) fn decimal(&mut self, value: u64, digits: u32) {
+        let least = 10_u64.pow(digits.saturating_sub(1));
+        let mut power = least.max(10_u64.pow(value.checked_ilog10().unwrap_or(0)));
+        while power > 0 {
+            self.byte(b'0' + (value / power % 10) as u8);
+            power /= 10;
+        }
     }
 }

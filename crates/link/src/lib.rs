@@ -39,6 +39,7 @@ pub mod pty;
 pub mod serial;
 pub mod serve;
 pub mod slcan;
+pub mod socketcand;
 #[cfg(target_os = "linux")]
 mod sys;
 pub mod tap;

@@ -9,7 +9,7 @@ use polepair_core::medium::{Medium, Stream};
 use polepair_core::station::{LineEvent, Station};
 use polepair_core::time::Instant;
 
-use crate::error::{Cause, LinkError};
+use crate::error::LinkError;
 use crate::link::{Link, Received};
 use crate::wake::Waker;
 
@@ -167,7 +167,7 @@ fn transmit<M: Medium>(
         let Some(len) = station.poll_transmit(now, out.borrow_mut()) else { break };
         match link.send(M::unit(out.borrow(), len)) {
             // Nobody reads: on a real line these bytes would be lost as well.
-            Err(error) if error.cause() == Cause::Stalled => break,
+            Err(error) if !error.is_gone() => break,
             sent => sent?,
         }
     }

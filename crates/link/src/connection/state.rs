@@ -11,7 +11,7 @@ use polepair_core::time::Instant;
 
 use super::lead::REOPEN_EVERY_NS;
 use super::{AnyLane, LOST, Slots};
-use crate::error::{Cause, LinkError};
+use crate::error::LinkError;
 use crate::link::{Link, Received};
 
 /// Units sent and outcomes told in one pump; what is left waits for the next.
@@ -206,7 +206,7 @@ impl<M: Medium> State<M> {
         match self.link.send(M::unit(self.out.borrow(), len)) {
             Ok(()) => true,
             // The unit is lost as on a broken wire; the lane notices the silence.
-            Err(error) if error.cause() == Cause::Stalled => false,
+            Err(error) if !error.is_gone() => false,
             Err(error) => {
                 self.lose(error);
                 false

@@ -1,0 +1,226 @@
+//! CAN buses that a `socketcand` server shares over TCP.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use polepair_core::medium::{Can, CanLine, Frame, Stream};
+use polepair_core::station::LineEvent;
+use polepair_core::time::Instant;
+
+use crate::error::{Cause, LinkError};
+use crate::hex::Text;
+use crate::inbox::Inbox;
+use crate::link::{Link, Losses, Received};
+use crate::tcp::TcpLink;
+use crate::wake::Waker;
+
+pub mod codec;
+#[cfg(unix)]
+mod daemon;
+#[cfg(test)]
+mod tests;
+
+use codec::{ELEMENT_MAX, Elements, End, Reply};
+#[cfg(unix)]
+pub use daemon::{Daemon, listen};
+
+/// Where socketcand listens unless told otherwise.
+pub const PORT: u16 = 29536;
+/// How long the server may take to answer.
+const ANSWER_MS: u32 = 2000;
+/// Error classes of `linux/can/error.h`.
+const BUS_OFF: u32 = 0x40;
+const RESTARTED: u32 = 0x100;
+
+/// A bus of a socketcand server, in its raw mode.
+pub struct SocketcandLink {
+    inner: Box<dyn Link<Stream>>,
+    bus: String,
+    name: String,
+    unread: Mutex<Unread>,
+    malformed: AtomicU64,
+    errors: AtomicU64,
+    refused: AtomicU64,
+}
+
+/// What came and was not yet looked at.
+#[derive(Default)]
+struct Unread {
+    inbox: Inbox,
+    elements: Elements,
+}
+
+/// Opens `bus` (`can0`) of the server at `address` (`10.0.0.5:29536`).
+///
+/// # Errors
+/// [`LinkError`] of the connection; [`Cause::NotFound`] when the server has no such bus,
+/// [`Cause::Unsuitable`] when what answers there is no socketcand.
+pub fn connect(address: &str, bus: &str) -> Result<SocketcandLink, LinkError> {
+    SocketcandLink::open(Box::new(TcpLink::connect(address)?), bus)
+}
+
+impl SocketcandLink {
+    fn open(inner: Box<dyn Link<Stream>>, bus: &str) -> Result<Self, LinkError> {
+        let link = Self {
+            name: format!("{}/{bus}", inner.describe()),
+            bus: bus.to_owned(),
+            inner,
+            unread: Mutex::default(),
+            malformed: AtomicU64::new(0),
+            errors: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
+        };
+        if bus.is_empty() || bus.bytes().any(|byte| matches!(byte, b' ' | b'<' | b'>')) {
+            let hint = "Name the server's bus, for example can0.";
+            return Err(LinkError::new(&link.name, Cause::NotFound).hinting(hint));
+        }
+        link.expect(|reply| reply == Reply::Hi)?;
+        link.inner.send(format!("< open {bus} >").as_bytes())?;
+        link.expect(|reply| reply == Reply::Ok)?;
+        link.inner.send(b"< rawmode >")?;
+        link.expect(|reply| reply == Reply::Ok)?;
+        Ok(link)
+    }
+
+    /// Waits for the reply that is wanted; an error is the end.
+    fn expect(&self, wanted: impl Fn(Reply<'_>) -> bool) -> Result<(), LinkError> {
+        let until = self.inner.now().plus_ms(ANSWER_MS);
+        let mut unread = self.unread();
+        loop {
+            match unread.end() {
+                Some(End::Element) => match Reply::of(unread.elements.text()) {
+                    reply if wanted(reply) => return Ok(()),
+                    Reply::Error(why) => return Err(self.error(why)),
+                    _ => {}
+                },
+                Some(End::Spoilt) => {}
+                None => match unread.inbox.receive(&*self.inner, until)? {
+                    Received::Bytes { .. } => {}
+                    _ => return Err(self.no_answer()),
+                },
+            }
+        }
+    }
+
+    fn error(&self, why: &[u8]) -> LinkError {
+        let why = String::from_utf8_lossy(why);
+        let hint = format!(
+            "The server says `{}`; it shares the buses that it was started with (`socketcand -i \
+             can0,can1`).",
+            why.trim()
+        );
+        LinkError::new(&self.name, Cause::NotFound).hinting(&hint)
+    }
+
+    fn no_answer(&self) -> LinkError {
+        let hint = "What listens there does not greet as socketcand does.";
+        LinkError::new(&self.name, Cause::Unsuitable).hinting(hint)
+    }
+
+    fn unread(&self) -> MutexGuard<'_, Unread> {
+        self.unread.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The next thing of interest among the bytes that were read.
+    fn next(&self, unread: &mut Unread, frame: &mut Frame) -> Option<Received> {
+        loop {
+            let end = unread.end()?;
+            let at = unread.inbox.at;
+            let reply = match end {
+                End::Element => Reply::of(unread.elements.text()),
+                End::Spoilt => Reply::Unknown,
+            };
+            let count = match reply {
+                Reply::Frame(arrived) => {
+                    *frame = arrived;
+                    return Some(Received::Bytes { len: 1, at });
+                }
+                Reply::ErrorFrame(class) if class & BUS_OFF != 0 => {
+                    return Some(Received::Line { event: LineEvent::BusOff, at });
+                }
+                Reply::ErrorFrame(class) if class & RESTARTED != 0 => {
+                    return Some(Received::Line { event: LineEvent::Up, at });
+                }
+                Reply::ErrorFrame(_) => &self.errors,
+                Reply::Error(_) => &self.refused,
+                Reply::Unknown => &self.malformed,
+                Reply::Hi | Reply::Ok | Reply::Echo => continue,
+            };
+            count.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+impl Unread {
+    /// What the next bytes that were read end, if anything.
+    fn end(&mut self) -> Option<End> {
+        while let Some(byte) = self.inbox.next() {
+            if let Some(end) = self.elements.push(byte) {
+                return Some(end);
+            }
+        }
+        None
+    }
+}
+
+impl std::fmt::Debug for SocketcandLink {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("SocketcandLink").field(&self.name).finish()
+    }
+}
+
+impl Link<Can> for SocketcandLink {
+    fn now(&self) -> Instant {
+        self.inner.now()
+    }
+
+    fn send(&self, frame: &Frame) -> Result<(), LinkError> {
+        let mut room = [0; ELEMENT_MAX];
+        let mut text = Text::new(&mut room);
+        if !codec::write_send(frame, &mut text) {
+            let hint = "socketcand carries no remote frames.";
+            return Err(LinkError::new(&self.name, Cause::Unsuitable).hinting(hint));
+        }
+        let len = text.len;
+        self.inner.send(&room[..len])
+    }
+
+    fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
+        let mut unread = self.unread();
+        loop {
+            if let Some(received) = self.next(&mut unread, frame) {
+                return Ok(received);
+            }
+            match unread.inbox.receive(&*self.inner, until)? {
+                Received::Bytes { .. } => {}
+                other => return Ok(other),
+            }
+        }
+    }
+
+    /// The server's matter: its buses run at the bit rate that they were set up with.
+    fn set_line(&self, _line: CanLine) -> Result<(), LinkError> {
+        Ok(())
+    }
+
+    fn waker(&self) -> Waker {
+        self.inner.waker()
+    }
+
+    fn describe(&self) -> String {
+        self.name.clone()
+    }
+
+    fn losses(&self) -> Losses {
+        Losses {
+            malformed: self.malformed.load(Ordering::Relaxed),
+            errors: self.errors.load(Ordering::Relaxed),
+            refused: self.refused.load(Ordering::Relaxed),
+            ..self.inner.losses()
+        }
+    }
+
+    fn reopen(&self) -> Result<Box<dyn Link<Can>>, LinkError> {
+        Ok(Box::new(Self::open(self.inner.reopen()?, &self.bus)?))
+    }
+}

@@ -1,0 +1,116 @@
+use std::thread;
+
+use polepair_core::medium::Frame;
+
+use super::codec::{ELEMENT_MAX, Elements, End, Reply, Request};
+use super::*;
+use crate::clock;
+
+fn extended(id: u32, data: &[u8]) -> Frame {
+    Frame { id, extended: true, ..Frame::standard(0, data) }
+}
+
+fn text(write: impl Fn(&mut Text<'_>)) -> String {
+    let mut room = [0; ELEMENT_MAX];
+    let mut text = Text::new(&mut room);
+    write(&mut text);
+    let len = text.len;
+    String::from_utf8(room[..len].to_vec()).unwrap()
+}
+
+fn elements(bytes: &[u8]) -> Vec<Option<String>> {
+    let mut elements = Elements::default();
+    let mut ends = Vec::new();
+    for &byte in bytes {
+        match elements.push(byte) {
+            Some(End::Element) => {
+                ends.push(Some(String::from_utf8(elements.text().to_vec()).unwrap()));
+            }
+            Some(End::Spoilt) => ends.push(None),
+            None => {}
+        }
+    }
+    ends
+}
+
+/// The examples of the project's `doc/protocol.md`.
+#[test]
+fn frames_are_written_and_read_as_the_protocol_prints_them() {
+    let sent = [
+        (Frame::standard(0x123, &[]), "< send 123 0 >"),
+        (extended(0x1AAA_AAAA, &[0x01, 0xF1]), "< send 1AAAAAAA 2 1 F1 >"),
+    ];
+    for (frame, element) in sent {
+        assert_eq!(text(|to| assert!(codec::write_send(&frame, to))), element);
+        let inside = &element.as_bytes()[1..element.len() - 1];
+        assert_eq!(Request::of(inside), Request::Send(frame));
+        assert_eq!(Request::of(&inside.to_ascii_lowercase()), Request::Send(frame));
+    }
+    let frame = Frame::standard(0x123, &[0x1A, 0x22, 0x03, 0x44]);
+    let told = "< frame 123 23.424242 1A220344 >";
+    assert_eq!(text(|to| codec::write_frame(&frame, 23_424_242, to)), told);
+    assert_eq!(Reply::of(b" frame 123 23.424242 1A220344 "), Reply::Frame(frame));
+    assert_eq!(Reply::of(b" frame 123 23.424242 1A 22 03 44 "), Reply::Frame(frame));
+    let empty = Frame::standard(0x7FF, &[]);
+    assert_eq!(text(|to| codec::write_frame(&empty, 7, to)), "< frame 7FF 0.000007  >");
+    assert_eq!(Reply::of(b" frame 7FF 0.000007  "), Reply::Frame(empty));
+    let remote = Frame { remote: true, ..empty };
+    assert!(text(|to| codec::write_frame(&remote, 7, to)).is_empty());
+    assert!(text(|to| assert!(!codec::write_send(&remote, to))).is_empty());
+}
+
+#[test]
+fn what_is_no_frame_is_refused() {
+    let requests = ["send 123 9 1 2 3 4 5 6 7 8 9", "send 123 1", "send 800 0", "send 20000000 0"];
+    for wrong in requests.into_iter().chain(["send 123 1 100", "send xyz 0", "open", "", "send"]) {
+        assert_eq!(Request::of(wrong.as_bytes()), Request::Unknown, "{wrong}");
+    }
+    for wrong in ["frame 123 1.0 123", "frame 123 1.0 112233445566778899", "frame 123", "oops"] {
+        assert_eq!(Reply::of(wrong.as_bytes()), Reply::Unknown, "{wrong}");
+    }
+    assert_eq!(Reply::of(b" error 040 1.5 "), Reply::ErrorFrame(0x40));
+    assert_eq!(Reply::of(b" error could not open bus "), Reply::Error(b" could not open bus"));
+}
+
+#[test]
+fn junk_costs_the_element_it_stands_in() {
+    let some = |text: &str| Some(text.to_owned());
+    assert_eq!(elements(b"xx< hi >\n< ok ><a>"), [some(" hi "), some(" ok "), some("a")]);
+    assert_eq!(elements(b"< frame 12< ok >"), [None, some(" ok ")]);
+    assert_eq!(elements(b"< \xFF ok >< ok >"), [None, some(" ok ")]);
+    let long = [b"<".to_vec(), vec![b'x'; 5000], b">< ok >".to_vec()].concat();
+    assert_eq!(elements(&long), [None, some(" ok ")]);
+}
+
+#[cfg(unix)]
+#[test]
+fn clients_of_a_server_hear_each_other_and_the_drives() {
+    let bus = listen("0", "can0").unwrap();
+    let address = bus.address().unwrap().to_string();
+    thread::scope(|scope| {
+        let drives = scope.spawn(|| {
+            let mut frame = Frame::default();
+            let received = bus.receive(&mut frame, clock::now().plus_ms(3000)).unwrap();
+            assert!(matches!(received, Received::Bytes { .. }), "{received:?}");
+            bus.send(&Frame::standard(0x321, b"drive")).unwrap();
+            let _ = bus.receive(&mut Frame::default(), clock::now().plus_ms(300));
+            frame
+        });
+        let error = connect(&address, "can7").unwrap_err();
+        assert_eq!(error.cause(), Cause::NotFound);
+        assert!(error.hint().contains("could not open bus"), "{}", error.hint());
+        let (one, other) = (connect(&address, "can0").unwrap(), connect(&address, "can0").unwrap());
+        let next = |link: &SocketcandLink| {
+            let mut frame = Frame::default();
+            let received = link.receive(&mut frame, clock::now().plus_ms(2000)).unwrap();
+            assert!(matches!(received, Received::Bytes { .. }), "{received:?}");
+            frame
+        };
+        let (sent, answer) = (extended(0x1FFF_FFFF, b"one"), Frame::standard(0x321, b"drive"));
+        one.send(&sent).unwrap();
+        assert_eq!((next(&one), next(&other), next(&other)), (answer, sent, answer));
+        let remote = Frame { remote: true, ..answer };
+        assert_eq!(one.send(&remote).unwrap_err().cause(), Cause::Unsuitable);
+        assert_eq!(drives.join().unwrap(), sent);
+    });
+}
