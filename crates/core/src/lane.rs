@@ -5,15 +5,15 @@
 mod execute;
 mod job;
 mod slot;
+mod table;
 #[cfg(test)]
 mod tests;
 
-use alloc::boxed::Box;
 use alloc::vec::Vec;
 use core::marker::PhantomData;
 
 use crate::axis::{Axes, Command, Rehearsed, RehearsedStep, State};
-use crate::error::{Failure, Outcome, Unsupported};
+use crate::error::{Outcome, Unsupported};
 use crate::medium::Medium;
 use crate::plan::Step;
 use crate::profile::{ParameterId, Profile};
@@ -21,10 +21,10 @@ use crate::station::{
     AxisIndex, Class, Counters, Host, LineEvent, Request, Station, Ticket, Timed, To,
 };
 use crate::time::{Instant, earliest};
-use execute::Next;
-use job::{Asked, Job, Run, Stage, Steps, Task, Write};
+use job::{Asked, Run, Steps, Task, Write};
 pub use slot::BoxedDriver;
 use slot::Slot;
+use table::Table;
 
 /// Jobs that a lane holds at once.
 pub const JOBS_MAX: usize = 64;
@@ -36,23 +36,7 @@ pub const STOP_JOBS: usize = 4;
 pub struct Lane<M: Medium, H: Host<M>> {
     host: H,
     slots: Vec<Slot<H::Request, H::Answer>>,
-    jobs: Box<[Option<Job<H::Request>>]>,
-    /// Bit n stands for job n in each of these.
-    used: u64,
-    /// Has something to send.
-    ready: u64,
-    /// Goes before the others.
-    urgent: u64,
-    /// Runs a plan that moves or powers the motor: until it waits, nothing but a stop comes between
-    /// its steps, so that nobody changes what an earlier step made sure of.
-    going: u64,
-    /// Waits for a time.
-    sleeping: u64,
-    /// Has its outcome.
-    ended: u64,
-    /// Who was served last: the next one is looked for behind it.
-    turn: u32,
-    wake: Option<Instant>,
+    jobs: Table<H::Request>,
     medium: PhantomData<fn() -> M>,
 }
 
@@ -71,15 +55,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         Self {
             host,
             slots: drivers.into_iter().take(256).map(Slot::new).collect(),
-            jobs: (0..JOBS_MAX).map(|_| None).collect(),
-            used: 0,
-            ready: 0,
-            urgent: 0,
-            going: 0,
-            sleeping: 0,
-            ended: 0,
-            turn: 0,
-            wake: None,
+            jobs: Table::new(),
             medium: PhantomData,
         }
     }
@@ -93,187 +69,46 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         self.slots.get(usize::from(axis.0)).ok_or(Unsupported::NoSuchAxis)
     }
 
-    fn add(
-        &mut self,
-        ticket: Ticket,
-        axis: AxisIndex,
-        task: Task<H::Request>,
-        stop: bool,
-    ) -> Result<usize, Unsupported> {
-        let n = (!self.used).trailing_zeros() as usize;
-        if n >= JOBS_MAX - if stop { 0 } else { STOP_JOBS } {
-            return Err(Unsupported::Busy);
-        }
-        self.jobs[n] = Some(Job {
-            ticket,
-            axis: axis.0,
-            task,
-            asked: Asked::Nothing,
-            cancelled: false,
-            outcome: None,
-        });
-        self.used |= 1 << n;
-        self.ready |= 1 << n;
-        Ok(n)
-    }
-
+    /// Takes what the host has to tell, as it may after every call.
     #[inline]
-    fn end(&mut self, n: usize, outcome: Outcome) {
-        if let Some(job) = &mut self.jobs[n] {
-            job.outcome = Some(outcome);
-            job.asked = Asked::Nothing;
-        }
-        let bit = !(1 << n);
-        self.ready &= bit;
-        self.urgent &= bit;
-        self.going &= bit;
-        self.sleeping &= bit;
-        self.ended |= !bit;
-    }
-
-    /// Ends what runs on an axis, reads excepted: a stop is next.
-    fn cancel(&mut self, axis: AxisIndex) {
-        for n in bits(self.used & !self.ended) {
-            let Some(job) = &mut self.jobs[n] else { continue };
-            if job.axis != axis.0 || matches!(job.task, Task::Read(_)) {
-                continue;
-            }
-            if job.asked == Asked::Nothing {
-                let failure = Failure::Cancelled;
-                let touched = execute::may_have_been_executed(job);
-                self.end(
-                    n,
-                    if touched { Outcome::Unknown(failure) } else { Outcome::NotDone(failure) },
-                );
-            } else {
-                job.cancelled = true;
-            }
-        }
-    }
-
-    fn moving(&self, axis: AxisIndex) -> bool {
-        bits(self.used & !self.ended).any(|n| {
-            self.jobs[n].as_ref().is_some_and(|job| {
-                let verb = match job.task {
-                    Task::Run(run) => run.verb,
-                    _ => None,
-                };
-                job.axis == axis.0 && verb.is_some_and(|v| v.needs_arming() || v.is_stop())
-            })
-        })
-    }
-
-    /// Takes what the host has to tell.
     fn settle(&mut self, now: Instant) {
         while let Some((to, answer)) = self.host.poll_event() {
-            match to {
-                To::Ticket(Ticket(n)) => self.answered(now, n as usize, answer),
-                To::Address(address) => {
-                    if let Ok(answer) = answer {
-                        self.unasked(now, address, &answer);
-                    }
+            match (to, answer) {
+                (To::Ticket(Ticket(n)), _) => {
+                    self.jobs.answered(now, &mut self.slots, *n as usize, answer);
                 }
-            }
-        }
-    }
-
-    fn unasked(&mut self, now: Instant, address: u32, answer: &H::Answer) {
-        for slot in self.slots.iter_mut().filter(|slot| slot.driver.address() == address) {
-            if let Some((signal, raw)) = slot.driver.unasked(answer) {
-                let reading = crate::axis::Reading { value: raw as f64, raw, at: Some(now) };
-                slot.state.note(signal, reading);
-            }
-        }
-    }
-
-    fn answered(&mut self, now: Instant, n: usize, answer: Result<H::Answer, Failure>) {
-        let Some(Some(job)) = self.jobs.get_mut(n) else { return };
-        let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
-        let parameter = job.asked.parameter().and_then(|id| slot.profile.parameter(id));
-        let raw = match &answer {
-            Ok(answer) => slot.driver.answer(parameter, answer),
-            Err(failure) => Err(*failure),
-        };
-        // What happens most, ahead of everything else: a read was answered.
-        if let (Task::Read(_), Asked::Read(id), Ok(raw)) = (&job.task, job.asked, &raw) {
-            slot.note(now, id, *raw);
-            return self.end(n, Outcome::Done(*raw));
-        }
-        let next = execute::answered(now, job, slot, raw);
-        self.follow(n, next);
-    }
-
-    fn follow(&mut self, n: usize, next: Next) {
-        match next {
-            Next::Go => self.ready |= 1 << n,
-            Next::Sleep(until) => {
-                self.sleeping |= 1 << n;
-                self.wake = earliest(self.wake, Some(until));
-            }
-            Next::End(outcome) => self.end(n, outcome),
-        }
-    }
-
-    /// Lets those whose time has come go on.
-    fn rouse(&mut self, now: Instant) {
-        if self.wake.is_none_or(|wake| wake > now) {
-            return;
-        }
-        self.wake = None;
-        for n in bits(self.sleeping) {
-            let Some(Job { task: Task::Run(run), .. }) = &mut self.jobs[n] else { continue };
-            match run.stage {
-                Stage::Sleep(until) if until > now => {
-                    self.wake = earliest(self.wake, Some(until));
+                (To::Address(address), Ok(answer)) => {
+                    slot::unasked(now, &mut self.slots, *address, answer);
                 }
-                _ => {
-                    self.sleeping &= !(1 << n);
-                    self.ready |= 1 << n;
-                }
+                (To::Address(_), Err(_)) => {}
             }
         }
     }
 
     /// Hands the host the next request, if one is ready and the host can take it.
     fn feed(&mut self, now: Instant) {
-        while self.ready != 0 {
-            let n = self.next_turn();
-            let Some(job) = &mut self.jobs[n] else { return };
+        while let Some((n, job)) = self.jobs.next() {
             let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
             let ticket = Ticket(n as u32);
-            let submitted = match execute::plain_read(job, slot) {
-                Some((id, request)) => {
-                    self.host.submit(now, ticket, *request).map(|()| Asked::Read(id))
-                }
-                None => match execute::next(now, job, slot) {
-                    Ok((request, asked)) => self.host.submit(now, ticket, request).map(|()| asked),
+            if let Some((id, request)) = execute::plain_read(job, slot) {
+                let Ok(()) = self.host.submit(now, ticket, *request) else { return };
+                job.asked = Asked::Read(id);
+            } else {
+                match execute::next(now, job, slot) {
+                    Ok((request, asked)) => {
+                        let Ok(()) = self.host.submit(now, ticket, request) else { return };
+                        execute::sent(job, asked);
+                    }
                     Err(next) => {
-                        self.ready &= !(1 << n);
-                        self.follow(n, next);
+                        self.jobs.passed(n, next);
                         continue;
                     }
-                },
-            };
-            let Ok(asked) = submitted else { return };
-            job.asked = asked;
-            execute::sent(job, asked);
-            self.ready &= !(1 << n);
-            self.turn = n as u32;
+                }
+            }
+            self.jobs.sent(n);
             // A host may end a request at once that its protocol's rules forbid.
             self.settle(now);
         }
-    }
-
-    fn next_turn(&self) -> usize {
-        let (urgent, going) = (self.ready & self.urgent, self.ready & self.going);
-        let from = match (urgent, going) {
-            (0, 0) => self.ready,
-            (0, going) => going,
-            (urgent, _) => urgent,
-        };
-        let behind = from & (u64::MAX << (self.turn + 1).min(63));
-        let pick = if behind == 0 { from } else { behind };
-        pick.trailing_zeros() as usize
     }
 }
 
@@ -281,11 +116,11 @@ impl<M: Medium, H: Host<M>> Timed for Lane<M, H> {
     fn handle_timeout(&mut self, now: Instant) {
         self.host.handle_timeout(now);
         self.settle(now);
-        self.rouse(now);
+        self.jobs.rouse(now);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest(self.host.poll_timeout(), self.wake)
+        earliest(self.host.poll_timeout(), self.jobs.wake)
     }
 }
 
@@ -299,14 +134,7 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
         self.host.handle_line(now, event);
         self.settle(now);
         if event == LineEvent::Down {
-            for n in bits(self.used & !self.ended) {
-                let lost = self.jobs[n].as_ref().is_some_and(execute::may_have_been_executed);
-                let failure = Failure::LinkDown;
-                self.end(
-                    n,
-                    if lost { Outcome::Unknown(failure) } else { Outcome::NotDone(failure) },
-                );
-            }
+            self.jobs.lose();
         }
         if matches!(event, LineEvent::Down | LineEvent::Up) {
             self.slots.iter_mut().for_each(Slot::forget);
@@ -314,10 +142,11 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut M::Out) -> Option<usize> {
-        self.settle(now);
-        self.rouse(now);
+        self.jobs.rouse(now);
         self.feed(now);
-        self.host.poll_transmit(now, out)
+        let sent = self.host.poll_transmit(now, out);
+        self.settle(now);
+        sent
     }
 
     fn line(&self) -> M::Line {
@@ -365,18 +194,15 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             if !slot.state.armed {
                 return Err(Unsupported::NotArmed);
             }
-            if self.moving(axis) {
+            if self.jobs.moving(axis) {
                 return Err(Unsupported::Busy);
             }
         }
         if verb.is_stop() {
-            self.cancel(axis);
+            self.jobs.cancel(axis);
         }
         let run = Run::new(Steps::Plan(plan.steps), plan.undo, command, Some(verb));
-        let n = self.add(ticket, axis, Task::Run(run), verb.is_stop())?;
-        self.urgent |= u64::from(verb.is_stop()) << n;
-        self.going |= u64::from(verb.needs_arming()) << n;
-        Ok(())
+        self.jobs.add(ticket, axis, Task::Run(run), verb.is_stop())
     }
 
     fn read(
@@ -387,7 +213,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         parameter: ParameterId,
     ) -> Result<(), Unsupported> {
         self.slot(axis)?.read(parameter)?;
-        self.add(ticket, axis, Task::Read(parameter), false).map(drop)
+        self.jobs.add(ticket, axis, Task::Read(parameter), false)
     }
 
     fn write(
@@ -407,7 +233,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let steps = Steps::Write(Write::new(slot.profile, id, raw, keep));
         let command = Command::new(crate::axis::Verb::Store);
         let run = Run::new(steps, &[], command, None);
-        self.add(ticket, axis, Task::Run(run), false).map(drop)
+        self.jobs.add(ticket, axis, Task::Run(run), false)
     }
 
     fn raw(
@@ -424,24 +250,13 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         }
         let stop = request.is_stop();
         if stop {
-            self.cancel(axis);
+            self.jobs.cancel(axis);
         }
-        let n = self.add(ticket, axis, Task::Raw(request), stop)?;
-        self.urgent |= u64::from(stop) << n;
-        Ok(())
+        self.jobs.add(ticket, axis, Task::Raw(request), stop)
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        if self.ended == 0 {
-            return None;
-        }
-        let n = self.ended.trailing_zeros() as usize;
-        self.ended &= !(1 << n);
-        self.used &= !(1 << n);
-        let job = self.jobs[n].as_ref()?;
-        let ended = (job.ticket, job.outcome?);
-        self.jobs[n] = None;
-        Some(ended)
+        self.jobs.outcome()
     }
 
     fn rehearse(
@@ -512,14 +327,4 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         });
         Ok(())
     }
-}
-
-fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
-    core::iter::from_fn(move || {
-        let n = mask.trailing_zeros() as usize;
-        (mask != 0).then(|| {
-            mask &= mask - 1;
-            n
-        })
-    })
 }

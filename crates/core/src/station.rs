@@ -61,6 +61,9 @@ pub enum To {
     Address(u32),
 }
 
+/// Something that happened, as a host tells it.
+pub type Event<A> = (To, Result<A, Failure>);
+
 /// Whether a request may be sent again by itself when no answer came.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Class {
@@ -146,8 +149,9 @@ pub trait Host<M: Medium>: Station<M> {
         request: Self::Request,
     ) -> Result<(), Self::Request>;
 
-    /// The next thing that happened: a request's end, or a drive that spoke unasked.
-    fn poll_event(&mut self) -> Option<(To, Result<Self::Answer, Failure>)>;
+    /// The next thing that happened: a request's end, or a drive that spoke unasked. It is lent, not
+    /// copied.
+    fn poll_event(&mut self) -> Option<&Event<Self::Answer>>;
 
     /// The bytes of `request`, for rehearsals; nothing is sent.
     fn emit(&self, request: &Self::Request, out: &mut M::Out) -> usize;

@@ -179,18 +179,27 @@ fn request<R: Request, A: Copy + 'static>(
 
 /// Notes that a request went to the host.
 pub fn sent<R: Request>(job: &mut Job<R>, asked: Asked) {
+    job.asked = asked;
     if let Task::Run(run) = &mut job.task {
         run.touched |= matches!(asked, Asked::Write(.., Class::Never) | Asked::Send(Class::Never));
     }
 }
 
 /// Whether what was sent so far could have changed the drive.
-pub fn may_have_been_executed<R: Request>(job: &Job<R>) -> bool {
+fn may_have_been_executed<R: Request>(job: &Job<R>) -> bool {
     let run = match job.task {
         Task::Run(run) => run.touched || matches!(run.stage, Stage::Confirm(..)),
         _ => false,
     };
     run || matches!(job.asked, Asked::Write(..) | Asked::Send(_) | Asked::Confirm(..))
+}
+
+/// How a job ends that something else ends.
+pub fn cut_short<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
+    match may_have_been_executed(job) {
+        true => Outcome::Unknown(failure),
+        false => Outcome::NotDone(failure),
+    }
 }
 
 /// What an answer, or its lack, makes of a job.

@@ -165,6 +165,11 @@ impl Run {
         self.verb.is_some_and(Verb::is_stop)
     }
 
+    /// True for what sets the axis in motion or powers it.
+    pub fn moves(&self) -> bool {
+        self.verb.is_some_and(Verb::needs_arming)
+    }
+
     /// What a write within this run is held to.
     pub fn class(&self, parameter: &Parameter) -> Class {
         if self.is_stop() {

@@ -234,6 +234,21 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     }
 }
 
+/// Takes what the drive at an address said unasked into the state of its axes.
+#[cold]
+pub fn unasked<R: crate::station::Request, A: Copy + 'static>(
+    now: Instant,
+    slots: &mut [Slot<R, A>],
+    address: u32,
+    answer: &A,
+) {
+    for slot in slots.iter_mut().filter(|slot| slot.driver.address() == address) {
+        if let Some((signal, raw)) = slot.driver.unasked(answer) {
+            slot.state.note(signal, Reading { value: raw as f64, raw, at: Some(now) });
+        }
+    }
+}
+
 fn constant_si(parameter: &Parameter) -> Option<f64> {
     let scale = parameter.scale;
     let constant = scale.times.is_none() && scale.over.is_none();

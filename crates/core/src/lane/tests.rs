@@ -3,18 +3,20 @@
 extern crate std;
 
 use std::boxed::Box;
-use std::collections::VecDeque;
 use std::string::String;
 use std::vec::Vec;
 
 use super::*;
 use crate::axis::{Driver, Verb};
+use crate::error::Failure;
 use crate::medium::{SerialLine, Stream};
 use crate::plan::{Argument, Compare, Plan, Test};
 use crate::profile::{
     Access, AxisKind, Certainty, Encoding, Parameter, Persistence, RamMode, Scale, Signal,
     SignalSource, Watchdog,
 };
+use crate::proto::events::Events;
+use crate::station::Event;
 use crate::units::Unit;
 
 const SPEED: ParameterId = ParameterId(0);
@@ -165,7 +167,7 @@ struct Toy {
     refuse: Option<u16>,
     forbids: Option<u16>,
     out: Option<(Ticket, Ask)>,
-    events: VecDeque<(To, Result<i64, Failure>)>,
+    events: Events<i64, 4>,
 }
 
 impl Timed for Toy {
@@ -189,7 +191,7 @@ impl Station<Stream> for Toy {
             }
             if lost { Err(Failure::Silent) } else { Ok(*register) }
         };
-        self.events.push_back((To::Ticket(ticket), answer));
+        self.events.push(To::Ticket(ticket), answer);
     }
     fn handle_line(&mut self, _: Instant, _: LineEvent) {
         self.out = None;
@@ -211,14 +213,14 @@ impl Host<Stream> for Toy {
         }
         if self.forbids == Some(request.index) {
             let failure = Failure::NotReady { hint: "never" };
-            self.events.push_back((To::Ticket(ticket), Err(failure)));
+            self.events.push(To::Ticket(ticket), Err(failure));
             return Ok(());
         }
         self.out = Some((ticket, request));
         Ok(())
     }
-    fn poll_event(&mut self) -> Option<(To, Result<i64, Failure>)> {
-        self.events.pop_front()
+    fn poll_event(&mut self) -> Option<&Event<i64>> {
+        self.events.next()
     }
     fn emit(&self, request: &Ask, out: &mut [u8]) -> usize {
         out[0] = request.index as u8;

@@ -17,8 +17,9 @@ use super::wire::{BROADCAST, Format, Function, Space};
 use crate::error::Failure;
 use crate::medium::{SerialLine, Stream};
 use crate::proto::HostOptions;
+use crate::proto::events::Events;
 use crate::proto::pace::Pace;
-use crate::station::{self, Class, Counters, LineEvent, Station, Ticket, Timed, To};
+use crate::station::{self, Class, Counters, Event, LineEvent, Station, Ticket, Timed, To};
 use crate::time::Instant;
 
 /// Times that one request is put on the wire at most.
@@ -43,12 +44,12 @@ const QUARANTINE_TIMEOUTS: u64 = 3;
 const RECEIVE_MAX: usize = 2 * ADU_MAX;
 const OWED_MAX: usize = 8;
 const EVENTS_MAX: usize = 4;
+/// Places among them that a request needs: its own end, and that of one that it cuts short.
+const ROOM_MIN: usize = 2;
 const JUNK_MAX: usize = 32;
 /// A reply equal to the last one but to another question, so soon after it on a wire without
 /// timing, may be that one's duplicate: it is held back, at least for as long.
 const SUSPECT_NS: u64 = 1_000_000;
-
-type Event = (To, Result<Answer, Failure>);
 
 /// The commanding end of a line.
 #[derive(Clone, Debug)]
@@ -100,7 +101,7 @@ pub struct Host {
     payload_len: usize,
     answered: Option<Answered>,
     held: Option<(Instant, Answer)>,
-    events: [Option<Event>; EVENTS_MAX],
+    events: Events<Answer, EVENTS_MAX>,
     counters: Counters,
 }
 
@@ -198,7 +199,7 @@ impl Host {
             payload_len: 0,
             answered: None,
             held: None,
-            events: [None; EVENTS_MAX],
+            events: Events::new(),
             counters: Counters::default(),
         }
     }
@@ -228,9 +229,7 @@ impl Host {
         if self.sending == Some(Sending::Request) {
             self.sending = None;
         }
-        if let Some(free) = self.events.iter_mut().find(|event| event.is_none()) {
-            *free = Some((To::Ticket(current.ticket), result));
-        }
+        self.events.push(To::Ticket(current.ticket), result);
     }
 
     /// Nothing is outstanding and nothing can still come.
@@ -491,7 +490,7 @@ impl station::Host<Stream> for Host {
 
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Request) -> Result<(), Request> {
         let stop = station::Request::is_stop(&request);
-        let full = self.events.iter().filter(|event| event.is_none()).count() < 2;
+        let full = self.events.room() < ROOM_MIN;
         let busy = self.current.is_some() || self.quarantine;
         if full || (busy && !(stop && self.quarantine)) {
             return Err(request);
@@ -514,10 +513,8 @@ impl station::Host<Stream> for Host {
         Ok(())
     }
 
-    fn poll_event(&mut self) -> Option<Event> {
-        let first = self.events[0].take();
-        self.events.rotate_left(1);
-        first
+    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+        self.events.next()
     }
 
     fn emit(&self, request: &Request, out: &mut [u8]) -> usize {

@@ -178,7 +178,7 @@ impl SerialEnd {
             host: firmware.host_address(),
             module: 0,
             status: Status::Ok,
-            opcode: Opcode::Unknown(0),
+            opcode: Opcode::from(0),
             value: 0,
         };
         Self {
@@ -307,7 +307,7 @@ impl SerialEnd {
     fn bad_sum(&mut self, now: Instant, mine: bool, firmware: &mut impl Firmware) {
         let host = firmware.host_address();
         let (module, opcode) = match self.quirks.bad_sum {
-            BadSum::AnswerIfMine if mine => (firmware.address(), Opcode::Unknown(0)),
+            BadSum::AnswerIfMine if mine => (firmware.address(), Opcode::from(0)),
             BadSum::AnswerAlways => (self.last.module, self.last.opcode),
             _ => return,
         };

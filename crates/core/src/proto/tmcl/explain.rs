@@ -104,8 +104,8 @@ fn is_version(bytes: &[u8; DATAGRAM], direction: Option<Direction>) -> bool {
 }
 
 fn is_shaped(bytes: &[u8; DATAGRAM], direction: Option<Direction>) -> bool {
-    let request = !matches!(Opcode::from(bytes[1]), Opcode::Unknown(_));
-    let reply = !matches!(Status::from(bytes[2]), Status::Unknown(_));
+    let request = Opcode::from(bytes[1]).is_named();
+    let reply = Status::from(bytes[2]).is_named();
     match direction {
         Some(Direction::ToDrive) => request,
         Some(Direction::ToHost) => reply,
@@ -230,7 +230,7 @@ fn is_reply(bytes: &[u8; DATAGRAM], context: &Context<'_>) -> bool {
         Some(direction) => direction == Direction::ToHost,
         None if context.request.is_some() => true,
         None => {
-            let named = !matches!(status, Status::Unknown(_));
+            let named = status.is_named();
             named && (bytes[0] == HOST || (status.is_good() && bytes[0] != MODULE))
         }
     }
@@ -258,10 +258,7 @@ fn number(sink: &mut dyn Sink, value: i64) {
 }
 
 fn kind(sink: &mut dyn Sink, opcode: Opcode) {
-    match opcode {
-        Opcode::Unknown(_) => sink.kind("unknown opcode"),
-        named => sink.kind(named.word()),
-    }
+    sink.kind(if opcode.is_named() { opcode.word() } else { "unknown opcode" });
 }
 
 fn show_request(
@@ -312,9 +309,9 @@ fn show_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn Sink
             sink.text(" = ");
             number(sink, reply.value.into());
         }
-        (Status::Unknown(code), _) => {
+        (status, _) if !status.is_named() => {
             sink.text("unknown status ");
-            number(sink, code.into());
+            number(sink, status.number().into());
         }
         (status, _) if status.is_good() => {
             sink.text(status.text());

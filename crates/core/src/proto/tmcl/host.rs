@@ -5,14 +5,13 @@
 //! whole before request and reply were on the wire. Manuals call the value of a reply to a write
 //! "don't care", so it is not compared.
 
-use super::opcode::{Opcode, Status};
+use super::opcode::Opcode;
 use super::session::{Answer, Ask, Session};
 use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
-use crate::error::Failure;
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::HostOptions;
 use crate::proto::pace::Pace;
-use crate::station::{Counters, Host, LineEvent, Station, Ticket, Timed, To};
+use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
 
 /// Time allowed for a reply when neither caller nor profile says one, ms.
@@ -95,11 +94,13 @@ impl SerialHost {
         }
         if checksum(window) == window[DATAGRAM - 1] {
             let reply = Reply::unchecked(window);
-            if reply.host == self.host && (is_known(&reply) || self.wants(Opcode::ReadMemory)) {
+            if reply.host == self.host
+                && (reply.status.is_named() || self.wants(Opcode::ReadMemory))
+            {
                 self.session.reply(now, reply, self.pace.early() > 0);
                 return DATAGRAM;
             }
-            if is_known(&reply) {
+            if reply.status.is_named() {
                 self.session.counters.foreign += 1;
                 return DATAGRAM;
             }
@@ -137,6 +138,7 @@ impl Timed for SerialHost {
 }
 
 impl Station<Stream> for SerialHost {
+    #[inline]
     fn handle_input(&mut self, now: Instant, bytes: &[u8]) {
         self.last_byte = now;
         self.pace.heard(now, self.len + bytes.len());
@@ -165,6 +167,7 @@ impl Station<Stream> for SerialHost {
         self.session.handle_line(now, event);
     }
 
+    #[inline]
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         if !self.session.has_unsent() {
             return None;
@@ -205,7 +208,7 @@ impl Host<Stream> for SerialHost {
     }
 
     #[inline]
-    fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
+    fn poll_event(&mut self) -> Option<&Event<Answer>> {
         self.session.poll_event()
     }
 
@@ -271,7 +274,7 @@ impl Station<Can> for CanHost {
             return self.session.text(now, text);
         }
         match Reply::parse_can(frame.bytes(), host) {
-            Ok(reply) if is_known(&reply) || memory => {
+            Ok(reply) if reply.status.is_named() || memory => {
                 self.session.reply(now, reply, false);
             }
             _ => self.session.counters.corrupt += 1,
@@ -303,7 +306,7 @@ impl Host<Can> for CanHost {
     }
 
     #[inline]
-    fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
+    fn poll_event(&mut self) -> Option<&Event<Answer>> {
         self.session.poll_event()
     }
 
@@ -332,10 +335,5 @@ fn reply_id(options: &HostOptions) -> u16 {
 pub(super) fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
     let to_host = frame.id == u32::from(reply_id(options)) && !frame.extended && !frame.remote;
     let reply = Reply::parse_can(frame.bytes(), HOST).ok().filter(|_| to_host)?;
-    is_known(&reply).then_some(reply.module.into())
-}
-
-/// A status with a name: the shape of a reply.
-fn is_known(reply: &Reply) -> bool {
-    !matches!(reply.status, Status::Unknown(_))
+    reply.status.is_named().then_some(reply.module.into())
 }

@@ -1,20 +1,22 @@
-//! Opcodes and statuses: two total enums made from two tables.
+//! Opcodes and statuses: two bytes with names, made from two tables.
 //!
 //! Numbers and names: TMCL reference manuals, the vendor's host library and evaluation firmware.
 //! The TMCM-170/171 manual prints 1, 6 and a few more; what a module lacks it answers with
 //! [`Status::InvalidCommand`].
 
-macro_rules! total {
+/// A byte whose numbers have names: any byte is one, and none has to be looked up to be read, compared
+/// or written.
+macro_rules! named {
     ($(#[$doc:meta])* $name:ident { $($number:literal $variant:ident $word:literal $text:literal)+ }) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-        pub enum $name {
-            $(#[doc = concat!($number, ": ", $text, ".")] $variant,)+
-            /// A number without a name.
-            Unknown(u8),
-        }
+        #[derive(Clone, Copy, PartialEq, Eq, Hash)]
+        #[repr(transparent)]
+        pub struct $name(u8);
 
+        #[allow(non_upper_case_globals, reason = "used and matched on as the variants of an enum are")]
         impl $name {
+            $(#[doc = concat!($number, ": ", $text, ".")] pub const $variant: Self = Self($number);)+
+
             /// All that have names, by number.
             pub const NAMED: &'static [Self] = &[$(Self::$variant),+];
 
@@ -22,27 +24,31 @@ macro_rules! total {
             #[must_use]
             #[inline]
             pub const fn number(self) -> u8 {
-                match self {
-                    $(Self::$variant => $number,)+
-                    Self::Unknown(number) => number,
-                }
+                self.0
             }
 
-            /// The short name; empty for an unknown one.
+            /// Whether the number has a name.
+            #[must_use]
+            #[inline]
+            pub const fn is_named(self) -> bool {
+                matches!(self.0, $($number)|+)
+            }
+
+            /// The short name; empty for a number without one.
             #[must_use]
             pub const fn word(self) -> &'static str {
-                match self {
-                    $(Self::$variant => $word,)+
-                    Self::Unknown(_) => "",
+                match self.0 {
+                    $($number => $word,)+
+                    _ => "",
                 }
             }
 
-            /// What it means, in words; empty for an unknown one.
+            /// What it means, in words; empty for a number without a name.
             #[must_use]
             pub const fn text(self) -> &'static str {
-                match self {
-                    $(Self::$variant => $text,)+
-                    Self::Unknown(_) => "",
+                match self.0 {
+                    $($number => $text,)+
+                    _ => "",
                 }
             }
         }
@@ -50,16 +56,22 @@ macro_rules! total {
         impl From<u8> for $name {
             #[inline]
             fn from(number: u8) -> Self {
-                match number {
-                    $($number => Self::$variant,)+
-                    number => Self::Unknown(number),
+                Self(number)
+            }
+        }
+
+        impl core::fmt::Debug for $name {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                match *self {
+                    $(Self::$variant => f.write_str(stringify!($variant)),)+
+                    Self(number) => write!(f, "Unknown({number})"),
                 }
             }
         }
     };
 }
 
-total! {
+named! {
     /// What a request asks.
     Opcode {
         1 Ror "ROR" "rotate right"
@@ -156,7 +168,7 @@ total! {
     }
 }
 
-total! {
+named! {
     /// How a request ended.
     Status {
         1 WrongChecksum "WrongChecksum" "wrong checksum"
@@ -215,10 +227,6 @@ impl Status {
     #[must_use]
     #[inline]
     pub const fn is_good(self) -> bool {
-        match self {
-            Self::Ok | Self::Loaded | Self::Event | Self::Busy => true,
-            Self::Unknown(number) => number >= 100,
-            _ => false,
-        }
+        self.0 >= Self::Ok.0
     }
 }

@@ -9,7 +9,8 @@
 use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
 use crate::error::Failure;
-use crate::station::{Class, Counters, LineEvent, Ticket, To};
+use crate::proto::events::Events;
+use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
 
 /// Times an idempotent request is sent at most.
@@ -20,6 +21,8 @@ pub const PROBES_MAX: u8 = 4;
 pub const SUSPECTS_MAX: usize = 4;
 /// Events that wait to be taken at most; before that, nothing new is accepted.
 pub const EVENTS_MAX: usize = 8;
+/// Places among them kept for the ends of requests.
+const ROOM_MIN: usize = 4;
 /// Opcodes remembered of a suspect: three attempts and every probe.
 const TAGS_MAX: usize = 10;
 /// A reply is possible for so many times the reply timeout after its request.
@@ -112,9 +115,7 @@ pub struct Session {
     stop: Option<(Ticket, Ask)>,
     suspects: [Option<Suspect>; SUSPECTS_MAX],
     suspicious: bool,
-    events: [(To, Result<Answer, Failure>); EVENTS_MAX],
-    event_first: usize,
-    event_count: usize,
+    events: Events<Answer, EVENTS_MAX>,
     /// Modules that ever answered.
     heard: [u64; 4],
     /// Replies that came sooner than the baud rate allows, in a row; past the limit the baud rate
@@ -140,9 +141,7 @@ impl Session {
             stop: None,
             suspects: [None; SUSPECTS_MAX],
             suspicious: false,
-            events: [(To::Address(0), Err(Failure::Silent)); EVENTS_MAX],
-            event_first: 0,
-            event_count: 0,
+            events: Events::new(),
             heard: [0; 4],
             early_streak: 0,
             timely: 0,
@@ -153,11 +152,11 @@ impl Session {
 
     #[inline]
     pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
-        if self.event_count > EVENTS_MAX - 4 {
+        if self.events.room() < ROOM_MIN {
             return Err(ask);
         }
         if let Some(failure) = self.refusal(&ask) {
-            self.push(To::Ticket(ticket), Err(failure));
+            self.events.push(To::Ticket(ticket), Err(failure));
             return Ok(());
         }
         let stop = ask.class == Class::Stop;
@@ -172,14 +171,8 @@ impl Session {
     }
 
     #[inline]
-    pub(super) fn poll_event(&mut self) -> Option<(To, Result<Answer, Failure>)> {
-        if self.event_count == 0 {
-            return None;
-        }
-        let event = self.events[self.event_first];
-        self.event_first = (self.event_first + 1) % EVENTS_MAX;
-        self.event_count -= 1;
-        Some(event)
+    pub(super) fn poll_event(&mut self) -> Option<&Event<Answer>> {
+        self.events.next()
     }
 
     /// The request to send now, if one waits. `on_wire_ns` is how long it and its reply take on
@@ -372,7 +365,8 @@ impl Session {
         }
         let refusal = reply.module == request.address
             && reply.opcode == request.opcode
-            && !matches!(reply.status, Status::Unknown(_) | Status::Event | Status::Busy);
+            && reply.status.is_named()
+            && !matches!(reply.status, Status::Event | Status::Busy);
         let refused = refusal && !reply.status.is_good();
         let stored = request.opcode == Opcode::ReadMemory && !refused;
         if !refusal && !stored {
@@ -392,25 +386,20 @@ impl Session {
             return;
         }
         if stored {
-            self.memory(now, reply);
-        } else if reply.status.is_good() {
-            if let Some(ticket) = pending.ticket {
-                // Written where it lies: what happens most is copied nowhere.
-                *self.place() = (To::Ticket(ticket), Ok(Answer::Reply(reply)));
-            }
-            self.close(now);
-        } else {
-            let code = reply.status.number().into();
-            self.answered(now, Err(Failure::Refused { code }));
+            return self.answered(now, Ok(Answer::Instruction(Instruction::of_reply(&reply))));
         }
+        if refused {
+            let code = reply.status.number().into();
+            return self.answered(now, Err(Failure::Refused { code }));
+        }
+        if let Some(ticket) = pending.ticket {
+            self.events.push(To::Ticket(ticket), Ok(Answer::Reply(reply)));
+        }
+        self.close(now);
     }
 
-    /// An instruction from program memory, in the place of a reply.
+    /// Any other answer than the usual reply.
     #[cold]
-    fn memory(&mut self, now: Instant, reply: Reply) {
-        self.answered(now, Ok(Answer::Instruction(Instruction::of_reply(&reply))));
-    }
-
     fn answered(&mut self, now: Instant, answer: Result<Answer, Failure>) {
         let Some(pending) = &self.pending else { return };
         self.end(pending.ticket, answer);
@@ -418,6 +407,7 @@ impl Session {
     }
 
     /// What is outstanding was answered: what that says of the module, and what comes next.
+    #[inline]
     fn close(&mut self, now: Instant) {
         let Some(pending) = &self.pending else { return };
         let (probe, module) = (pending.ticket.is_none(), pending.ask.request.address);
@@ -436,9 +426,10 @@ impl Session {
         self.next(now);
     }
 
+    #[cold]
     fn event(&mut self, reply: Reply) {
-        if self.event_count < EVENTS_MAX - 4 {
-            self.push(To::Address(reply.module.into()), Ok(Answer::Event(reply)));
+        if self.events.room() > ROOM_MIN {
+            self.events.push(To::Address(reply.module.into()), Ok(Answer::Event(reply)));
         } else {
             self.counters.foreign += 1;
         }
@@ -478,15 +469,16 @@ impl Session {
     /// What comes next when nothing is outstanding: a stop that waits, then a probe.
     #[inline]
     fn next(&mut self, now: Instant) {
-        if self.pending.is_some() {
-            return;
+        if self.pending.is_none() && (self.stop.is_some() || self.suspicious) {
+            self.stop_or_probe(now);
         }
+    }
+
+    #[cold]
+    fn stop_or_probe(&mut self, now: Instant) {
         if let Some((ticket, ask)) = self.stop.take() {
-            return self.start(now, Some(ticket), ask);
-        }
-        if self.suspicious
-            && let Some(ask) = self.probe()
-        {
+            self.start(now, Some(ticket), ask);
+        } else if let Some(ask) = self.probe() {
             self.start(now, None, ask);
         }
     }
@@ -559,21 +551,8 @@ impl Session {
 
     fn end(&mut self, ticket: Option<Ticket>, result: Result<Answer, Failure>) {
         if let Some(ticket) = ticket {
-            self.push(To::Ticket(ticket), result);
+            self.events.push(To::Ticket(ticket), result);
         }
-    }
-
-    fn push(&mut self, to: To, result: Result<Answer, Failure>) {
-        *self.place() = (to, result);
-    }
-
-    /// Where the next event goes.
-    #[inline]
-    fn place(&mut self) -> &mut (To, Result<Answer, Failure>) {
-        debug_assert!(self.event_count < EVENTS_MAX, "submit leaves room for every end");
-        let at = (self.event_first + self.event_count) % EVENTS_MAX;
-        self.event_count += 1;
-        &mut self.events[at]
     }
 }
 

@@ -231,7 +231,7 @@ fn a_stop_is_let_into_the_quarantine() {
     let mut ended = Vec::new();
     for _ in 0..100 {
         while let Some((to, result)) = world.host.poll_event() {
-            ended.push((to, result.map(|answer| answer.words[0])));
+            ended.push((*to, result.map(|answer| answer.words[0])));
         }
         world.step();
     }

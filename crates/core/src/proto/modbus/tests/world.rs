@@ -232,8 +232,8 @@ impl World {
         }
         for _ in 0..10_000 {
             if let Some((to, result)) = self.host.poll_event() {
-                assert_eq!(to, To::Ticket(ticket));
-                return result;
+                assert_eq!(*to, To::Ticket(ticket));
+                return *result;
             }
             assert!(self.step(), "nothing to come, yet no outcome");
         }

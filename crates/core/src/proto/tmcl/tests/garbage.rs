@@ -236,6 +236,6 @@ fn every_split_of_a_reply_gives_the_same_answer() {
         wire.host.handle_input(wire.now, &bytes[..split]);
         wire.host.handle_input(wire.now, &bytes[split..]);
         let answer = wire.host.poll_event();
-        assert!(matches!(answer, Some((_, Ok(Answer::Reply(r)))) if r == reply), "{split}");
+        assert!(matches!(answer, Some((_, Ok(Answer::Reply(r)))) if *r == reply), "{split}");
     }
 }

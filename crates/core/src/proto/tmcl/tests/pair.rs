@@ -211,8 +211,8 @@ impl Wire {
         }
         loop {
             while let Some((to, result)) = self.host.poll_event() {
-                if to == To::Ticket(ticket) {
-                    return result;
+                if *to == To::Ticket(ticket) {
+                    return *result;
                 }
             }
             assert!(self.now < limit, "no end: {:?}", self.host);
@@ -417,7 +417,7 @@ fn the_position_event_comes_unasked() {
     assert_eq!(wire.firmware.event, Some(1));
     wire.ask(Ask::of(request(Opcode::PositionReached, 0, 1))).unwrap();
     wire.rest(50);
-    let event = wire.host.poll_event();
+    let event = wire.host.poll_event().copied();
     let Some((To::Address(1), Ok(Answer::Event(reply)))) = event else { panic!("{event:?}") };
     assert_eq!((reply.status, reply.value), (Status::Event, 1));
 }
@@ -497,7 +497,7 @@ fn the_same_module_on_can() {
                 assert_eq!(frame.id, 2);
                 host.handle_input(now, &frame);
             }
-            host.poll_event().map(|(_, answer)| answer)
+            host.poll_event().map(|(_, answer)| *answer)
         };
         let gap = ask(request(Opcode::Gap, 1, 0));
         assert!(matches!(gap, Some(Ok(Answer::Reply(r))) if r.value == 1007), "{gap:?}");
@@ -564,7 +564,7 @@ fn unplugged_ends_what_is_out() {
     wire.host.submit(wire.now, Ticket(1), read).unwrap();
     wire.transmit();
     Station::<Stream>::handle_line(&mut wire.host, wire.now, crate::station::LineEvent::Down);
-    assert_eq!(wire.host.poll_event(), Some((To::Ticket(Ticket(1)), Err(Failure::LinkDown))));
+    assert_eq!(wire.host.poll_event(), Some(&(To::Ticket(Ticket(1)), Err(Failure::LinkDown))));
     assert_eq!(wire.ask(read), Err(Failure::LinkDown));
     Station::<Stream>::handle_line(&mut wire.host, wire.now, crate::station::LineEvent::Up);
     assert_eq!(wire.read(4), Ok(4007));

@@ -1,0 +1,246 @@
+//! The table of jobs: who has something to send, who waits, who is through.
+
+use alloc::boxed::Box;
+
+use super::execute::{self, Next};
+use super::job::{Asked, Job, Stage, Task};
+use super::slot::Slot;
+use super::{JOBS_MAX, STOP_JOBS};
+use crate::error::{Failure, Outcome, Unsupported};
+use crate::station::{AxisIndex, Request, Ticket};
+use crate::time::{Instant, earliest};
+
+/// At most [`JOBS_MAX`] jobs. Bit n of each mask stands for job n.
+pub struct Table<R> {
+    jobs: Box<[Option<Job<R>>]>,
+    used: u64,
+    /// Has something to send.
+    ready: u64,
+    /// Goes before the others.
+    urgent: u64,
+    /// Runs a plan that moves or powers the motor: until it waits, nothing but a stop comes between
+    /// its steps, so that nobody changes what an earlier step made sure of.
+    going: u64,
+    /// Waits for a time.
+    sleeping: u64,
+    /// Has its outcome.
+    ended: u64,
+    /// Who was served last: the next one is looked for behind it.
+    turn: u32,
+    /// When the first of those that wait goes on.
+    pub wake: Option<Instant>,
+}
+
+impl<R: Request> Table<R> {
+    pub fn new() -> Self {
+        Self {
+            jobs: (0..JOBS_MAX).map(|_| None).collect(),
+            used: 0,
+            ready: 0,
+            urgent: 0,
+            going: 0,
+            sleeping: 0,
+            ended: 0,
+            turn: 0,
+            wake: None,
+        }
+    }
+
+    /// Takes a job in. A stop has places that nothing else takes, and goes before all else.
+    #[inline]
+    pub fn add(
+        &mut self,
+        ticket: Ticket,
+        axis: AxisIndex,
+        task: Task<R>,
+        stop: bool,
+    ) -> Result<(), Unsupported> {
+        let n = (!self.used).trailing_zeros() as usize;
+        if n >= JOBS_MAX - if stop { 0 } else { STOP_JOBS } {
+            return Err(Unsupported::Busy);
+        }
+        let moves = matches!(&task, Task::Run(run) if run.moves());
+        self.jobs[n] = Some(Job {
+            ticket,
+            axis: axis.0,
+            task,
+            asked: Asked::Nothing,
+            cancelled: false,
+            outcome: None,
+        });
+        let bit = 1 << n;
+        self.used |= bit;
+        self.ready |= bit;
+        self.urgent = self.urgent & !bit | u64::from(stop) << n;
+        self.going = self.going & !bit | u64::from(moves) << n;
+        Ok(())
+    }
+
+    /// Whose turn it is: stops first, then what is going, then all others in a ring.
+    #[inline]
+    pub fn next(&mut self) -> Option<(usize, &mut Job<R>)> {
+        if self.ready == 0 {
+            return None;
+        }
+        let (urgent, going) = (self.ready & self.urgent, self.ready & self.going);
+        let from = match (urgent, going) {
+            (0, 0) => self.ready,
+            (0, going) => going,
+            (urgent, _) => urgent,
+        };
+        let behind = from & (u64::MAX << (self.turn + 1).min(63));
+        let pick = if behind == 0 { from } else { behind };
+        let n = pick.trailing_zeros() as usize;
+        Some((n, self.jobs.get_mut(n)?.as_mut()?))
+    }
+
+    /// The request of job `n` is out: the next turn is another's.
+    #[inline]
+    pub fn sent(&mut self, n: usize) {
+        self.ready &= !(1 << n);
+        self.turn = n as u32;
+    }
+
+    /// Job `n` had its turn and sent nothing.
+    pub fn passed(&mut self, n: usize, next: Next) {
+        self.ready &= !(1 << n);
+        self.follow(n, next);
+    }
+
+    /// What the answer to its request makes of job `n`.
+    pub fn answered<A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &mut [Slot<R, A>],
+        n: usize,
+        answer: &Result<A, Failure>,
+    ) {
+        let Some(Some(job)) = self.jobs.get_mut(n) else { return };
+        let Some(slot) = slots.get_mut(usize::from(job.axis)) else { return };
+        let parameter = job.asked.parameter().and_then(|id| slot.profile.parameter(id));
+        let raw = match answer {
+            Ok(answer) => slot.driver.answer(parameter, answer),
+            Err(failure) => Err(*failure),
+        };
+        // What happens most, ahead of everything else: a read was answered.
+        if let (Task::Read(_), Asked::Read(id), Ok(raw)) = (&job.task, job.asked, &raw) {
+            slot.note(now, id, *raw);
+            return self.end(n, Outcome::Done(*raw));
+        }
+        let next = execute::answered(now, job, slot, raw);
+        self.follow(n, next);
+    }
+
+    fn follow(&mut self, n: usize, next: Next) {
+        match next {
+            Next::Go => self.ready |= 1 << n,
+            Next::Sleep(until) => {
+                self.sleeping |= 1 << n;
+                self.wake = earliest(self.wake, Some(until));
+            }
+            Next::End(outcome) => self.end(n, outcome),
+        }
+    }
+
+    /// Ends a job that neither is ready nor sleeps.
+    #[inline]
+    fn end(&mut self, n: usize, outcome: Outcome) {
+        if let Some(job) = &mut self.jobs[n] {
+            job.outcome = Some(outcome);
+            job.asked = Asked::Nothing;
+        }
+        self.ended |= 1 << n;
+    }
+
+    /// Ends a job wherever it is.
+    fn end_at_once(&mut self, n: usize, outcome: Outcome) {
+        self.ready &= !(1 << n);
+        self.sleeping &= !(1 << n);
+        self.end(n, outcome);
+    }
+
+    /// Gives out one that is through.
+    #[inline]
+    pub fn outcome(&mut self) -> Option<(Ticket, Outcome)> {
+        if self.ended == 0 {
+            return None;
+        }
+        let n = self.ended.trailing_zeros() as usize;
+        self.ended &= !(1 << n);
+        self.used &= !(1 << n);
+        let job = self.jobs[n].take()?;
+        // Value by value where that is all: what was just written in parts is slow to read as one.
+        let outcome = match job.outcome? {
+            Outcome::Done(raw) => Outcome::Done(raw),
+            other => other,
+        };
+        Some((job.ticket, outcome))
+    }
+
+    /// Ends what runs on an axis, reads excepted: a stop is next.
+    pub fn cancel(&mut self, axis: AxisIndex) {
+        for n in bits(self.used & !self.ended) {
+            let Some(job) = &mut self.jobs[n] else { continue };
+            if job.axis != axis.0 || matches!(job.task, Task::Read(_)) {
+                continue;
+            }
+            if job.asked == Asked::Nothing {
+                let outcome = execute::cut_short(job, Failure::Cancelled);
+                self.end_at_once(n, outcome);
+            } else {
+                job.cancelled = true;
+            }
+        }
+    }
+
+    /// The link is down: whatever is under way ends.
+    pub fn lose(&mut self) {
+        for n in bits(self.used & !self.ended) {
+            let Some(job) = &self.jobs[n] else { continue };
+            let outcome = execute::cut_short(job, Failure::LinkDown);
+            self.end_at_once(n, outcome);
+        }
+    }
+
+    /// Whether an axis runs a plan that moves or stops it.
+    pub fn moving(&self, axis: AxisIndex) -> bool {
+        bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref()).any(|job| {
+            let moves = matches!(&job.task, Task::Run(run) if run.moves() || run.is_stop());
+            job.axis == axis.0 && moves
+        })
+    }
+
+    /// Lets those whose time has come go on.
+    #[inline]
+    pub fn rouse(&mut self, now: Instant) {
+        if self.wake.is_some_and(|wake| wake <= now) {
+            self.rouse_sleepers(now);
+        }
+    }
+
+    fn rouse_sleepers(&mut self, now: Instant) {
+        self.wake = None;
+        for n in bits(self.sleeping) {
+            let Some(Job { task: Task::Run(run), .. }) = &self.jobs[n] else { continue };
+            match run.stage {
+                Stage::Sleep(until) if until > now => {
+                    self.wake = earliest(self.wake, Some(until));
+                }
+                _ => {
+                    self.sleeping &= !(1 << n);
+                    self.ready |= 1 << n;
+                }
+            }
+        }
+    }
+}
+
+fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
+    core::iter::from_fn(move || {
+        let n = mask.trailing_zeros() as usize;
+        (mask != 0).then(|| {
+            mask &= mask - 1;
+            n
+        })
+    })
+}
