@@ -65,6 +65,7 @@ pub trait Visitor {
 pub fn visit(visitor: &mut impl Visitor) {
     visitor.family::<tmcm17x::Tmcm17x>();
     visitor.family::<syntron_ts::SyntronTs>();
+    visitor.family::<technosoft::Technosoft>();
 }
 
 /// Every profile that is compiled in.

@@ -44,6 +44,8 @@ pub enum Goal {
     Current(f64),
     /// Put this voltage on the winding, V.
     Voltage(f64),
+    /// Be there and so fast at the end of this tick: a set-point that somebody else makes.
+    Follow(Setpoint),
 }
 
 /// What the motor meets during a tick.
@@ -116,10 +118,15 @@ impl Servo {
 
     /// Heads for a goal from where the set-point is, as fast as it is.
     pub fn go(&mut self, goal: Goal) {
+        if let Goal::Follow(last) = self.goal
+            && !matches!(goal, Goal::Follow(_))
+        {
+            self.trajectory.start_at(last.position, last.velocity);
+        }
         match goal {
             Goal::Velocity(v) => self.trajectory.to_velocity(v),
             Goal::Position(p) => self.trajectory.to_position(p),
-            Goal::Current(_) | Goal::Voltage(_) => {}
+            Goal::Current(_) | Goal::Voltage(_) | Goal::Follow(_) => {}
         }
         self.goal = goal;
     }
@@ -157,7 +164,10 @@ impl Servo {
     /// Where the set-point is.
     #[must_use]
     pub const fn setpoint(&self) -> Setpoint {
-        self.trajectory.now()
+        match self.goal {
+            Goal::Follow(setpoint) => setpoint,
+            _ => self.trajectory.now(),
+        }
     }
 
     /// True when the set-point has come to its goal; the motor may still lag.
@@ -186,7 +196,7 @@ impl Servo {
             _ if !self.enabled => Winding::Open,
             Goal::Current(i) => Winding::Current(i.clamp(-max, max)),
             Goal::Voltage(v) => Winding::Voltage(v),
-            Goal::Velocity(_) | Goal::Position(_) => {
+            Goal::Velocity(_) | Goal::Position(_) | Goal::Follow(_) => {
                 let short_of_voltage = motor.voltage().abs() > 0.999 * bus;
                 Winding::Current(self.control(position, velocity, short_of_voltage))
             }
@@ -196,11 +206,13 @@ impl Servo {
 
     /// Position P over speed PI. Returns the current to drive, A.
     fn control(&mut self, position: f64, velocity: f64, short_of_voltage: bool) -> f64 {
-        let wanted = self.trajectory.step();
+        let (wanted, top) = match self.goal {
+            Goal::Follow(setpoint) => (setpoint, f64::INFINITY),
+            _ => (self.trajectory.step(), self.trajectory.limits().velocity),
+        };
         let gains = &self.gains;
         let mut speed = wanted.velocity;
-        if matches!(self.goal, Goal::Position(_)) {
-            let top = self.trajectory.limits().velocity;
+        if !matches!(self.goal, Goal::Velocity(_)) {
             let error = wanted.position - position;
             let rest = wanted.velocity == 0.0 && error.abs() <= gains.deadband;
             let correction = if rest { 0.0 } else { gains.position_p * error };

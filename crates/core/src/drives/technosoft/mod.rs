@@ -4,4 +4,26 @@
 //! for memory maps, captures of drives with firmware F514L and FA00G. What is concluded and not
 //! stated is marked \[I\], and `inferred` in the profiles.
 
+mod at;
+mod bench;
+mod clock;
+mod control;
+mod device;
+mod drive;
+mod execute;
+mod firmware;
+mod form;
+mod memory;
+mod online;
+mod options;
+mod outbox;
 pub mod profile;
+mod setup;
+mod shaft;
+mod status;
+mod units;
+
+#[cfg(test)]
+mod tests;
+
+pub use device::{Device, Technosoft};

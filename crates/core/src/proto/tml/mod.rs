@@ -5,7 +5,9 @@
 //! on instruction coding; what only drivers in the field or captures show is marked in the tables.
 //! What no source states is marked \[I\].
 
+pub mod device;
 pub mod online;
+pub mod relay;
 pub mod rules;
 pub mod serial;
 pub mod technocan;

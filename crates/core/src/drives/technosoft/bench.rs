@@ -1,0 +1,50 @@
+//! What hands, weights and switches do to a drive.
+
+use super::drive::Drive;
+use super::status::mer;
+use super::units;
+use crate::drives::bench::Act;
+use crate::time::Instant;
+
+/// Below this supply the logic dies, V. \[I\]
+const LOGIC_V: f64 = 7.0;
+
+impl Drive {
+    /// Whether the logic has no supply.
+    pub fn is_dead(&self) -> bool {
+        self.shaft.supply < LOGIC_V
+    }
+
+    /// Bits of MER that keep the motor off.
+    pub fn faults(&self) -> u32 {
+        u32::from(self.status.mer & mer::FAULTS)
+    }
+
+    /// Does something to the drive. False if it has no such thing.
+    pub fn act(&mut self, now: Instant, act: Act) -> bool {
+        match act {
+            Act::Load(torque) => self.shaft.load = torque,
+            Act::Jam(jammed) => self.shaft.motor.jam(jammed),
+            Act::Supply(volts) => self.supply(now, volts),
+            Act::Ambient(celsius) => {
+                (self.shaft.stage.ambient, self.shaft.winding.ambient) = (celsius, celsius);
+            }
+            Act::EncoderBroken(broken) => self.shaft.set_broken(broken),
+            Act::PowerCycle => self.power_up(now),
+            _ => return false,
+        }
+        self.stale();
+        true
+    }
+
+    /// The supply's new value; the logic dies below a few volts and starts anew above.
+    fn supply(&mut self, now: Instant, volts: f64) {
+        let was_dead = self.is_dead();
+        self.shaft.supply = volts.clamp(0.0, units::MEASURED_V);
+        if self.is_dead() {
+            self.axis_off();
+        } else if was_dead {
+            self.power_up(now);
+        }
+    }
+}

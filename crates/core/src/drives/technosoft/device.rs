@@ -1,0 +1,143 @@
+//! The simulated drive: a drive behind its serial and its CAN end, and the bench around it.
+
+use super::drive::Drive;
+use super::options::Options;
+use super::profile;
+use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::{self, DeviceOptions, Family};
+use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
+use crate::profile::Profile;
+use crate::proto::tml::relay::Relay;
+use crate::station::{LineEvent, Station, Timed};
+use crate::time::{Instant, earliest};
+
+/// The family.
+#[derive(Debug)]
+pub enum Technosoft {}
+
+impl Family for Technosoft {
+    const NAME: &'static str = "technosoft";
+    type Device = Device;
+
+    fn profiles() -> &'static [&'static Profile] {
+        &profile::PROFILES
+    }
+
+    fn device<'a>(
+        profile: &'static Profile,
+        options: &DeviceOptions<'a>,
+    ) -> Result<Device, &'a str> {
+        Ok(Device::new(Options::read(profile, options)?))
+    }
+}
+
+/// A simulated drive with its motor.
+#[derive(Debug)]
+pub struct Device {
+    pub(super) drive: Drive,
+    pub(super) wires: Relay,
+}
+
+impl Device {
+    /// That drive, just powered.
+    #[must_use]
+    fn new(options: Options) -> Self {
+        let drive = Drive::new(options);
+        let wires = Relay::new(options.quirks, &drive);
+        Self { drive, wires }
+    }
+}
+
+impl drives::Device for Device {
+    fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
+        Some(self)
+    }
+
+    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+        Some(self)
+    }
+}
+
+impl Timed for Device {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.drive.advance(now);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        earliest(self.wires.poll_timeout(&self.drive), self.drive.next_event())
+    }
+}
+
+impl Station<Stream> for Device {
+    fn handle_input(&mut self, now: Instant, unit: &[u8]) {
+        if self.drive.is_dead() {
+            return;
+        }
+        self.wires.handle_bytes(now, unit, &mut self.drive);
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.drive.advance(now);
+        self.wires.handle_serial_line(event, &mut self.drive);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        self.wires.poll_bytes(now, out, &mut self.drive)
+    }
+
+    fn line(&self) -> SerialLine {
+        self.wires.serial_line()
+    }
+}
+
+impl Station<Can> for Device {
+    fn handle_input(&mut self, now: Instant, unit: &Frame) {
+        if self.drive.is_dead() {
+            return;
+        }
+        self.wires.handle_frame(now, unit, &mut self.drive);
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.drive.advance(now);
+        self.wires.handle_can_line(event, &mut self.drive);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        *out = self.wires.poll_frame(now, &mut self.drive)?;
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        self.wires.can_line()
+    }
+}
+
+impl Bench for Device {
+    fn truth(&mut self, now: Instant) -> Truth {
+        self.drive.advance(now);
+        let (drive, motor) = (&self.drive, &self.drive.shaft.motor);
+        Truth {
+            position: motor.position(),
+            velocity: motor.velocity(),
+            current: motor.current(),
+            torque: motor.torque(),
+            winding: drive.shaft.winding.temperature(),
+            enabled: drive.shaft.servo.is_enabled(),
+            fault: drive.faults(),
+            flash_writes: drive.memory.writes,
+            unrepeatable: drive.unrepeatable,
+        }
+    }
+
+    /// Inputs: 1 = IN0 (home), 2 = IN1, 3 = LSP, 4 = LSN, 5 = ENABLE, 6 = STO (both on when high).
+    /// Analog 5 is the reference input AD5, -10 to 10 V. Faults are bits of MER.
+    fn act(&mut self, now: Instant, act: Act) -> bool {
+        self.drive.advance(now);
+        self.drive.act(now, act)
+    }
+
+    fn notice(&mut self) -> Option<&'static str> {
+        self.drive.notice.take()
+    }
+}

@@ -1,0 +1,212 @@
+//! The drive itself, apart from its wires: memory, registers, motor, and what happens in time.
+
+use super::at;
+use super::clock::Clock;
+use super::memory::Memory;
+use super::options::Options;
+use super::outbox::Outbox;
+use super::setup;
+use super::shaft::Shaft;
+use super::status::{Status, cer, mer, put, srh, srl};
+use super::units;
+use crate::plant::TICK_S;
+use crate::proto::tml::wire::{IdCode, Instruction, Message};
+use crate::time::Instant;
+
+/// A Technosoft drive with its motor.
+#[derive(Debug)]
+pub(super) struct Drive {
+    pub options: Options,
+    pub memory: Memory,
+    pub status: Status,
+    pub clock: Clock,
+    pub shaft: Shaft,
+    pub outbox: Outbox,
+    /// Axis ID and groups, as AAR tells them.
+    pub axis: u8,
+    pub groups: u8,
+    pub baud: u32,
+    pub bit_rate: u32,
+    pub unrepeatable: u64,
+    pub notice: Option<&'static str>,
+    /// What programs and hosts read is as old as the last tick or instruction.
+    published: bool,
+}
+
+impl Drive {
+    /// A drive as from the factory, powered.
+    pub fn new(options: Options) -> Self {
+        let mut memory = Memory::new();
+        setup::deliver(&mut memory, options.axis, (options.slow_ns / 1000) as u16);
+        if options.axis != 0 {
+            memory.keep_last_axis(options.axis);
+            memory.writes = 0;
+        }
+        if !options.setup {
+            memory.spoil_table();
+        }
+        let mut new = Self {
+            memory,
+            status: Status::default(),
+            clock: Clock::new(&options, Instant::ZERO),
+            shaft: Shaft::new(&options),
+            outbox: Outbox::EMPTY,
+            axis: 0,
+            groups: 0,
+            baud: 0,
+            bit_rate: 0,
+            unrepeatable: 0,
+            notice: None,
+            published: false,
+            options,
+        };
+        new.power_up(Instant::ZERO);
+        new
+    }
+
+    /// RAM is lost, settings come from the set-up table if it is valid. The shaft stays as it is,
+    /// unpowered.
+    pub fn power_up(&mut self, now: Instant) {
+        self.memory.forget();
+        self.status = Status { srl: srl::MOTION_COMPLETE, ..Status::default() };
+        if self.memory.table_is_valid() {
+            self.memory.load_table();
+        } else {
+            self.status.mer = mer::INVALID_SETUP;
+        }
+        (self.axis, self.groups) = (self.first_axis(), 1);
+        (self.baud, self.bit_rate) = (9600, 500_000);
+        self.clock = Clock::new(&self.options, now);
+        self.shaft.restart();
+        self.outbox = Outbox::EMPTY;
+        let host = IdCode::host_at(self.axis).word();
+        self.memory.put(at::MASTERID, host);
+        self.published = false;
+    }
+
+    /// The axis ID at power-up (TML communication manual, chapter 2): from a valid set-up table,
+    /// else the last that came from a valid one; where that says "H/W", the switches; else 255.
+    fn first_axis(&mut self) -> u8 {
+        let from_hardware = self.options.switches.unwrap_or(255);
+        if !self.memory.table_is_valid() {
+            return self.memory.last_axis().unwrap_or(from_hardware);
+        }
+        match self.memory.word(at::AAR_TABLE) as u8 {
+            0 => from_hardware,
+            axis => {
+                self.memory.keep_last_axis(axis);
+                axis
+            }
+        }
+    }
+
+    /// Runs the ticks up to `now`.
+    pub fn advance(&mut self, now: Instant) {
+        let count = self.clock.until(now);
+        if count == 0 {
+            return;
+        }
+        self.published = false;
+        for n in 0..count {
+            if self.shaft.is_still() {
+                return self.shaft.rest((count - n) as f64 * TICK_S);
+            }
+            self.shaft.tick();
+        }
+    }
+
+    /// Brings the variables that live elsewhere into memory, before somebody reads.
+    pub fn publish(&mut self) {
+        if core::mem::replace(&mut self.published, true) {
+            return;
+        }
+        self.publish_motion();
+        self.publish_status();
+    }
+
+    /// What was published may be old.
+    pub fn stale(&mut self) {
+        self.published = false;
+    }
+
+    /// Queues a message.
+    pub fn send(&mut self, to: IdCode, instruction: Instruction) {
+        if !self.outbox.push(Message { to, instruction }) {
+            self.status.cer |= cer::CAN_OVERRUN;
+        }
+    }
+
+    /// When something happens by itself that the wires must hear of.
+    pub fn next_event(&self) -> Option<Instant> {
+        (!self.outbox.is_empty()).then(|| self.clock.now())
+    }
+
+    /// This drive's own address, as requests and answers name their sender.
+    pub const fn own(&self) -> IdCode {
+        IdCode::axis(self.axis)
+    }
+
+    fn publish_motion(&mut self) {
+        let (shaft, memory) = (&self.shaft, &mut self.memory);
+        let (actual, target) = (shaft.count(), shaft.target());
+        let error = target.wrapping_sub(actual);
+        let speed = shaft.scale.counts_speed(shaft.velocity());
+        let setpoint = shaft.servo.setpoint();
+        memory.put_long(at::APOS, actual);
+        memory.put_long(at::APOS_MT, actual);
+        memory.put_fixed(at::ASPD, speed);
+        memory.put_fixed(at::ASPD_LD, speed);
+        memory.put(at::POSERR, clamped(error).cast_unsigned());
+        memory.put_long(at::POSERRL, error);
+        memory.put(at::SPDREF, whole(shaft.scale.counts_speed(setpoint.velocity)));
+        memory.put_long(at::TPOS, target);
+        memory.put_fixed(at::TSPD, shaft.scale.counts_speed(setpoint.velocity));
+        memory.put_fixed(at::TACC, shaft.scale.counts_acceleration(setpoint.acceleration));
+        let current = units::current(shaft.motor.current()).cast_unsigned();
+        memory.put(at::IQ, current);
+        memory.put(at::IQREF, current);
+        memory.put(at::AD4, units::voltage(shaft.supply));
+        memory.put(at::AD7, libm::round(shaft.stage.temperature()) as u16);
+    }
+
+    fn publish_status(&mut self) {
+        let (now, status) = (self.clock.now(), self.status);
+        let memory = &mut self.memory;
+        memory.put(at::SRL, status.srl);
+        memory.put(at::SRH, status.srh);
+        memory.put(at::MER, status.mer);
+        memory.put(at::DER, status.der);
+        memory.put(at::DER2, status.der2);
+        memory.put(at::CER, status.cer);
+        memory.put(at::ISR, status.isr);
+        memory.put(at::MSR, status.msr());
+        memory.put(at::AAR, u16::from(self.groups) << 8 | u16::from(self.axis));
+        memory.put_long(at::ATIME, self.clock.absolute(now).cast_signed());
+        memory.put_long(at::RTIME, self.clock.relative(now).cast_signed());
+    }
+
+    /// AXISON. Not before ENDINIT, and not in fault \[I\].
+    pub fn axis_on(&mut self) -> bool {
+        let ready = self.status.srh & srh::ENDINIT != 0;
+        if !ready || self.status.srh & srh::FAULT != 0 {
+            return false;
+        }
+        self.shaft.servo.enable(&self.shaft.motor);
+        self.status.srl |= srl::AXIS_ON;
+        true
+    }
+
+    /// AXISOFF: the motor coasts.
+    pub fn axis_off(&mut self) {
+        self.shaft.servo.disable();
+        put(&mut self.status.srl, srl::AXIS_ON, false);
+    }
+}
+
+fn clamped(value: i32) -> i16 {
+    value.clamp(i16::MIN.into(), i16::MAX.into()) as i16
+}
+
+fn whole(value: f64) -> u16 {
+    clamped(libm::round(value) as i32).cast_unsigned()
+}

@@ -1,0 +1,240 @@
+//! What instructions do that only compute: assignments, arithmetic, memory.
+
+use super::at;
+use super::drive::Drive;
+use super::form;
+use super::memory::Barred;
+use super::status::{der, mer};
+use crate::proto::tml::online::Memory as Space;
+use crate::proto::tml::wire::{Instruction, operand_address};
+
+/// Why an instruction was not carried out.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Refused {
+    /// This firmware has no such instruction. \[I\] What the drive does then is not documented.
+    Unknown,
+    /// There is no memory where it wants to write.
+    Nowhere,
+    /// It cannot be done as things are. \[I\]
+    NotNow,
+    /// What DER tells.
+    Detail(u16),
+}
+
+impl From<Barred> for Refused {
+    fn from(barred: Barred) -> Self {
+        match barred {
+            Barred::Nowhere => Self::Nowhere,
+            Barred::Locked => Self::Detail(der::EEPROM_LOCKED),
+        }
+    }
+}
+
+type Done = Result<(), Refused>;
+
+impl Drive {
+    /// Carries out an instruction and tells MER and DER if it could not.
+    pub fn execute(&mut self, instruction: &Instruction) {
+        if let Err(refused) = self.obey(instruction) {
+            self.status.mer |= mer::COMMAND;
+            if let Refused::Detail(bit) = refused {
+                self.status.der |= bit;
+            }
+            self.stale();
+        }
+    }
+
+    /// Carries out an instruction.
+    pub fn obey(&mut self, i: &Instruction) -> Done {
+        if form::words(i.opcode) != Some(i.data().len()) {
+            return Err(Refused::Unknown);
+        }
+        self.publish();
+        match i.opcode & 0xFC00 {
+            0x0000 | 0x0400 | 0x6400 => self.control(i),
+            0x0800 => self.setting(i),
+            0x1C00 => self.administer(i),
+            0x2000..=0x5C00 => self.assign(i),
+            0x8000 => self.set_position(self.memory.long(operand_address(i.opcode))),
+            0x8400 => self.set_position(i.long(0).cast_signed()),
+            0x8800 => self.shift(i),
+            0x8C00 => self.multiply(i),
+            0x9000 => self.access(i),
+            0xDC00 => self.divide(i),
+            _ => Err(Refused::Unknown),
+        }
+    }
+
+    /// 2000 to 5C00: what becomes of a variable.
+    fn assign(&mut self, i: &Instruction) -> Done {
+        let (target, word) = (operand_address(i.opcode), i.word(0));
+        let (v, w) = (self.memory.word(target), self.memory.word(word));
+        let (v2, w2) = (self.memory.long(target), self.memory.long(word));
+        let now = i.long(0).cast_signed();
+        match i.opcode & 0xFC00 {
+            0x2000 => self.set(target, word),
+            0x2400 => self.set_long(target, now),
+            0x2800 => self.set(target, w),
+            0x2C00 => self.set_long(target, w2),
+            0x3000 => self.set(target, w.wrapping_neg()),
+            0x3400 => self.set_long(target, w2.wrapping_neg()),
+            0x3800 => self.set(target, v.wrapping_add(word)),
+            0x3C00 => self.set_long(target, v2.wrapping_add(now)),
+            0x4000 => self.set(target, v.wrapping_add(w)),
+            0x4400 => self.set_long(target, v2.wrapping_add(w2)),
+            0x4800 => self.set(target, v.wrapping_sub(word)),
+            0x4C00 => self.set_long(target, v2.wrapping_sub(now)),
+            0x5000 => self.set(target, v.wrapping_sub(w)),
+            0x5400 => self.set_long(target, v2.wrapping_sub(w2)),
+            0x5800 => self.set(target, v & word | i.word(1)),
+            _ => self.set(word, w & i.word(1) | i.word(2)), // SRBL
+        }
+    }
+
+    /// 88xx and 89xx: shifts of a variable or of PROD by as much as the opcode says. To the right
+    /// the sign is kept.
+    fn shift(&mut self, i: &Instruction) -> Done {
+        let (by, target) = (u32::from(i.opcode & 0x1F), i.word(0));
+        let left = i.opcode & 0x20 != 0;
+        let long = |value: i32| if left { value << by } else { value >> by };
+        match i.opcode & 0x01C0 {
+            0x0000 => {
+                let value = i32::from(self.memory.int(target));
+                self.set(target, (if left { value << by.min(16) } else { value >> by }) as u16)
+            }
+            0x0080 => self.set_long(at::PROD, long(self.memory.long(at::PROD))),
+            0x0100 => self.set_long(target, long(self.memory.long(target))),
+            _ => self.set_long(target, i32::from(self.memory.int(i.word(1))) << by),
+        }
+    }
+
+    /// 8Cxx: a product of two variables, or of one and a number, shifted, into PROD. With 8Dxx the
+    /// first variable has 32 bits. \[I\] Of a product longer than PROD the low 32 bits are kept.
+    fn multiply(&mut self, i: &Instruction) -> Done {
+        let first = match i.opcode & 0x100 {
+            0 => i64::from(self.memory.int(i.word(0))),
+            _ => i64::from(self.memory.long(i.word(0))),
+        };
+        let second = match i.opcode & 0x80 {
+            0 => i.word(1).cast_signed(),
+            _ => self.memory.int(i.word(1)),
+        };
+        let (product, by) = (first * i64::from(second), i.opcode & 0x1F);
+        let shifted = if i.opcode & 0x20 == 0 { product >> by } else { product << by };
+        self.set_long(at::PROD, shifted as i32)
+    }
+
+    /// DC01: V32 /= V16. \[I\] The quotient is fixed-point-blind: an integer, cut toward zero.
+    fn divide(&mut self, i: &Instruction) -> Done {
+        let (target, by) = (i.word(0), i32::from(self.memory.int(i.word(1))));
+        match self.memory.long(target).checked_div(by) {
+            Some(quotient) => self.set_long(target, quotient),
+            None => Err(Refused::NotNow),
+        }
+    }
+
+    /// 90xx writes to memory, 91xx reads from it: directly, or through a pointer variable that
+    /// moves on unless bit 7 is set.
+    fn access(&mut self, i: &Instruction) -> Done {
+        let (opcode, variable, space) = (i.opcode, i.word(0), space_of(i.opcode));
+        let space = space.ok_or(Refused::Unknown)?;
+        let long = opcode & 1 != 0;
+        if opcode & 0x100 != 0 {
+            let from = self.pointed(i.word(1), long, opcode & 0x80 == 0)?;
+            let value = self.fetch(space, from, long);
+            return self.store(Space::Data, variable, value, long);
+        }
+        let value = match opcode & 0x10 {
+            0 if long => i.long(1),
+            0 => i.word(1).into(),
+            _ => self.fetch(Space::Data, i.word(1), long),
+        } as u32;
+        let to = match opcode & 0x20 {
+            0 if opcode & 0x80 == 0 => variable,
+            _ => self.pointed(variable, long, opcode & 0x80 == 0)?,
+        };
+        self.store(space, to, value, long)
+    }
+
+    /// Where a pointer variable points, which then moves on if it is told to.
+    fn pointed(&mut self, pointer: u16, long: bool, onward: bool) -> Result<u16, Refused> {
+        let address = self.memory.word(pointer);
+        if onward {
+            self.set(pointer, address.wrapping_add(1 + u16::from(long)))?;
+        }
+        Ok(address)
+    }
+
+    /// One or two words of memory.
+    pub fn fetch(&self, space: Space, address: u16, long: bool) -> u32 {
+        let low = u32::from(self.memory.read(space, address));
+        let high = || u32::from(self.memory.read(space, address.wrapping_add(1)));
+        if long { low | high() << 16 } else { low }
+    }
+
+    fn store(&mut self, space: Space, address: u16, value: u32, long: bool) -> Done {
+        match (space, long) {
+            (Space::Data, false) => self.set(address, value as u16),
+            (Space::Data, true) => self.set_long(address, value.cast_signed()),
+            (_, false) => Ok(self.memory.write(space, address, value as u16)?),
+            (_, true) => {
+                self.memory.write(space, address, value as u16)?;
+                Ok(self.memory.write(space, address.wrapping_add(1), (value >> 16) as u16)?)
+            }
+        }
+    }
+
+    /// Writes a 16-bit variable.
+    pub fn set(&mut self, address: u16, value: u16) -> Done {
+        self.memory.write(Space::Data, address, value)?;
+        self.written(address);
+        Ok(())
+    }
+
+    /// Writes a 32-bit variable.
+    pub fn set_long(&mut self, address: u16, value: i32) -> Done {
+        self.memory.write(Space::Data, address, value as u16)?;
+        self.memory.write(Space::Data, address.wrapping_add(1), (value >> 16) as u16)?;
+        self.written(address);
+        Ok(())
+    }
+
+    /// What is more than memory takes what was written. Status and measurements take nothing: the
+    /// next reader finds them as they are.
+    fn written(&mut self, address: u16) {
+        let now = self.clock.now();
+        match address {
+            at::APOS | 0x0229 => self.shaft.set_count(self.memory.long(at::APOS)),
+            at::ATIME => self.clock.set_absolute(now, self.memory.long(at::ATIME).cast_unsigned()),
+            at::RTIME => self.clock.set_relative(now, self.memory.long(at::RTIME).cast_unsigned()),
+            at::ISR => self.status.isr &= self.memory.word(at::ISR),
+            at::AAR => {
+                let [groups, axis] = self.memory.word(at::AAR).to_be_bytes();
+                (self.axis, self.groups) = (axis.max(1), groups);
+            }
+            at::KPP | 0x025F => {
+                let shift = i32::from(self.memory.int(at::KPP + 1)).clamp(0, 15);
+                let gain = f64::from(self.memory.word(at::KPP)) * f64::from(1 << shift);
+                self.shaft.set_gain(gain);
+            }
+            _ => {}
+        }
+        self.stale();
+    }
+
+    fn set_position(&mut self, count: i32) -> Done {
+        self.shaft.set_count(count);
+        self.stale();
+        Ok(())
+    }
+}
+
+/// The memory that an opcode names in bits 3 and 2.
+const fn space_of(opcode: u16) -> Option<Space> {
+    match opcode >> 2 & 3 {
+        0 => Some(Space::Program),
+        1 => Some(Space::Data),
+        2 => Some(Space::Spi),
+        _ => None,
+    }
+}

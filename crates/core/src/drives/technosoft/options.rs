@@ -1,0 +1,92 @@
+//! What can be chosen when a drive is made.
+
+use crate::drives::DeviceOptions;
+use crate::profile::Profile;
+use crate::proto::tml::device::Quirks;
+use crate::proto::tml::rules::Wire;
+
+/// How a drive is built, wired and set up.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) struct Options {
+    /// Its wires.
+    pub quirks: Quirks,
+    /// Axis ID in the set-up table; 0 leaves it to the switches.
+    pub axis: u8,
+    /// Switches or jumpers for the axis ID, if it has any.
+    pub switches: Option<u8>,
+    /// The set-up table is valid.
+    pub setup: bool,
+    /// Encoder counts of a turn.
+    pub counts: u32,
+    /// Slow loop period, ns.
+    pub slow_ns: u64,
+    /// How much its clock is fast, parts per million.
+    pub clock_ppm: i32,
+    /// What the firmware calls itself: `514L`.
+    pub version: [u8; 4],
+    /// Where this firmware has SRL_MASK.
+    pub srl_mask: u16,
+}
+
+impl Options {
+    /// Reads them.
+    ///
+    /// # Errors
+    /// The name or value that is unknown.
+    pub fn read<'a>(
+        profile: &'static Profile,
+        options: &DeviceOptions<'a>,
+    ) -> Result<Self, &'a str> {
+        let mut read = Self::of(profile);
+        read.quirks.untimed = options.untimed;
+        if options.wires.contains(&"technocan") {
+            read.quirks.can = Wire::TechnoCan;
+        }
+        if let Some(address) = options.address {
+            read.axis = u8::try_from(address).unwrap_or(u8::MAX);
+        }
+        for (key, value) in options.extra {
+            read.set(key, value)?;
+        }
+        Ok(read)
+    }
+
+    fn of(profile: &'static Profile) -> Self {
+        let late = profile.name.ends_with("fa00g");
+        Self {
+            quirks: Quirks::default(),
+            axis: 0,
+            switches: None,
+            setup: true,
+            counts: 2000,
+            slow_ns: 1_000_000,
+            clock_ppm: 0,
+            version: if late { *b"A00G" } else { *b"514L" },
+            srl_mask: if late { super::at::SRL_MASK_FA00G } else { super::at::SRL_MASK_F514L },
+        }
+    }
+
+    fn set<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
+        match (key, value) {
+            ("wire", "rs232") => self.quirks.wire = Wire::Rs232,
+            ("wire", "rs485") => self.quirks.wire = Wire::Rs485,
+            ("can", "tmlcan") => self.quirks.can = Wire::TmlCan,
+            ("can", "technocan") => self.quirks.can = Wire::TechnoCan,
+            ("setup", "valid" | "invalid") => self.setup = value == "valid",
+            ("switches", _) => self.switches = Some(number(value, 1, 255)?),
+            ("counts", _) => self.counts = number(value, 4, 16_777_216)?,
+            ("slow-loop-us", _) => self.slow_ns = 1000 * number::<u64>(value, 100, 10_000)?,
+            ("clock-ppm", _) => self.clock_ppm = number(value, -1000, 1000)?,
+            ("byte-timeout-ms", _) => {
+                self.quirks.byte_timeout_ms = Some(number(value, 1, 10_000)?);
+            }
+            ("wire" | "can" | "setup", _) => return Err(value),
+            _ => return Err(key),
+        }
+        Ok(())
+    }
+}
+
+fn number<T: core::str::FromStr + PartialOrd>(value: &str, least: T, most: T) -> Result<T, &str> {
+    value.parse().ok().filter(|n| (least..=most).contains(n)).ok_or(value)
+}

@@ -1,0 +1,140 @@
+//! The motor with its encoder and loops, and how counts lie on its shaft.
+
+use super::options::Options;
+use super::units::{PEAK_A, Scale};
+use crate::plant::{Conditions, Encoder, Motor, MotorParameters, Servo, TICK_S, Thermal};
+
+/// Heat of the power stage per A², Ω.
+const STAGE_OHM: f64 = 0.02;
+/// Proportional gain KPP with which the model's loop is as tuned.
+const KPP_TUNED: f64 = 288.0;
+
+/// A motor on its drive.
+#[derive(Clone, Debug)]
+pub(super) struct Shaft {
+    pub motor: Motor,
+    pub servo: Servo,
+    pub encoder: Encoder,
+    pub scale: Scale,
+    pub winding: Thermal,
+    pub stage: Thermal,
+    /// Torque from outside, N·m.
+    pub load: f64,
+    /// DC supply, V.
+    pub supply: f64,
+    /// Count of targets at shaft position 0.
+    zero: i64,
+    tuned_p: f64,
+    broke_at: f64,
+}
+
+impl Shaft {
+    /// At rest at count 0, off.
+    pub fn new(options: &Options) -> Self {
+        let motor = Motor::new(MotorParameters::SERVO_48V);
+        let encoder = Encoder::new(options.counts);
+        let mut servo = Servo::new(motor.parameters());
+        servo.max_current = PEAK_A;
+        let slow_s = options.slow_ns as f64 * 1e-9;
+        Self {
+            scale: Scale { per_rad: encoder.counts_per_rad(), slow_s },
+            tuned_p: servo.gains.position_p,
+            servo,
+            motor,
+            encoder,
+            winding: Thermal::new(1.0, 120.0, 25.0),
+            stage: Thermal::new(2.0, 40.0, 25.0),
+            load: 0.0,
+            supply: 48.0,
+            zero: 0,
+            broke_at: 0.0,
+        }
+    }
+
+    /// What the encoder reads (APOS).
+    pub fn count(&self) -> i32 {
+        self.encoder.count(self.motor.position()) as i32
+    }
+
+    /// Where the set-point is (TPOS), counts.
+    pub fn target(&self) -> i32 {
+        self.count_at(self.servo.setpoint().position)
+    }
+
+    /// Target minus actual, counts, not cut to whole ones.
+    pub fn error(&self) -> f64 {
+        let actual = if self.encoder.is_broken() { self.broke_at } else { self.motor.position() };
+        (self.servo.setpoint().position - actual) * self.scale.per_rad
+    }
+
+    /// The shaft position, rad, in the middle of a count: the one nearest to the set-point, since
+    /// counts wrap.
+    pub fn place(&self, count: i32) -> f64 {
+        let way = i64::from(count.wrapping_sub(self.target()));
+        let whole = libm::floor(self.servo.setpoint().position * self.scale.per_rad + 1e-6);
+        (whole + way as f64 + 0.5) / self.scale.per_rad
+    }
+
+    /// Speed that the drive measures, rad/s.
+    pub fn velocity(&self) -> f64 {
+        if self.encoder.is_broken() { 0.0 } else { self.motor.velocity() }
+    }
+
+    /// SAP: the actual position becomes `count`; the target moves with it.
+    pub fn set_count(&mut self, count: i32) {
+        let by = count.wrapping_sub(self.count());
+        self.encoder.preset(self.motor.position(), count.into());
+        self.zero = self.zero.wrapping_add(by.into());
+    }
+
+    /// After power-up both start at zero where the shaft is.
+    pub fn restart(&mut self) {
+        self.servo.disable();
+        self.servo.hold(&self.motor);
+        self.set_count(0);
+        self.zero = self.zero.wrapping_sub(self.target().into());
+    }
+
+    /// Breaks the encoder, or mends it.
+    pub fn set_broken(&mut self, broken: bool) {
+        self.broke_at = self.motor.position();
+        self.encoder.set_broken(self.motor.position(), broken);
+    }
+
+    /// The position loop's gain, from KPP with its shift. \[I\] Half to three times of what the
+    /// model is tuned to: beyond, the model's shaft would creep or swing.
+    pub fn set_gain(&mut self, kpp: f64) {
+        self.servo.gains.position_p = self.tuned_p * (kpp / KPP_TUNED).clamp(0.5, 3.0);
+    }
+
+    /// Advances by one tick.
+    pub fn tick(&mut self) {
+        let conditions = Conditions { bus: self.supply, load: self.load };
+        let (mut position, mut velocity) = (self.motor.position(), self.motor.velocity());
+        if self.encoder.is_broken() {
+            (position, velocity) = (self.broke_at, 0.0);
+        }
+        self.servo.step_measured(&mut self.motor, conditions, position, velocity);
+        let current = self.motor.current();
+        self.stage.step(STAGE_OHM * current * current, TICK_S);
+        self.winding.step(self.motor.copper_w(), TICK_S);
+    }
+
+    /// Whether nothing will move until somebody does something.
+    pub fn is_still(&self) -> bool {
+        !self.servo.is_enabled()
+            && self.motor.velocity() == 0.0
+            && self.load.abs() <= self.motor.parameters().stiction
+    }
+
+    /// Time passes over a shaft that [is still](Self::is_still).
+    pub fn rest(&mut self, seconds: f64) {
+        self.stage.step(0.0, seconds);
+        self.winding.step(0.0, seconds);
+    }
+
+    fn count_at(&self, position: f64) -> i32 {
+        let whole = libm::floor(position * self.scale.per_rad + 1e-6) as i64;
+        whole.wrapping_add(self.zero) as i32
+    }
+}

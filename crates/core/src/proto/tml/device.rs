@@ -1,0 +1,328 @@
+//! The obeying end: frames in, the firmware asked, acknowledgements and messages out.
+//!
+//! The [`Firmware`] is lent to each call, so that one drive object sits behind a [`SerialEnd`] and
+//! a [`CanEnd`]; [`Relay`](super::relay::Relay) is both, with the way from one to the other.
+//!
+//! What a drive does with a broken frame follows the manual's recovery (TML communication manual,
+//! chapter 3): bytes are counted by the length byte and by nothing else, so a lost byte costs the
+//! boundary until the host has sent enough of `0D`.
+
+use super::rules::Wire;
+use super::serial::{self, ACK, Deframer, FRAME_MAX, Piece, Recovery, SYNC};
+use super::wire::{IdCode, Instruction, Message};
+use super::{technocan, tmlcan};
+use crate::medium::{CanLine, Frame, Parity, SerialLine};
+use crate::time::Instant;
+
+/// What goes wrong on a drive's wires, for its communication error register.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Trouble {
+    /// A character without stop bit, or a break.
+    SerialReceive,
+    /// More to send than the serial line takes.
+    SerialOverrun,
+    /// More to send than the CAN bus takes.
+    CanOverrun,
+    /// The CAN controller went off the bus.
+    BusOff,
+}
+
+/// What obeys: settings that the wires need, and what the messages do.
+pub trait Firmware {
+    /// Axis ID, 1 to 255 (AAR bits 7 to 0).
+    fn axis(&self) -> u8;
+    /// Groups, bit 0 is group 1 (AAR bits 15 to 8).
+    fn groups(&self) -> u8;
+    /// Baud rate that the serial port is set to (SCIBR).
+    fn baud(&self) -> u32;
+    /// Bit rate that the CAN port is set to (CANBR).
+    fn bit_rate(&self) -> u32;
+    /// Carries out a message that concerns this drive and whose check agrees.
+    fn execute(&mut self, now: Instant, message: &Message);
+    /// The next message that the drive has to send: an answer, a notice, an order to other drives.
+    fn poll_message(&mut self, now: Instant) -> Option<Message>;
+    /// A CAN message arrived whole, for whomever it is.
+    fn heard_can(&mut self) {}
+    /// Something went wrong on a wire.
+    fn trouble(&mut self, trouble: Trouble) {
+        let _ = trouble;
+    }
+}
+
+/// What differs between installations, or is not stated.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Quirks {
+    /// Which standard the serial port follows: RS-232 (also for Ethernet) or RS-485.
+    pub wire: Wire,
+    /// Which protocol the CAN port speaks: TMLCAN or TechnoCAN.
+    pub can: Wire,
+    /// A pause between two bytes that ends a broken frame, ms. \[I\] `None`: the manual knows of
+    /// no such pause, only of synchronisation.
+    pub byte_timeout_ms: Option<u32>,
+    /// The serial wire takes no time (pty, TCP): nothing is held back for what went before.
+    pub untimed: bool,
+}
+
+impl Default for Quirks {
+    fn default() -> Self {
+        let (wire, can) = (Wire::Rs232, Wire::TmlCan);
+        Self { wire, can, byte_timeout_ms: None, untimed: false }
+    }
+}
+
+/// Messages that wait for the serial line at most.
+pub const SERIAL_OUT_MAX: usize = 32;
+/// Messages that wait for the CAN bus at most.
+pub const CAN_OUT_MAX: usize = 32;
+
+/// The serial end of a drive.
+#[derive(Debug)]
+pub struct SerialEnd {
+    quirks: Quirks,
+    deframer: Deframer,
+    last_byte: Instant,
+    /// Acknowledgements and `0D` go before messages.
+    prompt: [u8; PROMPT_MAX],
+    prompt_len: usize,
+    out: Queue<SERIAL_OUT_MAX>,
+    /// When the last character of what was handed out has left.
+    free: Instant,
+    baud: u32,
+}
+
+/// Single bytes that wait for the line at most.
+const PROMPT_MAX: usize = 16;
+
+impl SerialEnd {
+    /// The end of a drive that was just powered.
+    #[must_use]
+    pub fn new(quirks: Quirks, firmware: &impl Firmware) -> Self {
+        Self {
+            quirks,
+            deframer: Deframer::new(Recovery::Drop),
+            last_byte: Instant::ZERO,
+            prompt: [0; PROMPT_MAX],
+            prompt_len: 0,
+            out: Queue::EMPTY,
+            free: Instant::ZERO,
+            baud: firmware.baud(),
+        }
+    }
+
+    /// Takes a byte from the line. A message that it completes was acknowledged, if its kind is.
+    pub fn handle_byte(&mut self, now: Instant, byte: u8) -> Option<Message> {
+        if let Some(pause) = self.quirks.byte_timeout_ms
+            && now > self.last_byte.plus_ms(pause)
+        {
+            self.deframer.clear();
+        }
+        self.last_byte = now;
+        self.deframer.push(byte);
+        match self.deframer.next_piece()? {
+            Piece::Message(message) => Some(message),
+            Piece::Sync => self.synchronise(SYNC),
+            Piece::Stray(byte) => self.synchronise(byte),
+            // On RS-485 the answers and acknowledgements of the others are heard too.
+            Piece::Ack | Piece::Broken(_) => None,
+        }
+    }
+
+    /// Queues the acknowledgement of a message to `to`, where the wire has one and it is this
+    /// drive's to give.
+    pub fn acknowledge(&mut self, to: IdCode, axis: u8) {
+        let mine = self.quirks.wire == Wire::Rs232 || to.id == axis;
+        if mine && self.quirks.wire.acknowledges(to) {
+            self.say(ACK);
+        }
+    }
+
+    /// Queues a message. False if there is no room for it.
+    #[must_use]
+    pub fn send(&mut self, message: &Message) -> bool {
+        self.out.push(message)
+    }
+
+    /// Bytes were lost or garbled on the wire: what there is of a frame is dropped.
+    pub fn handle_break(&mut self) {
+        self.deframer.clear();
+    }
+
+    /// What is to be sent now, into `out`: single bytes first, then one message at a time.
+    pub fn poll_transmit(
+        &mut self,
+        now: Instant,
+        out: &mut [u8],
+        firmware: &impl Firmware,
+    ) -> Option<usize> {
+        if now < self.free {
+            return None;
+        }
+        let len = self.take(out);
+        if len == 0 {
+            self.baud = firmware.baud();
+            return None;
+        }
+        if !self.quirks.untimed {
+            self.free = now.plus_ns(self.line().characters_ns(len as u32));
+        }
+        Some(len)
+    }
+
+    /// When the line is free for what waits.
+    #[must_use]
+    pub fn poll_timeout(&self, firmware: &impl Firmware) -> Option<Instant> {
+        let waits = self.prompt_len > 0 || !self.out.is_empty() || self.baud != firmware.baud();
+        waits.then_some(self.free)
+    }
+
+    /// How this end now drives the line: 8 data bits, 2 stop bits (manual, chapter 3). A new baud
+    /// rate holds once the acknowledgement of its own change is out.
+    #[must_use]
+    pub fn line(&self) -> SerialLine {
+        SerialLine { baud: self.baud, data_bits: 8, parity: Parity::None, stop_bits: 2 }
+    }
+
+    /// "0D; larger values are accepted too". Real drives answer any of them with `0D`. \[I\] On
+    /// RS-485 nobody answers: all would at once.
+    fn synchronise(&mut self, byte: u8) -> Option<Message> {
+        if serial::is_sync(byte) && self.quirks.wire == Wire::Rs232 {
+            self.say(SYNC);
+        }
+        None
+    }
+
+    fn say(&mut self, byte: u8) {
+        if let Some(slot) = self.prompt.get_mut(self.prompt_len) {
+            *slot = byte;
+            self.prompt_len += 1;
+        }
+    }
+
+    fn take(&mut self, out: &mut [u8]) -> usize {
+        if self.prompt_len > 0 {
+            let len = core::mem::take(&mut self.prompt_len).min(out.len());
+            out[..len].copy_from_slice(&self.prompt[..len]);
+            return len;
+        }
+        let Some(message) = self.out.pop() else { return 0 };
+        let mut frame = [0; FRAME_MAX];
+        let len = serial::encode(&message, &mut frame).min(out.len());
+        out[..len].copy_from_slice(&frame[..len]);
+        len
+    }
+}
+
+/// The CAN end of a drive.
+#[derive(Debug)]
+pub struct CanEnd {
+    protocol: Wire,
+    out: Queue<CAN_OUT_MAX>,
+    bit_rate: u32,
+}
+
+impl CanEnd {
+    /// The end of a drive that was just powered.
+    #[must_use]
+    pub fn new(quirks: Quirks, firmware: &impl Firmware) -> Self {
+        Self { protocol: quirks.can, out: Queue::EMPTY, bit_rate: firmware.bit_rate() }
+    }
+
+    /// The message in a frame that concerns a drive with this axis ID and these groups, its ID as
+    /// the drive's own; `None` for everybody else's, at the least possible cost.
+    #[must_use]
+    pub fn handle_frame(&self, frame: &Frame, axis: u8, groups: u8) -> Option<Message> {
+        if !self.concerns(frame, axis, groups) {
+            return None;
+        }
+        if self.protocol == Wire::TmlCan {
+            return tmlcan::decode(frame).ok();
+        }
+        let mut message = technocan::decode(frame).ok()?.message()?;
+        if !message.to.group {
+            message.to.id = axis;
+        }
+        Some(message)
+    }
+
+    /// Queues a message. False if there is no room for it, or if it has no place on this bus.
+    #[must_use]
+    pub fn send(&mut self, message: &Message) -> bool {
+        self.out.push(message)
+    }
+
+    /// The next frame to send. What TechnoCAN cannot carry is dropped.
+    pub fn poll_transmit(&mut self, firmware: &impl Firmware) -> Option<Frame> {
+        while let Some(message) = self.out.pop() {
+            match self.protocol {
+                Wire::TmlCan => return Some(tmlcan::encode(&message)),
+                _ => {
+                    if let Ok(frame) = technocan::encode(&message) {
+                        return Some(frame);
+                    }
+                }
+            }
+        }
+        self.bit_rate = firmware.bit_rate();
+        None
+    }
+
+    /// How this end now drives the bus.
+    #[must_use]
+    pub fn line(&self) -> CanLine {
+        CanLine { bit_rate: self.bit_rate }
+    }
+
+    /// Looks at the identifier alone.
+    fn concerns(&self, frame: &Frame, axis: u8, groups: u8) -> bool {
+        let id = frame.id;
+        if self.protocol == Wire::TmlCan {
+            let to = IdCode { group: id >> 21 & 1 != 0, id: (id >> 13) as u8, host: false };
+            return frame.extended && to.concerns(axis, groups);
+        }
+        let number = id as u8 & technocan::AXIS_MAX;
+        match id >> 5 {
+            _ if frame.extended => false,
+            0x0 => number & groups != 0,
+            0x1 | 0x10 => number == 0,
+            0x2 | 0x9 | 0xA | 0xB => number != 0 && number == axis & technocan::AXIS_MAX,
+            _ => false,
+        }
+    }
+}
+
+/// Messages in the order in which they came.
+#[derive(Clone, Debug)]
+struct Queue<const N: usize> {
+    messages: [Message; N],
+    first: usize,
+    len: usize,
+}
+
+impl<const N: usize> Queue<N> {
+    const EMPTY: Self = Self { messages: [NOTHING; N], first: 0, len: 0 };
+
+    const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    fn push(&mut self, message: &Message) -> bool {
+        if self.len == N {
+            return false;
+        }
+        self.messages[(self.first + self.len) % N] = *message;
+        self.len += 1;
+        true
+    }
+
+    fn pop(&mut self) -> Option<Message> {
+        if self.len == 0 {
+            return None;
+        }
+        let message = self.messages[self.first];
+        self.first = (self.first + 1) % N;
+        self.len -= 1;
+        Some(message)
+    }
+}
+
+const NOTHING: Message = Message { to: IdCode::BROADCAST, instruction: Instruction::of(0, []) };

@@ -1,0 +1,159 @@
+//! A drive on two wires: what comes for others on its serial port goes out on CAN, what comes for
+//! its host on CAN goes out on the serial port (TML communication manual, chapters 1 and 2).
+//!
+//! A drive needs no setting for it: the host takes the axis ID of the drive that it is connected
+//! to, and the host bit tells the two apart.
+
+use super::device::{CanEnd, Firmware, Quirks, SerialEnd, Trouble};
+use super::rules::Wire;
+use super::wire::{IdCode, Message};
+use crate::medium::{CanLine, Frame, SerialLine};
+use crate::station::LineEvent;
+use crate::time::Instant;
+
+/// The wires of a drive, one or both of them connected.
+#[derive(Debug)]
+pub struct Relay {
+    quirks: Quirks,
+    serial: SerialEnd,
+    can: CanEnd,
+    dropped: u64,
+}
+
+/// Messages that a firmware may hand over at once.
+const MESSAGES_MAX: usize = 64;
+
+impl Relay {
+    /// The wires of a drive that was just powered.
+    #[must_use]
+    pub fn new(quirks: Quirks, firmware: &impl Firmware) -> Self {
+        let (serial, can) = (SerialEnd::new(quirks, firmware), CanEnd::new(quirks, firmware));
+        Self { quirks, serial, can, dropped: 0 }
+    }
+
+    /// Messages that found a queue full.
+    #[must_use]
+    pub const fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    /// Takes bytes from the serial line, as they come.
+    pub fn handle_bytes(&mut self, now: Instant, bytes: &[u8], firmware: &mut impl Firmware) {
+        for &byte in bytes {
+            if let Some(message) = self.serial.handle_byte(now, byte) {
+                self.serial.acknowledge(message.to, firmware.axis());
+                self.from_serial(now, &message, firmware);
+            }
+        }
+    }
+
+    /// Takes a frame from the CAN bus.
+    pub fn handle_frame(&mut self, now: Instant, frame: &Frame, firmware: &mut impl Firmware) {
+        let (axis, groups) = (firmware.axis(), firmware.groups());
+        let Some(message) = self.can.handle_frame(frame, axis, groups) else { return };
+        firmware.heard_can();
+        if !message.to.host {
+            firmware.execute(now, &message);
+        } else if self.quirks.wire == Wire::Rs232 {
+            self.to_serial(&message, firmware);
+        }
+    }
+
+    /// Takes what happened to the serial line.
+    pub fn handle_serial_line(&mut self, event: LineEvent, firmware: &mut impl Firmware) {
+        match event {
+            LineEvent::Break => firmware.trouble(Trouble::SerialReceive),
+            LineEvent::Down => {}
+            _ => return,
+        }
+        self.serial.handle_break();
+    }
+
+    /// Takes what happened to the CAN bus.
+    pub fn handle_can_line(&mut self, event: LineEvent, firmware: &mut impl Firmware) {
+        if event == LineEvent::BusOff {
+            firmware.trouble(Trouble::BusOff);
+        }
+    }
+
+    /// What is to be sent on the serial line now.
+    pub fn poll_bytes(
+        &mut self,
+        now: Instant,
+        out: &mut [u8],
+        firmware: &mut impl Firmware,
+    ) -> Option<usize> {
+        self.gather(now, firmware);
+        self.serial.poll_transmit(now, out, firmware)
+    }
+
+    /// What is to be sent on the CAN bus now.
+    pub fn poll_frame(&mut self, now: Instant, firmware: &mut impl Firmware) -> Option<Frame> {
+        self.gather(now, firmware);
+        self.can.poll_transmit(firmware)
+    }
+
+    /// When the serial line is free for what waits.
+    #[must_use]
+    pub fn poll_timeout(&self, firmware: &impl Firmware) -> Option<Instant> {
+        self.serial.poll_timeout(firmware)
+    }
+
+    /// How the serial line is now driven.
+    #[must_use]
+    pub fn serial_line(&self) -> SerialLine {
+        self.serial.line()
+    }
+
+    /// How the CAN bus is now driven.
+    #[must_use]
+    pub fn can_line(&self) -> CanLine {
+        self.can.line()
+    }
+
+    /// A message from the host, or on RS-485 from whoever speaks.
+    fn from_serial(&mut self, now: Instant, message: &Message, firmware: &mut impl Firmware) {
+        let to = message.to;
+        let rs232 = self.quirks.wire == Wire::Rs232;
+        if to.host && rs232 && to.id == firmware.axis() {
+            return; // the host's own address: nobody else has it
+        }
+        if rs232 && is_for_others(to, firmware.axis()) {
+            self.to_can(message, firmware);
+        }
+        if to.concerns(firmware.axis(), firmware.groups()) {
+            firmware.execute(now, message);
+        }
+    }
+
+    /// Takes what the drive has to say and sends each where it belongs.
+    fn gather(&mut self, now: Instant, firmware: &mut impl Firmware) {
+        for _ in 0..MESSAGES_MAX {
+            let Some(message) = firmware.poll_message(now) else { return };
+            let for_host = message.to.host && message.to.id == firmware.axis();
+            match self.quirks.wire {
+                Wire::Rs485 => self.to_serial(&message, firmware),
+                _ if for_host => self.to_serial(&message, firmware),
+                _ => self.to_can(&message, firmware),
+            }
+        }
+    }
+
+    fn to_serial(&mut self, message: &Message, firmware: &mut impl Firmware) {
+        if !self.serial.send(message) {
+            self.dropped += 1;
+            firmware.trouble(Trouble::SerialOverrun);
+        }
+    }
+
+    fn to_can(&mut self, message: &Message, firmware: &mut impl Firmware) {
+        if !self.can.send(message) {
+            self.dropped += 1;
+            firmware.trouble(Trouble::CanOverrun);
+        }
+    }
+}
+
+fn is_for_others(to: IdCode, axis: u8) -> bool {
+    to.group || to.id == 0 || to.id != axis
+}
