@@ -177,6 +177,18 @@ impl State {
     }
 }
 
+/// What a drive told unasked.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Told {
+    /// A signal's value, where no parameter has it.
+    Signal(Signal, i64),
+    /// A parameter's raw value.
+    Parameter(ParameterId, i64),
+}
+
+/// Things that one message may tell.
+pub const TOLD_MAX: usize = 4;
+
 /// One protocol's translation between parameters and requests, for one axis. No queue, no clock, no
 /// executor: those are the lane's. A family overrides what its drive does differently.
 pub trait Driver {
@@ -240,10 +252,15 @@ pub trait Driver {
         answer: &Self::Answer,
     ) -> Result<i64, Failure>;
 
-    /// Takes what the drive said unasked, and tells which signal it changes.
-    fn unasked(&mut self, answer: &Self::Answer) -> Option<(Signal, i64)> {
+    /// Takes what the drive said unasked, and tells what it is about.
+    fn unasked(&mut self, answer: &Self::Answer) -> [Option<Told>; TOLD_MAX] {
         let _ = answer;
-        None
+        [None; TOLD_MAX]
+    }
+
+    /// True when the address names several drives. Each of them answers a read.
+    fn is_group(&self) -> bool {
+        false
     }
 }
 
@@ -275,6 +292,17 @@ pub enum RehearsedStep {
     Send,
     /// Waits, sending nothing.
     Wait(u32),
+}
+
+/// What one drive of a group answered.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Part {
+    /// What was asked.
+    pub ticket: Ticket,
+    /// The drive's address on the wire.
+    pub address: u32,
+    /// Its value, raw.
+    pub raw: i64,
 }
 
 /// What the layers above hold: protocol, family and medium are erased.
@@ -342,6 +370,12 @@ pub trait Axes {
         axis: AxisIndex,
         text: &str,
     ) -> Result<(), Unsupported>;
+
+    /// What one drive of a group answered; it comes before the outcome of its ticket, in the order of
+    /// the drives' addresses.
+    fn poll_part(&mut self) -> Option<Part> {
+        None
+    }
 
     /// The next outcome.
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)>;

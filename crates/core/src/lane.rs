@@ -9,10 +9,11 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use core::marker::PhantomData;
 
-use crate::axis::{Axes, Command, Rehearsed, RehearsedStep, State};
+use crate::axis::{Axes, Command, Part, Rehearsed, RehearsedStep, State};
 use crate::error::{Outcome, Unsupported};
 use crate::medium::Medium;
 use crate::plan::Step;
@@ -32,11 +33,17 @@ pub const JOBS_MAX: usize = 64;
 /// because of it.
 pub const STOP_JOBS: usize = 4;
 
+/// Answers of a group's drives that wait to be taken at most; what comes beyond is in the outcome
+/// alone.
+pub const PARTS_MAX: usize = 512;
+
 /// One host, its axes, and the jobs that take turns on it.
 pub struct Lane<M: Medium, H: Host<M>> {
     host: H,
     slots: Vec<Slot<H::Request, H::Answer>>,
     jobs: Table<H::Request>,
+    /// What drives of a group answered and nobody has taken yet.
+    parts: VecDeque<Part>,
     medium: PhantomData<fn() -> M>,
 }
 
@@ -52,10 +59,13 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         host: H,
         drivers: impl IntoIterator<Item = BoxedDriver<H::Request, H::Answer>>,
     ) -> Self {
+        let slots: Vec<Slot<_, _>> = drivers.into_iter().take(256).map(Slot::new).collect();
+        let groups = slots.iter().any(|slot| slot.driver.is_group());
         Self {
             host,
-            slots: drivers.into_iter().take(256).map(Slot::new).collect(),
+            slots,
             jobs: Table::new(),
+            parts: VecDeque::with_capacity(if groups { PARTS_MAX } else { 0 }),
             medium: PhantomData,
         }
     }
@@ -79,6 +89,13 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 }
                 (To::Address(address), Ok(answer)) => {
                     slot::unasked(now, &mut self.slots, *address, answer);
+                }
+                (To::Part(Ticket(n), address), _) => {
+                    let part = (*n as usize, *address);
+                    let part = self.jobs.part(now, &mut self.slots, part, answer);
+                    if let Some(part) = part.filter(|_| self.parts.len() < self.parts.capacity()) {
+                        self.parts.push_back(part);
+                    }
                 }
                 (To::Address(_), Err(_)) => {}
             }
@@ -257,6 +274,10 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
         self.jobs.outcome()
+    }
+
+    fn poll_part(&mut self) -> Option<Part> {
+        self.parts.pop_front()
     }
 
     fn rehearse(

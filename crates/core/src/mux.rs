@@ -6,7 +6,7 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
-use crate::axis::{AnyLane, Axes, Command, Rehearsed, State};
+use crate::axis::{AnyLane, Axes, Command, Part, Rehearsed, State};
 use crate::error::{Outcome, Unsupported};
 use crate::medium::{Can, CanLine, Frame};
 use crate::profile::{ParameterId, Profile};
@@ -179,6 +179,10 @@ impl Axes for Mux {
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.of_mut(axis)?;
         lane.raw(now, ticket, axis, text)
+    }
+
+    fn poll_part(&mut self) -> Option<Part> {
+        self.lanes.iter_mut().find_map(|lane| lane.poll_part())
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {

@@ -57,6 +57,9 @@ pub struct AxisIndex(pub u8);
 pub enum To {
     /// The request submitted with this ticket. It has now ended.
     Ticket(Ticket),
+    /// One of several drives that answer the request submitted with this ticket, by its address on
+    /// the wire. The request goes on.
+    Part(Ticket, u32),
     /// A drive that spoke unasked, by its address on the wire.
     Address(u32),
 }

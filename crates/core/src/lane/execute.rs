@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::job::{Asked, Job, Run, Stage, Task};
+use super::job::{Asked, Job, Parts, Run, Stage, Task};
 use super::slot::Slot;
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::plan::Step;
@@ -202,6 +202,32 @@ pub fn cut_short<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
     }
 }
 
+/// Whether one drive of a group passes the test of the step that a job is at.
+pub fn passes<R: Request>(job: &Job<R>, raw: i64) -> bool {
+    let Task::Run(run) = &job.task else { return true };
+    match run.step() {
+        Some(Step::Require { test, .. } | Step::Until { test, .. }) => test.passes(raw),
+        Some(Step::NoFault { mask, .. }) => raw & mask == 0,
+        _ => true,
+    }
+}
+
+/// What a group answered, all together: for a test what fails it, else the value that all have.
+pub fn together<R: Request>(job: &mut Job<R>, raw: Result<i64, Failure>) -> Result<i64, Failure> {
+    const HINT: &str = "the drives of this group have different values of a parameter that is \
+                        needed; command them one by one, or make them equal";
+    let tests = matches!(&job.task, Task::Run(run) if !matches!(run.stage, Stage::Confirm(..)));
+    let tests = tests && matches!(job.asked, Asked::Read(_));
+    match core::mem::replace(&mut job.parts, Parts::None) {
+        Parts::Agree(value) | Parts::Fails(value) => raw.and(Ok(value)),
+        Parts::Differ(value) if tests => raw.and(Ok(value)),
+        Parts::Differ(_) if job.asked.parameter().is_some() => {
+            raw.and(Err(Failure::NotReady { hint: HINT }))
+        }
+        Parts::Differ(_) | Parts::None => raw,
+    }
+}
+
 /// What an answer, or its lack, makes of a job.
 #[inline(never)]
 pub fn answered<R: Request, A: Copy + 'static>(
@@ -284,6 +310,7 @@ fn answered_run<R: Request, A: Copy + 'static>(
             Err(failure) => Next::End(Outcome::NotDone(failure)),
         };
     }
+    let group = slot.driver.is_group();
     match (asked, raw) {
         (Asked::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
             let readable =
@@ -294,6 +321,10 @@ fn answered_run<R: Request, A: Copy + 'static>(
             }
             run.touched = true;
             failed(run, raw.err().unwrap_or(Failure::Silent))
+        }
+        // Where no drive of a group may be asked, a stop that went out is all there is to do.
+        (Asked::Read(_), Err(Failure::NotReady { .. })) if run.is_stop() && group => {
+            passed_over(run)
         }
         (Asked::Confirm(..), Err(failure)) => {
             run.touched = true;
@@ -316,6 +347,15 @@ fn count_flash<R: Request, A: Copy + 'static>(slot: &mut Slot<R, A>, id: Paramet
     let kept = matches!(run.step(), Some(Step::Ensure(..)))
         && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
     slot.state.flash_writes += u32::from(always || kept);
+}
+
+/// The step is left out.
+fn passed_over(run: &mut Run) -> Next {
+    run.advance(run.last);
+    match run.step() {
+        Some(_) => Next::Go,
+        None => Next::End(finished(run)),
+    }
 }
 
 /// What a step makes of the value it got.

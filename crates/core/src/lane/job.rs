@@ -15,7 +15,33 @@ pub struct Job<R> {
     pub asked: Asked,
     /// A stop came by while its request was out: it ends when that request does.
     pub cancelled: bool,
+    pub parts: Parts,
     pub outcome: Option<Outcome>,
+}
+
+/// What the drives of a group answered so far to the request that is out.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Parts {
+    None,
+    /// All the same.
+    Agree(i64),
+    /// Not all the same; the last one.
+    Differ(i64),
+    /// One that does not pass the step's test.
+    Fails(i64),
+}
+
+impl Parts {
+    /// With one more.
+    pub fn and(self, raw: i64, passes: bool) -> Self {
+        match self {
+            Self::Fails(_) => self,
+            _ if !passes => Self::Fails(raw),
+            Self::None => Self::Agree(raw),
+            Self::Agree(other) if raw == other => self,
+            Self::Agree(_) | Self::Differ(_) => Self::Differ(raw),
+        }
+    }
 }
 
 #[expect(clippy::large_enum_variant, reason = "lives in the lane's table, which is made once")]

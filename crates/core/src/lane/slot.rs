@@ -4,7 +4,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 use core::ops::Range;
 
-use crate::axis::{Command, Driver, Reading, State};
+use crate::axis::{Command, Driver, Part, Reading, State, Told};
 use crate::error::Unsupported;
 use crate::plan::{Operand, Step};
 use crate::profile::{Access, Parameter, ParameterId, Profile, Scale, SignalSource};
@@ -243,8 +243,29 @@ pub fn unasked<R: crate::station::Request, A: Copy + 'static>(
     answer: &A,
 ) {
     for slot in slots.iter_mut().filter(|slot| slot.driver.address() == address) {
-        if let Some((signal, raw)) = slot.driver.unasked(answer) {
-            slot.state.note(signal, Reading { value: raw as f64, raw, at: Some(now) });
+        for told in slot.driver.unasked(answer).into_iter().flatten() {
+            match told {
+                Told::Parameter(id, raw) => slot.note(now, id, raw),
+                Told::Signal(signal, raw) => {
+                    slot.state.note(signal, Reading { value: raw as f64, raw, at: Some(now) });
+                }
+            }
+        }
+    }
+}
+
+/// Takes what one drive of a group answered into the state of its own axis, if the lane has it.
+#[cold]
+pub fn told<R: crate::station::Request, A: Copy + 'static>(
+    now: Instant,
+    slots: &mut [Slot<R, A>],
+    part: &Part,
+    (profile, id): (&'static Profile, ParameterId),
+) {
+    let of_drive = |slot: &&mut Slot<R, A>| slot.driver.address() == part.address;
+    for slot in slots.iter_mut().filter(of_drive) {
+        if core::ptr::eq(slot.profile, profile) {
+            slot.note(now, id, part.raw);
         }
     }
 }

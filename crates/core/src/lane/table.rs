@@ -3,9 +3,10 @@
 use alloc::boxed::Box;
 
 use super::execute::{self, Next};
-use super::job::{Asked, Job, Stage, Task};
-use super::slot::Slot;
+use super::job::{Asked, Job, Parts, Stage, Task};
+use super::slot::{self, Slot};
 use super::{JOBS_MAX, STOP_JOBS};
+use crate::axis::Part;
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::station::{AxisIndex, Request, Ticket};
 use crate::time::{Instant, earliest};
@@ -66,6 +67,7 @@ impl<R: Request> Table<R> {
             task,
             asked: Asked::Nothing,
             cancelled: false,
+            parts: Parts::None,
             outcome: None,
         });
         let bit = 1 << n;
@@ -122,6 +124,10 @@ impl<R: Request> Table<R> {
             Ok(answer) => slot.driver.answer(parameter, answer),
             Err(failure) => Err(*failure),
         };
+        let raw = match job.parts {
+            Parts::None => raw,
+            _ => execute::together(job, raw),
+        };
         // What happens most, ahead of everything else: a read was answered.
         if let (Task::Read(_), Asked::Read(id), Ok(raw)) = (&job.task, job.asked, &raw) {
             slot.note(now, id, *raw);
@@ -129,6 +135,28 @@ impl<R: Request> Table<R> {
         }
         let next = execute::answered(now, job, slot, raw);
         self.follow(n, next);
+    }
+
+    /// Takes what one drive of a group answered to the request of job `n`.
+    #[cold]
+    pub fn part<A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &mut [Slot<R, A>],
+        (n, address): (usize, u32),
+        answer: &Result<A, Failure>,
+    ) -> Option<Part> {
+        let job = self.jobs.get_mut(n)?.as_mut()?;
+        let slot = slots.get_mut(usize::from(job.axis))?;
+        let (profile, asked) = (slot.profile, job.asked.parameter());
+        let parameter = asked.and_then(|id| profile.parameter(id));
+        let raw = slot.driver.answer(parameter, answer.as_ref().ok()?).ok()?;
+        job.parts = job.parts.and(raw, execute::passes(job, raw));
+        let part = Part { ticket: job.ticket, address, raw };
+        if let Some(id) = asked {
+            slot::told(now, slots, &part, (profile, id));
+        }
+        Some(part)
     }
 
     fn follow(&mut self, n: usize, next: Next) {

@@ -59,6 +59,9 @@ pub struct HostOptions {
     pub host: Option<u32>,
     /// The adapter lets us hear our own bytes.
     pub echo: bool,
+    /// Axes behind a relay only answer questions of their own: what they say unasked, or to a
+    /// question to a group, does not come back.
+    pub answers_only: bool,
 }
 
 impl HostOptions {
@@ -78,6 +81,7 @@ impl HostOptions {
             gap_us: None,
             host: None,
             echo: false,
+            answers_only: false,
         }
     }
 }
@@ -143,4 +147,7 @@ pub fn visit(visitor: &mut impl Visitor) {
     visitor.protocol::<tmcl::TmclCan>();
     visitor.protocol::<modbus::Rtu>();
     visitor.protocol::<modbus::Ascii>();
+    visitor.protocol::<tml::Tml>();
+    visitor.protocol::<tml::TmlCan>();
+    visitor.protocol::<tml::TechnoCan>();
 }

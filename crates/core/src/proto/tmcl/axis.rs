@@ -10,7 +10,7 @@ use super::opcode::Opcode;
 use super::session::{Answer, Ask};
 use super::text;
 use super::wire::Request;
-use crate::axis::Driver;
+use crate::axis::{Driver, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
 use crate::medium::{Can, Frame, Stream};
 use crate::profile::{Parameter, Profile, Signal};
@@ -120,13 +120,13 @@ impl Driver for Axis {
         }
     }
 
-    fn unasked(&mut self, answer: &Answer) -> Option<(Signal, i64)> {
-        match answer {
-            Answer::Event(reply) => {
-                Some((Signal::Reached, i64::from(reply.value >> self.motor & 1)))
-            }
-            _ => None,
+    fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
+        let mut told = [None; TOLD_MAX];
+        if let Answer::Event(reply) = answer {
+            let reached = i64::from(reply.value >> self.motor & 1);
+            told[0] = Some(Told::Signal(Signal::Reached, reached));
         }
+        told
     }
 }
 

@@ -5,14 +5,21 @@
 //! on instruction coding; what only drivers in the field or captures show is marked in the tables.
 //! What no source states is marked \[I\].
 
+pub mod ask;
+pub mod axis;
 pub mod device;
+pub mod generic;
+pub mod host;
 pub mod online;
 pub mod relay;
 pub mod rules;
 pub mod serial;
+pub mod session;
 pub mod technocan;
 pub mod tmlcan;
 pub mod wire;
+
+pub use axis::{Axis, TechnoCan, Tml, TmlCan};
 
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,308 @@
+//! An axis of any TML drive, or a group of them, from a profile alone.
+//!
+//! Parameters are variables in the drive's memory: space 0 is data memory, 1 program memory, 2 the
+//! EEPROM. Which address a name has depends on the firmware, so it is the profile's.
+
+use super::ask::{Answer, Ask, With, assignment};
+use super::generic::GENERIC;
+use super::host::{CanHost, Encapsulation, Extended, HOST_ID, SerialHost, Standard};
+use super::online::Online;
+use super::session::discovery;
+use super::wire::{IdCode, Instruction, Message, low_first};
+use crate::axis::{Driver, TOLD_MAX, Told};
+use crate::error::{Failure, Unsupported};
+use crate::medium::{Can, Frame, Stream};
+use crate::profile::{Encoding, Parameter, ParameterId, Profile};
+use crate::proto::{GROUP, HostOptions, Protocol};
+use crate::station::Class;
+
+/// Parameters whose bits make a drive speak unasked: it is told to whom first.
+const MASKS: [&str; 3] = ["SRL_MASK", "SRH_MASK", "MER_MASK"];
+/// The parameter that silences reports of the PVT buffer while it is not zero.
+const PVT_SILENCE: &str = "PVTSENDOFF";
+
+/// One axis, or the axes of some groups.
+#[derive(Clone, Copy, Debug)]
+pub struct Axis {
+    profile: &'static Profile,
+    address: u32,
+    to: IdCode,
+}
+
+impl Axis {
+    /// The axis of that ID, or the groups that an address with [`GROUP`] names.
+    #[must_use]
+    pub const fn new(profile: &'static Profile, address: u32) -> Self {
+        let to = match address & GROUP {
+            0 => IdCode::axis(address as u8),
+            _ => IdCode::groups(address as u8),
+        };
+        Self { profile, address, to }
+    }
+
+    const fn ask(&self, instruction: Instruction) -> Ask {
+        Ask::of(Message { to: self.to, instruction })
+    }
+}
+
+/// What a plan's `send FUNCTION INDEX VALUE` says, by its function. The index is the opcode.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Form {
+    /// 0: the opcode alone, as `AXISON`.
+    Bare,
+    /// 1: the value as one word, as `SETPVT` has it.
+    Word,
+    /// 2: the value as two words, low one first, as `SAP` has it.
+    Long,
+    /// 3: the value's high word, then its low one: AND and OR masks of `SRB`, as every mode is set.
+    Masks,
+}
+
+impl Form {
+    const fn of(function: u8) -> Option<Self> {
+        Some(match function {
+            0 => Self::Bare,
+            1 => Self::Word,
+            2 => Self::Long,
+            3 => Self::Masks,
+            _ => return None,
+        })
+    }
+
+    const fn instruction(self, opcode: u16, value: u32) -> Instruction {
+        let [low, high] = low_first(value);
+        match self {
+            Self::Bare => Instruction::of(opcode, []),
+            Self::Word => Instruction::of(opcode, [low]),
+            Self::Long => Instruction::of(opcode, [low, high]),
+            Self::Masks => Instruction::of(opcode, [high, low]),
+        }
+    }
+}
+
+impl Driver for Axis {
+    type Request = Ask;
+    type Answer = Answer;
+
+    fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    fn address(&self) -> u32 {
+        self.address
+    }
+
+    fn is_group(&self) -> bool {
+        self.to.group
+    }
+
+    /// GiveMeData of one axis; GiveMeData2 of a group, each of which answers (manual, chapter 4).
+    fn read(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
+        let memory = match parameter.space {
+            0 => 0x4,
+            1 => 0x0,
+            2 => 0x8,
+            _ => return Err(Unsupported::NoSuchParameter),
+        };
+        let give = if self.to.group { 0xB200 } else { 0xB000 };
+        let opcode = give | memory | u16::from(is_long(parameter.encoding));
+        Ok(self.ask(Instruction::of(opcode, [0, parameter.index])))
+    }
+
+    fn write(&self, parameter: &Parameter, raw: i64, class: Class) -> Result<Ask, Unsupported> {
+        let long = is_long(parameter.encoding);
+        if parameter.space != 0 {
+            return Err(Unsupported::Forbidden(
+                "program memory and EEPROM are written by downloading, not by parameters",
+            ));
+        }
+        let value = wire_value(raw, long)?;
+        let loud = MASKS.contains(&parameter.symbol) && value != 0;
+        let loud = loud || parameter.symbol == PVT_SILENCE && value == 0;
+        let with = if loud { With::Master } else { With::Proof };
+        Ok(self.ask(assignment(parameter.index, value, long)).held_to(class).with(with))
+    }
+
+    /// `function` is a [`Form`], `index` the opcode.
+    fn send(&self, function: u8, index: u16, value: i64) -> Result<Ask, Unsupported> {
+        let form = Form::of(function).ok_or(Unsupported::BadArgument)?;
+        Ok(self.ask(form.instruction(index, wire_value(value, true)?)))
+    }
+
+    fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
+        let _ = text;
+        Err(Unsupported::BadText)
+    }
+
+    fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
+        let encoding = parameter.map(|parameter| parameter.encoding);
+        match *answer {
+            Answer::Taken(value) => Ok(raw(encoding, value)),
+            Answer::Value { value, long, .. } => match encoding {
+                Some(encoding) if is_long(encoding) != long => Err(Failure::Misbehaved),
+                Some(_) => Ok(raw(encoding, value)),
+                None if long => Ok(value.cast_signed().into()),
+                None => Ok(value.into()),
+            },
+            // Four characters are the four bytes of the outcome's value.
+            Answer::Version(text) => Ok(u32::from_be_bytes(text).into()),
+            Answer::Gathered(count) => Ok(count.into()),
+        }
+    }
+
+    /// A value told unasked is that of the parameter at its address; of a long one the halves may be
+    /// parameters too, as SRL and SRH are.
+    fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
+        let mut told = [None; TOLD_MAX];
+        let Answer::Value { address, value, long } = *answer else { return told };
+        let high = address.wrapping_add(1);
+        let found = (0..).zip(self.profile.parameters).filter_map(|(id, parameter)| {
+            let (index, wide) = (parameter.index, is_long(parameter.encoding));
+            let part = match (long, wide) {
+                (true, true) | (false, false) if index == address => value,
+                (true, false) if index == address => value & 0xFFFF,
+                (true, false) if index == high => value >> 16,
+                _ => return None,
+            };
+            let raw = raw(Some(parameter.encoding), part);
+            (parameter.space == 0).then_some(Told::Parameter(ParameterId(id), raw))
+        });
+        for (place, told) in told.iter_mut().zip(found) {
+            *place = Some(told);
+        }
+        told
+    }
+}
+
+const fn is_long(encoding: Encoding) -> bool {
+    !matches!(encoding, Encoding::Bit | Encoding::U16 | Encoding::I16)
+}
+
+/// The raw value of what is on the wire.
+fn raw(encoding: Option<Encoding>, value: u32) -> i64 {
+    match encoding {
+        Some(Encoding::I16) => (value as u16).cast_signed().into(),
+        Some(Encoding::Bit | Encoding::U16 | Encoding::U32) | None => value.into(),
+        Some(_) => value.cast_signed().into(),
+    }
+}
+
+/// Signed, or the unsigned twin of a negative one.
+fn wire_value(raw: i64, long: bool) -> Result<u32, Unsupported> {
+    let bits = if long { 32 } else { 16 };
+    let (least, most) = (-(1_i64 << (bits - 1)), (1_i64 << bits) - 1);
+    if raw < least || raw > most {
+        return Err(Unsupported::BadArgument);
+    }
+    Ok(raw as u32 & (most as u32))
+}
+
+macro_rules! driver {
+    () => {
+        const PROFILE: &'static str = "tml";
+        const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 1..=255;
+
+        fn generic() -> &'static Profile {
+            &GENERIC
+        }
+
+        fn driver(
+            profile: &'static Profile,
+            address: u32,
+        ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
+            Axis::new(profile, address)
+        }
+    };
+}
+
+/// TML on RS-232, RS-485, a pseudo-terminal or TCP.
+#[derive(Debug)]
+pub enum Tml {}
+
+impl Protocol for Tml {
+    type Medium = Stream;
+    type Host = SerialHost;
+    const NAME: &'static str = "tml";
+    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
+    const GROUPS: u8 = 8;
+    const BAUD: u32 = 9600;
+
+    fn host(options: &HostOptions, axes: &[u32]) -> SerialHost {
+        SerialHost::new(options, axes)
+    }
+
+    driver!();
+}
+
+/// TML on CAN with 29-bit identifiers.
+#[derive(Debug)]
+pub enum TmlCan {}
+
+impl Protocol for TmlCan {
+    type Medium = Can;
+    type Host = CanHost<Extended>;
+    const NAME: &'static str = "tmlcan";
+    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
+    const HOST: Option<u32> = Some(HOST_ID as u32);
+    const GROUPS: u8 = 8;
+    const BAUD: u32 = 500_000;
+
+    fn host(options: &HostOptions, axes: &[u32]) -> Self::Host {
+        CanHost::new(options, axes)
+    }
+
+    fn discover(options: &HostOptions) -> Option<Frame> {
+        discover::<Extended>(options)
+    }
+
+    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+        sender::<Extended>(options, frame)
+    }
+
+    driver!();
+}
+
+/// TML on CAN with the 11-bit identifiers that CANopen leaves free.
+#[derive(Debug)]
+pub enum TechnoCan {}
+
+impl Protocol for TechnoCan {
+    type Medium = Can;
+    type Host = CanHost<Standard>;
+    const NAME: &'static str = "technocan";
+    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=31;
+    const HOST: Option<u32> = Some(HOST_ID as u32);
+    const GROUPS: u8 = 5;
+    const BAUD: u32 = 500_000;
+
+    fn host(options: &HostOptions, axes: &[u32]) -> Self::Host {
+        CanHost::new(options, axes)
+    }
+
+    fn discover(options: &HostOptions) -> Option<Frame> {
+        discover::<Standard>(options)
+    }
+
+    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+        sender::<Standard>(options, frame)
+    }
+
+    driver!();
+}
+
+fn host_id(options: &HostOptions) -> IdCode {
+    IdCode::axis(options.host.and_then(|id| u8::try_from(id).ok()).unwrap_or(HOST_ID))
+}
+
+/// GiveMeData2 of AAR to everybody: all answer, in the order of their IDs.
+fn discover<E: Encapsulation>(options: &HostOptions) -> Option<Frame> {
+    E::encode(&discovery(host_id(options))).ok()
+}
+
+/// The axis that answered [`discover`].
+fn sender<E: Encapsulation>(options: &HostOptions, frame: &Frame) -> Option<u32> {
+    let (to, instruction) = E::decode(frame)?.ok()?;
+    let ours = to.is_none_or(|to| to.id == host_id(options).id && !to.group);
+    let axis = Online::parse(&instruction)?.answered_by()?;
+    ours.then_some(axis.into())
+}

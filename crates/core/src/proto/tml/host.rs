@@ -1,0 +1,399 @@
+//! The commanding end: on a serial line, and on CAN in either encapsulation.
+//!
+//! Sources: TML communication manual, chapters 3 to 5. Serial servers put bytes of their own between
+//! frames (00, 0D, 0A, what is left of an older connection); those are skipped and counted.
+
+use core::marker::PhantomData;
+
+use super::ask::{Answer, Ask};
+use super::rules::{Rule, Wire};
+use super::serial::{self, Deframer, FRAME_MAX, Piece, Recovery};
+use super::session::{Out, Place, SYNCS_MAX, Session, Waits};
+use super::wire::{IdCode, Instruction, Message};
+use super::{technocan, tmlcan};
+use crate::error::WireError;
+use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
+use crate::proto::pace::Pace;
+use crate::proto::{self, GROUP, HostOptions};
+use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
+use crate::time::{Instant, earliest};
+
+/// Time allowed for an answer when neither caller nor profile says one, ms.
+pub const REPLY_TIMEOUT_MS: u32 = 100;
+/// Time allowed for an acknowledgement, and for each SYNC byte, on a serial port, ms. The manual's
+/// typical value is 2 (chapter 3); adapters need more.
+pub const ACK_SERIAL_MS: u32 = 20;
+/// The same through a serial server or a pseudo-terminal.
+pub const ACK_NETWORK_MS: u32 = 100;
+/// Less is never waited (manual, chapter 3).
+pub const ACK_MIN_MS: u32 = 2;
+/// Between messages to axes behind a relay, where the line itself does not pace them, µs: longer
+/// than a CAN frame takes at 250 kbit/s.
+const PACE_US: u32 = 600;
+/// The host's axis ID on RS-485 and CAN, unless an axis has it; 255 is what drives have from the
+/// factory.
+pub const HOST_ID: u8 = 254;
+
+/// The host on RS-232, RS-485, a pseudo-terminal or TCP.
+#[derive(Debug)]
+pub struct SerialHost {
+    session: Session,
+    line: SerialLine,
+    pace: Pace,
+    deframer: Deframer,
+    gap_ns: u64,
+    /// A frame that pauses for so long inside is none.
+    stale_ns: u64,
+    last_byte: Instant,
+    sent: Option<Message>,
+}
+
+impl SerialHost {
+    /// A host of these axes, as `options` say. On RS-232 the first axis is the drive connected.
+    #[must_use]
+    pub fn new(options: &HostOptions, axes: &[u32]) -> Self {
+        let wire = match options.wire {
+            Some(proto::Wire::Rs485) => Wire::Rs485,
+            _ => Wire::Rs232,
+        };
+        let line = SerialLine { stop_bits: 2, ..SerialLine::n81(options.baud) };
+        let waits = Waits::new(options, line.characters_ns(1));
+        Self {
+            session: Session::new(place(wire, options, axes), waits),
+            line,
+            pace: Pace::new(&line),
+            deframer: Deframer::new(Recovery::Search),
+            gap_ns: match options.gap_us {
+                Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
+                gap => u64::from(gap.unwrap_or(0)) * 1_000,
+            },
+            stale_ns: waits.ack_ns + line.characters_ns(2),
+            last_byte: Instant::ZERO,
+            sent: None,
+        }
+    }
+
+    /// Takes what can be told of the bytes so far.
+    #[inline]
+    fn pieces(&mut self, now: Instant) {
+        let mut held = self.deframer.pending().len();
+        while let Some(piece) = self.deframer.next_piece() {
+            let early = self.pace.early() > 0;
+            let left = self.deframer.pending().len();
+            self.pace.took(held - left);
+            held = left;
+            self.piece(now, piece, early);
+        }
+    }
+
+    #[inline]
+    fn piece(&mut self, now: Instant, piece: Piece, early: bool) {
+        match piece {
+            Piece::Message(message) if self.sent == Some(message) => {
+                self.sent = None;
+                self.session.counters.echoed += 1;
+            }
+            Piece::Message(message) => {
+                self.session.heard(now, Some(message.to), &message.instruction);
+            }
+            Piece::Ack => self.session.acknowledged(now, early),
+            Piece::Sync => self.session.synchronised(now),
+            Piece::Stray(_) => self.session.counters.skipped += 1,
+            Piece::Broken(error) => {
+                let corrupt = matches!(error, WireError::Checksum { .. });
+                self.session.counters.corrupt += u64::from(corrupt);
+                self.session.counters.skipped += 1;
+            }
+        }
+    }
+
+    /// What looks like the head of a frame is none: its end never came. What stands behind its first
+    /// byte is looked at again.
+    fn look_again(&mut self, now: Instant) {
+        let mut bytes = [0; FRAME_MAX];
+        for _ in 0..FRAME_MAX {
+            let held = self.deframer.pending();
+            let len = held.len();
+            if len == 0 {
+                return;
+            }
+            bytes[..len].copy_from_slice(held);
+            self.deframer.clear();
+            self.session.counters.skipped += 1;
+            for &byte in &bytes[1..len] {
+                self.deframer.push(byte);
+                self.pieces(now);
+            }
+        }
+    }
+}
+
+impl Waits {
+    fn new(options: &HostOptions, character_ns: u64) -> Self {
+        let usual = if options.baud == 0 { ACK_NETWORK_MS } else { ACK_SERIAL_MS };
+        let ms = |given: Option<u32>| u64::from(given.unwrap_or(usual).max(ACK_MIN_MS)) * 1_000_000;
+        let answer = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let pace_us = if options.baud == 0 { PACE_US } else { 0 };
+        Self {
+            ack_ns: ms(options.ack_timeout_ms),
+            pause_ns: ms(options.pause_ms.or(options.ack_timeout_ms)),
+            answer_ns: u64::from(answer) * 1_000_000 + FRAME_MAX as u64 * character_ns,
+            character_ns,
+            pace_ns: u64::from(pace_us) * 1_000,
+        }
+    }
+}
+
+/// Where the host stands on a wire with these axes.
+fn place(wire: Wire, options: &HostOptions, axes: &[u32]) -> Place {
+    let single = |axis: &&u32| **axis & GROUP == 0;
+    let first = axes.iter().find(single).map(|axis| *axis as u8);
+    let given = options.host.and_then(|host| u8::try_from(host).ok());
+    let id = match wire {
+        Wire::Rs232 => given.or(first).unwrap_or(u8::MAX),
+        _ => given.unwrap_or_else(|| free_id(wire, axes)),
+    };
+    let relay = (wire == Wire::Rs232).then(|| first.unwrap_or(id));
+    Place {
+        wire,
+        own: wire.sender(id),
+        relay,
+        alone: axes.len() == 1 && first.is_some(),
+        behind_technocan: options.answers_only,
+        broken: relay.and_then(|relay| wire.host_id(id, relay).err()),
+    }
+}
+
+/// An axis ID that none of these axes has, the usual one if possible.
+fn free_id(wire: Wire, axes: &[u32]) -> u8 {
+    let number = |id: u8| if wire == Wire::TechnoCan { id % 32 } else { id };
+    let taken = |id: u8| axes.iter().any(|axis| number(*axis as u8) == number(id));
+    (1..=HOST_ID).rev().find(|id| number(*id) != 0 && !taken(*id)).unwrap_or(HOST_ID)
+}
+
+impl Timed for SerialHost {
+    fn handle_timeout(&mut self, now: Instant) {
+        if now >= self.last_byte.plus_ns(self.stale_ns) {
+            self.look_again(now);
+        }
+        self.session.handle_timeout(now);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let stale = !self.deframer.pending().is_empty() && self.session.wants_ack();
+        let stale = stale.then(|| self.last_byte.plus_ns(self.stale_ns));
+        earliest(self.session.poll_timeout(), stale)
+    }
+}
+
+impl Station<Stream> for SerialHost {
+    fn handle_input(&mut self, now: Instant, bytes: &[u8]) {
+        if now >= self.last_byte.plus_ns(self.stale_ns) {
+            self.look_again(now);
+        }
+        self.last_byte = now;
+        self.pace.heard(now, self.deframer.pending().len() + bytes.len());
+        for &byte in bytes {
+            self.deframer.push(byte);
+            self.pieces(now);
+        }
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.session.counters.skipped += self.deframer.pending().len() as u64;
+        self.deframer.clear();
+        self.session.handle_line(now, event);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        if !self.session.has_unsent() {
+            return None;
+        }
+        let quiet = self.last_byte.plus_ns(self.gap_ns);
+        if now < quiet {
+            self.session.hold(quiet);
+        }
+        match self.session.transmit(now)? {
+            Out::Message(message) => {
+                let mut frame = [0; FRAME_MAX];
+                let len = serial::encode(&message, &mut frame);
+                self.pace.sent(now, self.line.characters_ns(len as u32));
+                self.sent = Some(message);
+                out.get_mut(..len)?.copy_from_slice(&frame[..len]);
+                Some(len)
+            }
+            Out::Sync(byte, count) => {
+                let count = usize::from(count.min(SYNCS_MAX));
+                out.get_mut(..count)?.fill(byte);
+                Some(count)
+            }
+        }
+    }
+
+    fn line(&self) -> SerialLine {
+        self.line
+    }
+}
+
+impl Host<Stream> for SerialHost {
+    type Request = Ask;
+    type Answer = Answer;
+
+    #[inline]
+    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        self.session.submit(now, ticket, request)
+    }
+
+    #[inline]
+    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+        self.session.poll_event()
+    }
+
+    fn emit(&self, request: &Ask, out: &mut [u8]) -> usize {
+        let mut frame = [0; FRAME_MAX];
+        let len = serial::encode(&self.session.addressed(&request.message), &mut frame);
+        let len = len.min(out.len());
+        out[..len].copy_from_slice(&frame[..len]);
+        len
+    }
+
+    fn counters(&self) -> Counters {
+        self.session.counters
+    }
+}
+
+/// How TML lies in CAN frames.
+pub trait Encapsulation: core::fmt::Debug + Send + 'static {
+    /// Its rules.
+    const WIRE: Wire;
+    /// The frame that carries a message.
+    ///
+    /// # Errors
+    /// The rule that forbids it.
+    fn encode(message: &Message) -> Result<Frame, Rule>;
+    /// What a frame carries, and for whom, where it says so; `None` for other protocols' frames.
+    ///
+    /// # Errors
+    /// What is wrong with a frame that is one of this protocol's.
+    fn decode(frame: &Frame) -> Option<Result<(Option<IdCode>, Instruction), WireError>>;
+}
+
+/// 29-bit identifiers.
+#[derive(Debug)]
+pub enum Extended {}
+
+/// 11-bit identifiers that CANopen leaves free.
+#[derive(Debug)]
+pub enum Standard {}
+
+impl Encapsulation for Extended {
+    const WIRE: Wire = Wire::TmlCan;
+
+    fn encode(message: &Message) -> Result<Frame, Rule> {
+        Ok(tmlcan::encode(message))
+    }
+
+    fn decode(frame: &Frame) -> Option<Result<(Option<IdCode>, Instruction), WireError>> {
+        match tmlcan::decode(frame) {
+            Ok(message) => Some(Ok((Some(message.to), message.instruction))),
+            Err(WireError::Identifier { .. }) => None,
+            Err(error) => Some(Err(error)),
+        }
+    }
+}
+
+impl Encapsulation for Standard {
+    const WIRE: Wire = Wire::TechnoCan;
+
+    fn encode(message: &Message) -> Result<Frame, Rule> {
+        technocan::encode(message)
+    }
+
+    fn decode(frame: &Frame) -> Option<Result<(Option<IdCode>, Instruction), WireError>> {
+        match technocan::decode(frame) {
+            Ok(heard) => Some(Ok((heard.to, heard.instruction))),
+            Err(WireError::Identifier { .. }) => None,
+            Err(error) => Some(Err(error)),
+        }
+    }
+}
+
+/// The host on CAN.
+#[derive(Debug)]
+pub struct CanHost<E> {
+    session: Session,
+    bit_rate: u32,
+    encapsulation: PhantomData<E>,
+}
+
+impl<E: Encapsulation> CanHost<E> {
+    /// A host of these axes, as `options` say.
+    #[must_use]
+    pub fn new(options: &HostOptions, axes: &[u32]) -> Self {
+        let waits = Waits::new(options, 0);
+        let session = Session::new(place(E::WIRE, options, axes), waits);
+        Self { session, bit_rate: options.bit_rate, encapsulation: PhantomData }
+    }
+}
+
+impl<E: Encapsulation> Timed for CanHost<E> {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.session.handle_timeout(now);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.session.poll_timeout()
+    }
+}
+
+impl<E: Encapsulation> Station<Can> for CanHost<E> {
+    #[inline]
+    fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        match E::decode(frame) {
+            Some(Ok((to, instruction))) => self.session.heard(now, to, &instruction),
+            Some(Err(_)) => self.session.counters.corrupt += 1,
+            None => {}
+        }
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.session.handle_line(now, event);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        let Out::Message(message) = self.session.transmit(now)? else { return None };
+        // What the rules forbid never got here; so much the sooner is the rest refused.
+        *out = E::encode(&message).ok()?;
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        CanLine { bit_rate: self.bit_rate }
+    }
+}
+
+impl<E: Encapsulation> Host<Can> for CanHost<E> {
+    type Request = Ask;
+    type Answer = Answer;
+
+    #[inline]
+    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        self.session.submit(now, ticket, request)
+    }
+
+    #[inline]
+    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+        self.session.poll_event()
+    }
+
+    fn emit(&self, request: &Ask, out: &mut Frame) -> usize {
+        let frame = E::encode(&self.session.addressed(&request.message));
+        let count = usize::from(frame.is_ok());
+        *out = frame.unwrap_or_default();
+        count
+    }
+
+    fn counters(&self) -> Counters {
+        self.session.counters
+    }
+}
