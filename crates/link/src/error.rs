@@ -31,6 +31,8 @@ pub enum Cause {
     Unsuitable,
     /// The far end takes no bytes.
     Stalled,
+    /// A network or CAN interface is there, and switched off.
+    Down,
     /// Something else; the system's error number tells.
     System,
 }
@@ -128,6 +130,8 @@ fn judge_errno(errno: rustix::io::Errno) -> Option<Cause> {
     match errno {
         Errno::IO | Errno::NXIO | Errno::NODEV => Some(Cause::Gone),
         Errno::BUSY | Errno::WOULDBLOCK => Some(Cause::Busy),
+        Errno::NETDOWN => Some(Cause::Down),
+        Errno::NOBUFS => Some(Cause::Stalled),
         Errno::NOTTY | Errno::INVAL => Some(Cause::Unsuitable),
         _ => None,
     }
@@ -143,6 +147,7 @@ const fn sentence(cause: Cause) -> &'static str {
         Cause::Unreachable => "no answer from that address",
         Cause::Unsuitable => "it is no serial port, or cannot do this speed or format",
         Cause::Stalled => "the far end takes no bytes",
+        Cause::Down => "the interface is switched off",
         Cause::System => "the operating system reports an error",
     }
 }
@@ -164,6 +169,7 @@ const fn hint(cause: Cause) -> &'static str {
         Cause::Unreachable => "Check address, cable, power and firewall; try `ping`.",
         Cause::Unsuitable => "Choose a baud rate and parity that the adapter can do.",
         Cause::Stalled => "Check that flow control is off and that something reads at the far end.",
+        Cause::Down => "`ip link show` lists the interfaces; switch it on.",
         Cause::System => "The number in brackets is the system's own.",
     }
 }

@@ -39,6 +39,8 @@ pub mod pty;
 pub mod serial;
 pub mod serve;
 pub mod slcan;
+#[cfg(target_os = "linux")]
+pub mod socketcan;
 pub mod socketcand;
 #[cfg(target_os = "linux")]
 mod sys;

@@ -4,7 +4,9 @@
 use std::io;
 use std::mem::{MaybeUninit, size_of};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
-use std::os::fd::{AsRawFd, OwnedFd};
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use libc::{c_int, c_void, socklen_t};
 
@@ -15,12 +17,12 @@ const CONTROL_MAX: usize = 192;
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Message {
     pub(crate) len: usize,
-    /// `MSG_` flags.
-    pub(crate) flags: c_int,
     /// Who sent it, where that is an internet address.
     pub(crate) from: Option<SocketAddr>,
     /// When it arrived, nanoseconds since 1970.
     pub(crate) stamp_ns: Option<u64>,
+    /// When it arrived by the clock of the hardware, nanoseconds since whatever that counts from.
+    pub(crate) hardware_ns: Option<u64>,
     /// How many were thrown away so far for want of room, modulo 2³².
     pub(crate) overrun: Option<u32>,
 }
@@ -30,6 +32,26 @@ pub(crate) struct Message {
 pub(crate) fn ask_for_stamps(fd: &OwnedFd) {
     let _ = set_option(fd, libc::SOL_SOCKET, libc::SO_TIMESTAMPNS, &1_i32);
     let _ = set_option(fd, libc::SOL_SOCKET, libc::SO_RXQ_OVFL, &1_i32);
+}
+
+/// A raw CAN socket on the interface of that index, which never waits.
+pub(crate) fn can_socket(index: c_int) -> io::Result<OwnedFd> {
+    let kind = libc::SOCK_RAW | libc::SOCK_CLOEXEC | libc::SOCK_NONBLOCK;
+    // SAFETY: plain numbers.
+    let fd = unsafe { libc::socket(libc::PF_CAN, kind, libc::CAN_RAW) };
+    if fd < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    // SAFETY: the kernel has just given us this descriptor, and nobody else has it.
+    let fd = unsafe { OwnedFd::from_raw_fd(fd) };
+    // SAFETY: all zeros is a valid sockaddr_can.
+    let mut name: libc::sockaddr_can = unsafe { MaybeUninit::zeroed().assume_init() };
+    name.can_family = libc::AF_CAN as _;
+    name.can_ifindex = index;
+    let len = size_of::<libc::sockaddr_can>() as socklen_t;
+    // SAFETY: the pointer is to a whole sockaddr_can, `len` bytes long.
+    let bound = unsafe { libc::bind(fd.as_raw_fd(), (&raw const name).cast(), len) };
+    if bound == 0 { Ok(fd) } else { Err(io::Error::last_os_error()) }
 }
 
 /// `setsockopt`. `T` is what the option takes: an integer, or an array of plain numbers.
@@ -98,7 +120,7 @@ pub(crate) fn receive(fd: &OwnedFd, buffer: &mut [u8]) -> io::Result<Option<Mess
     };
     // SAFETY: zeroed before, and any bytes are a valid sockaddr_storage.
     let from = address(unsafe { name.assume_init_ref() });
-    let mut message = Message { len, flags: header.msg_flags, from, ..Message::default() };
+    let mut message = Message { len, from, ..Message::default() };
     read_control(&header, &mut message);
     Ok(Some(message))
 }
@@ -119,6 +141,11 @@ fn read_control(header: &libc::msghdr, message: &mut Message) {
                     libc::SCM_TIMESTAMPNS => {
                         let at = data.cast::<libc::timespec>().read_unaligned();
                         message.stamp_ns = Some(nanoseconds(at));
+                    }
+                    libc::SO_TIMESTAMPING => {
+                        // Software, a transformed one, hardware.
+                        let stamps = data.cast::<[libc::timespec; 3]>().read_unaligned();
+                        message.hardware_ns = Some(nanoseconds(stamps[2])).filter(|&ns| ns != 0);
                     }
                     libc::SO_RXQ_OVFL => {
                         message.overrun = Some(data.cast::<u32>().read_unaligned());
@@ -152,5 +179,25 @@ fn address(name: &libc::sockaddr_storage) -> Option<SocketAddr> {
             Some(SocketAddr::new(IpAddr::V6(ip), u16::from_be(name.sin6_port)))
         }
         _ => None,
+    }
+}
+
+/// The kernel's count of messages that a socket had no room for, which wraps at 2³².
+#[derive(Debug, Default)]
+pub(crate) struct Overrun {
+    seen: AtomicU32,
+    total: AtomicU64,
+}
+
+impl Overrun {
+    /// Only the thread that receives calls it.
+    pub(crate) fn note(&self, count: Option<u32>) {
+        let Some(count) = count else { return };
+        let more = count.wrapping_sub(self.seen.swap(count, Ordering::Relaxed));
+        self.total.fetch_add(more.into(), Ordering::Relaxed);
+    }
+
+    pub(crate) fn total(&self) -> u64 {
+        self.total.load(Ordering::Relaxed)
     }
 }

@@ -5,7 +5,7 @@ use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::os::fd::OwnedFd;
 use std::str::FromStr;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::time::Instant;
@@ -88,7 +88,8 @@ pub struct UdpLink {
     group: Group,
     malformed: AtomicU64,
     errors: AtomicU64,
-    overrun: Overrun,
+    #[cfg(target_os = "linux")]
+    overrun: crate::sys::Overrun,
 }
 
 /// Joins `group`.
@@ -117,7 +118,8 @@ pub fn open(group: Group) -> Result<UdpLink, LinkError> {
         group,
         malformed: AtomicU64::new(0),
         errors: AtomicU64::new(0),
-        overrun: Overrun::default(),
+        #[cfg(target_os = "linux")]
+        overrun: Default::default(),
     })
 }
 
@@ -251,35 +253,15 @@ impl Link<Can> for UdpLink {
 
     fn losses(&self) -> Losses {
         Losses {
+            #[cfg(target_os = "linux")]
             overrun: self.overrun.total(),
             malformed: self.malformed.load(Ordering::Relaxed),
             errors: self.errors.load(Ordering::Relaxed),
-            refused: 0,
+            ..Losses::default()
         }
     }
 
     fn reopen(&self) -> Result<Box<dyn Link<Can>>, LinkError> {
         Ok(Box::new(open(self.group)?))
-    }
-}
-
-/// The kernel's count of messages that a socket had no room for, which wraps at 2³².
-#[derive(Debug, Default)]
-pub(crate) struct Overrun {
-    seen: AtomicU32,
-    total: AtomicU64,
-}
-
-impl Overrun {
-    /// Only the thread that receives calls it.
-    #[cfg(target_os = "linux")]
-    pub(crate) fn note(&self, count: Option<u32>) {
-        let Some(count) = count else { return };
-        let more = count.wrapping_sub(self.seen.swap(count, Ordering::Relaxed));
-        self.total.fetch_add(more.into(), Ordering::Relaxed);
-    }
-
-    pub(crate) fn total(&self) -> u64 {
-        self.total.load(Ordering::Relaxed)
     }
 }

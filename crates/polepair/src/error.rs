@@ -251,6 +251,7 @@ const fn link_code(cause: Cause) -> &'static str {
         Cause::Unreachable => "E315",
         Cause::Unsuitable => "E316",
         Cause::Stalled => "E317",
+        Cause::Down => "E319",
         _ => "E318",
     }
 }
