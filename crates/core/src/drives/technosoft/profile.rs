@@ -2,6 +2,8 @@
 #![allow(clippy::approx_constant, clippy::excessive_precision, reason = "the manuals' numbers")]
 #![allow(clippy::large_const_arrays, reason = "rows that tables share, read while compiling")]
 
+use crate::axis::Verb;
+use crate::plan::{Argument, Compare, Operand, Plan, Step, Test};
 use crate::profile::{
     Access, Ask, AxisKind, Certainty, Encoding, Fault, Identity, Parameter, ParameterId,
     Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
@@ -3052,6 +3054,240 @@ static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 11] = [
     },
 ];
 
+static TECHNOSOFT_F514L_PLANS: [Plan; 11] = [
+    Plan {
+        verb: Verb::Enable,
+        source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there",
+        steps: &[
+            Step::Require {
+                read: ParameterId(372),
+                test: Test { mask: 0x4, compare: Compare::Equal, value: 0 },
+                hint: "the drive has no valid set-up table: download one with the vendor's set-up tool",
+            },
+            Step::Send { function: 0x0, index: 0x20, operand: Operand::Is(0), like: None },
+            Step::NoFault { read: ParameterId(372), mask: 0xbf2a },
+            Step::Send { function: 0x1, index: 0x2cb2, operand: Operand::Is(552), like: None },
+            Step::Send { function: 0x0, index: 0x102, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                within_ms: 5000,
+            },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x2, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::Disable,
+        source: "TML_LIB_light: AXISOFF",
+        steps: &[
+            Step::Send { function: 0x0, index: 0x2, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 0 },
+                within_ms: 1000,
+            },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::Stop,
+        source: "TML_LIB_light: STOP, which brakes by CACC and holds",
+        steps: &[
+            Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(192),
+                test: Test { mask: -1, compare: Compare::Within, value: 0 },
+                within_ms: 30000,
+            },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::QuickStop,
+        source: "STOP; the language has no faster one that keeps control of the shaft",
+        steps: &[
+            Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(192),
+                test: Test { mask: -1, compare: Compare::Within, value: 0 },
+                within_ms: 30000,
+            },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::Clear,
+        source: "TML_LIB_light: FAULTR; errors whose cause is still there come back",
+        steps: &[
+            Step::Send { function: 0x0, index: 0x1c04, operand: Operand::Is(0), like: None },
+            Step::NoFault { read: ParameterId(372), mask: 0x3f2a },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::Velocity,
+        source: "TML_LIB_light: CACC, CSPD, MODE SP, TUM1, UPD",
+        steps: &[
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(173), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(172), Operand::Argument(Argument::Velocity)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3150021377),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::MoveTo,
+        source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPA, TUM1, UPD",
+        steps: &[
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(173), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(172), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(171), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3217131265),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294909952),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::MoveBy,
+        source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPR, TUM1, UPD",
+        steps: &[
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(173), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(172), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(171), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3217131265),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3758030848),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::Home,
+        source: "by the host: what the drive's own homing functions are depends on its set-up (`CALLS`, `FUNCTION`). It turns at the homing speed to a limit switch, stops, and calls that place zero",
+        steps: &[
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Require {
+                read: ParameterId(422),
+                test: Test { mask: -1, compare: Compare::NotEqual, value: 0 },
+                hint: "set the homing speed first: slow, its sign tells to which limit switch",
+            },
+            Step::Copy { from: ParameterId(422), to: ParameterId(172) },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3150021377),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(372),
+                test: Test { mask: 0xc0, compare: Compare::NotEqual, value: 0 },
+                within_ms: 60000,
+            },
+            Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(192),
+                test: Test { mask: -1, compare: Compare::Within, value: 0 },
+                within_ms: 30000,
+            },
+            Step::Send { function: 0x2, index: 0x8400, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::Reached,
+        source: "manual chapter 3: SRL bit 10; SRH bit 15 when a fault ended it",
+        steps: &[
+            Step::Until {
+                read: ParameterId(381),
+                test: Test { mask: 0x80000400, compare: Compare::NotEqual, value: 0 },
+                within_ms: 600000,
+            },
+            Step::NoFault { read: ParameterId(372), mask: 0xbf2a },
+            Step::Until {
+                read: ParameterId(382),
+                test: Test { mask: 0x400, compare: Compare::Equal, value: 1024 },
+                within_ms: 1000,
+            },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::Store,
+        source: "TML_LIB_light: SAVE",
+        steps: &[Step::Send { function: 0x0, index: 0x1c08, operand: Operand::Is(0), like: None }],
+        undo: &[],
+    },
+];
+
 /// Technosoft drive, firmware F514L.
 pub static TECHNOSOFT_F514L: Profile = Profile {
     name: "technosoft-f514l",
@@ -3063,7 +3299,7 @@ pub static TECHNOSOFT_F514L: Profile = Profile {
     parameters: &TECHNOSOFT_F514L_PARAMETERS,
     faults: &TECHNOSOFT_F514L_FAULTS,
     signals: &TECHNOSOFT_F514L_SIGNALS,
-    plans: &[],
+    plans: &TECHNOSOFT_F514L_PLANS,
     identity: Some(Identity {
         ask: Ask::Text("GETVERSION"),
         mask: 0xffffff00,
@@ -6304,6 +6540,240 @@ static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 11] = [
     },
 ];
 
+static TECHNOSOFT_FA00G_PLANS: [Plan; 11] = [
+    Plan {
+        verb: Verb::Enable,
+        source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there",
+        steps: &[
+            Step::Require {
+                read: ParameterId(426),
+                test: Test { mask: 0x4, compare: Compare::Equal, value: 0 },
+                hint: "the drive has no valid set-up table: download one with the vendor's set-up tool",
+            },
+            Step::Send { function: 0x0, index: 0x20, operand: Operand::Is(0), like: None },
+            Step::NoFault { read: ParameterId(426), mask: 0xbf2a },
+            Step::Send { function: 0x1, index: 0x2cb2, operand: Operand::Is(552), like: None },
+            Step::Send { function: 0x0, index: 0x102, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                within_ms: 5000,
+            },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x2, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::Disable,
+        source: "TML_LIB_light: AXISOFF",
+        steps: &[
+            Step::Send { function: 0x0, index: 0x2, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 0 },
+                within_ms: 1000,
+            },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::Stop,
+        source: "TML_LIB_light: STOP, which brakes by CACC and holds",
+        steps: &[
+            Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(201),
+                test: Test { mask: -1, compare: Compare::Within, value: 0 },
+                within_ms: 30000,
+            },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::QuickStop,
+        source: "STOP; the language has no faster one that keeps control of the shaft",
+        steps: &[
+            Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(201),
+                test: Test { mask: -1, compare: Compare::Within, value: 0 },
+                within_ms: 30000,
+            },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::Clear,
+        source: "TML_LIB_light: FAULTR; errors whose cause is still there come back",
+        steps: &[
+            Step::Send { function: 0x0, index: 0x1c04, operand: Operand::Is(0), like: None },
+            Step::NoFault { read: ParameterId(426), mask: 0x3f2a },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::Velocity,
+        source: "TML_LIB_light: CACC, CSPD, MODE SP, TUM1, UPD",
+        steps: &[
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(180), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(179), Operand::Argument(Argument::Velocity)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3150021377),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::MoveTo,
+        source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPA, TUM1, UPD",
+        steps: &[
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(180), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(179), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(178), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3217131265),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294909952),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::MoveBy,
+        source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPR, TUM1, UPD",
+        steps: &[
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(180), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(179), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(178), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3217131265),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3758030848),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::Home,
+        source: "by the host: what the drive's own homing functions are depends on its set-up (`CALLS`, `FUNCTION`). It turns at the homing speed to a limit switch, stops, and calls that place zero",
+        steps: &[
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Require {
+                read: ParameterId(498),
+                test: Test { mask: -1, compare: Compare::NotEqual, value: 0 },
+                hint: "set the homing speed first: slow, its sign tells to which limit switch",
+            },
+            Step::Copy { from: ParameterId(498), to: ParameterId(179) },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3150021377),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(426),
+                test: Test { mask: 0xc0, compare: Compare::NotEqual, value: 0 },
+                within_ms: 60000,
+            },
+            Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None },
+            Step::Until {
+                read: ParameterId(201),
+                test: Test { mask: -1, compare: Compare::Within, value: 0 },
+                within_ms: 30000,
+            },
+            Step::Send { function: 0x2, index: 0x8400, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::Reached,
+        source: "manual chapter 3: SRL bit 10; SRH bit 15 when a fault ended it",
+        steps: &[
+            Step::Until {
+                read: ParameterId(437),
+                test: Test { mask: 0x80000400, compare: Compare::NotEqual, value: 0 },
+                within_ms: 600000,
+            },
+            Step::NoFault { read: ParameterId(426), mask: 0xbf2a },
+            Step::Until {
+                read: ParameterId(438),
+                test: Test { mask: 0x400, compare: Compare::Equal, value: 1024 },
+                within_ms: 1000,
+            },
+        ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::Store,
+        source: "TML_LIB_light: SAVE",
+        steps: &[Step::Send { function: 0x0, index: 0x1c08, operand: Operand::Is(0), like: None }],
+        undo: &[],
+    },
+];
+
 /// Technosoft drive, firmware FA00G.
 pub static TECHNOSOFT_FA00G: Profile = Profile {
     name: "technosoft-fa00g",
@@ -6315,7 +6785,7 @@ pub static TECHNOSOFT_FA00G: Profile = Profile {
     parameters: &TECHNOSOFT_FA00G_PARAMETERS,
     faults: &TECHNOSOFT_F514L_FAULTS,
     signals: &TECHNOSOFT_FA00G_SIGNALS,
-    plans: &[],
+    plans: &TECHNOSOFT_FA00G_PLANS,
     identity: Some(Identity {
         ask: Ask::Text("GETVERSION"),
         mask: 0xffffff00,
