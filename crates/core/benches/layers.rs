@@ -6,9 +6,12 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use polepair_core::axis::AnyLane;
+use polepair_core::drives::syntron_ts::profile::SYNTRON_TS;
 use polepair_core::lane::Lane;
 use polepair_core::medium::Stream;
 use polepair_core::profile::ParameterId;
+use polepair_core::proto::modbus::wire::{ReplyPdu, Space};
+use polepair_core::proto::modbus::{Rtu, rtu};
 use polepair_core::proto::tmcl::opcode::{Opcode, Status};
 use polepair_core::proto::tmcl::wire::{Reply, Request};
 use polepair_core::proto::tmcl::{Tmcl, axis::Axis};
@@ -54,23 +57,31 @@ fn host(c: &mut Criterion) {
     });
 }
 
-fn lane(c: &mut Criterion) {
-    let reply = REPLY.emit();
+fn lanes(c: &mut Criterion) {
     let driver = Box::new(Tmcl::driver(Tmcl::generic(), 1));
-    let mut lane: Box<dyn AnyLane<Stream>> =
-        Box::new(Lane::new(Tmcl::host(&OPTIONS, &[1]), [driver as Box<_>]));
+    let lane = Lane::new(Tmcl::host(&OPTIONS, &[1]), [driver as Box<_>]);
+    lane_of(c, "submit to outcome, through the erased lane", Box::new(lane), &REPLY.emit());
+    let driver = Box::new(Rtu::driver(&SYNTRON_TS, 1));
+    let lane = Lane::new(Rtu::host(&OPTIONS, &[1]), [driver as Box<_>]);
+    let mut reply = [0; 16];
+    let answer = ReplyPdu::Read { space: Space::Holding, data: &[0x12, 0x34] };
+    let len = rtu::emit(1, &mut reply, |out| answer.emit(out));
+    lane_of(c, "the same, Modbus RTU", Box::new(lane), &reply[..len]);
+}
+
+fn lane_of(c: &mut Criterion, name: &str, mut lane: Box<dyn AnyLane<Stream>>, reply: &[u8]) {
     let (mut out, mut now) = ([0; 520], 0);
-    c.bench_function("submit to outcome, through the erased lane", |b| {
+    c.bench_function(name, |b| {
         b.iter(|| {
             now += 1_000_000;
             let now = Instant(now);
             lane.read(now, Ticket(7), AxisIndex(0), black_box(ParameterId(1))).unwrap();
             black_box(lane.poll_transmit(now, &mut out));
-            lane.handle_input(now, black_box(&reply));
+            lane.handle_input(now, black_box(reply));
             black_box(lane.poll_outcome().unwrap())
         });
     });
 }
 
-criterion_group!(benches, codec, host, lane);
+criterion_group!(benches, codec, host, lanes);
 criterion_main!(benches);

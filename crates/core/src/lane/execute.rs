@@ -36,8 +36,7 @@ pub fn plain_read<'a, R: Request, A: Copy + 'static>(
     slot: &'a Slot<R, A>,
 ) -> Option<(ParameterId, &'a R)> {
     let Task::Read(id) = job.task else { return None };
-    let request = slot.read(id).ok()?;
-    slot.missing(id).is_none().then_some((id, request))
+    Some((id, slot.plain_read(id)?))
 }
 
 /// The request that a ready job has next. Changes nothing that matters if the host will not have it.

@@ -2,7 +2,6 @@
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
-use core::ops::Range;
 
 use crate::axis::{Command, Driver, Part, Reading, State, Told};
 use crate::error::Unsupported;
@@ -27,23 +26,21 @@ pub struct Slot<R, A> {
     pub profile: &'static Profile,
     pub state: State,
     factors: Vec<Factor>,
-    /// The request that reads each parameter, by [`ParameterId`].
-    reads: Vec<Result<R, Unsupported>>,
-    /// What a reading of each parameter tells, likewise.
-    tells: Vec<Tells>,
-    /// The profile's signals, those of one parameter side by side.
-    sources: Vec<SignalSource>,
+    /// What is needed of a parameter again and again, by [`ParameterId`].
+    entries: Vec<Entry<R>>,
 }
 
-/// What a reading of one parameter tells, worked out once.
+/// What is needed of a parameter again and again, worked out once.
 #[derive(Clone, Debug)]
-struct Tells {
+struct Entry<R> {
+    /// The request that reads it.
+    read: Result<R, Unsupported>,
     /// SI value of one raw unit; `None` when other parameters have a say in it.
     si: Option<f64>,
     /// Its place among the factors.
     factor: Option<usize>,
-    /// The place of its signals among the sources.
-    sources: Range<usize>,
+    /// The signals that it tells.
+    sources: Box<[SignalSource]>,
 }
 
 impl<R, A> core::fmt::Debug for Slot<R, A> {
@@ -68,9 +65,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             profile,
             state: State::UNKNOWN,
             factors,
-            reads: Vec::with_capacity(profile.parameters.len()),
-            tells: Vec::with_capacity(profile.parameters.len()),
-            sources: Vec::with_capacity(profile.signals.len()),
+            entries: Vec::with_capacity(profile.parameters.len()),
         };
         for (id, parameter) in (0..=u16::MAX).map(ParameterId).zip(profile.parameters) {
             slot.describe(id, parameter);
@@ -78,26 +73,36 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         slot
     }
 
-    /// Works out once what a parameter needs again and again.
     fn describe(&mut self, id: ParameterId, parameter: &Parameter) {
-        self.reads.push(match parameter.access {
-            Access::Write => Err(Unsupported::WriteOnly(id)),
-            _ => self.driver.read(parameter),
-        });
-        let first = self.sources.len();
-        self.sources.extend(self.profile.signals.iter().filter(|s| s.parameter == id).copied());
-        self.tells.push(Tells {
+        let signals = self.profile.signals.iter();
+        self.entries.push(Entry {
+            read: match parameter.access {
+                Access::Write => Err(Unsupported::WriteOnly(id)),
+                _ => self.driver.read(parameter),
+            },
             si: constant_si(parameter),
             factor: self.factors.iter().position(|f| f.parameter == id),
-            sources: first..self.sources.len(),
+            sources: signals.filter(|signal| signal.parameter == id).copied().collect(),
         });
     }
 
     /// The request that reads a parameter, if it exists and may be read.
     #[inline]
     pub fn read(&self, id: ParameterId) -> Result<&R, Unsupported> {
-        let read = self.reads.get(usize::from(id.0)).ok_or(Unsupported::NoSuchParameter)?;
-        read.as_ref().map_err(|unsupported| *unsupported)
+        let entry = self.entry(id).ok_or(Unsupported::NoSuchParameter)?;
+        entry.read.as_ref().map_err(|unsupported| *unsupported)
+    }
+
+    /// The same, where the scale needs nothing else: what happens most, looked up once.
+    #[inline]
+    pub fn plain_read(&self, id: ParameterId) -> Option<&R> {
+        let entry = self.entry(id).filter(|entry| entry.si.is_some())?;
+        entry.read.as_ref().ok()
+    }
+
+    #[inline]
+    fn entry(&self, id: ParameterId) -> Option<&Entry<R>> {
+        self.entries.get(usize::from(id.0))
     }
 
     /// The parameter, if it may be written with that value.
@@ -113,15 +118,19 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     /// Takes a raw reading of a parameter into the state and the scales.
     #[inline]
     pub fn note(&mut self, now: Instant, id: ParameterId, raw: i64) {
-        let Some(tells) = self.tells.get(usize::from(id.0)) else { return };
-        if let Some(factor) = tells.factor.and_then(|at| self.factors.get_mut(at)) {
+        let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
+        if let Some(factor) = entry.factor.and_then(|at| self.factors.get_mut(at)) {
             factor.raw = Some(raw);
         }
-        for source in self.sources.get(tells.sources.clone()).unwrap_or_default() {
+        if entry.sources.is_empty() {
+            return;
+        }
+        let si = entry.si.or_else(|| self.si_by_factors(id)).unwrap_or(f64::NAN);
+        for source in &entry.sources {
             let masked = raw & source.mask;
             let (raw, value) = match source.equals {
                 Some(equals) => (i64::from(masked == equals), f64::from(masked == equals)),
-                None => (masked, self.to_si(id, masked).unwrap_or(f64::NAN)),
+                None => (masked, masked as f64 * si),
             };
             self.state.note(source.signal, Reading { value, raw, at: Some(now) });
         }
@@ -138,7 +147,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     /// A parameter that the scale of `id` depends on, not known and not yet asked for.
     #[inline]
     pub fn missing(&self, id: ParameterId) -> Option<ParameterId> {
-        if self.tells.get(usize::from(id.0))?.si.is_some() {
+        if self.entry(id)?.si.is_some() {
             return None;
         }
         let scale = self.profile.parameter(id)?.scale;
@@ -168,13 +177,16 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     /// SI value of one raw unit.
     #[inline]
     fn si(&self, id: ParameterId) -> Option<f64> {
-        match self.tells.get(usize::from(id.0))?.si {
+        match self.entry(id)?.si {
             Some(si) => Some(si),
-            None => {
-                let parameter = self.profile.parameter(id)?;
-                Some(self.factor(parameter.scale)? * parameter.unit.si())
-            }
+            None => self.si_by_factors(id),
         }
+    }
+
+    #[cold]
+    fn si_by_factors(&self, id: ParameterId) -> Option<f64> {
+        let parameter = self.profile.parameter(id)?;
+        Some(self.factor(parameter.scale)? * parameter.unit.si())
     }
 
     fn factor(&self, scale: Scale) -> Option<f64> {

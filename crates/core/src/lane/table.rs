@@ -197,12 +197,11 @@ impl<R: Request> Table<R> {
         self.ended &= !(1 << n);
         self.used &= !(1 << n);
         let job = self.jobs[n].take()?;
-        // Value by value where that is all: what was just written in parts is slow to read as one.
-        let outcome = match job.outcome? {
-            Outcome::Done(raw) => Outcome::Done(raw),
-            other => other,
-        };
-        Some((job.ticket, outcome))
+        match job.outcome? {
+            // Made anew, as one number: what was just written in parts is slow to read as a whole.
+            Outcome::Done(raw) => Some((job.ticket, Outcome::Done(raw))),
+            outcome => Some((job.ticket, outcome)),
+        }
     }
 
     /// Ends what runs on an axis, reads excepted: a stop is next.

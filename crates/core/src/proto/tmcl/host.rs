@@ -72,18 +72,6 @@ impl SerialHost {
         }
     }
 
-    /// Takes whole windows of nine bytes off `bytes` and returns how many bytes are done with.
-    #[inline]
-    fn windows(&mut self, now: Instant, bytes: &[u8]) -> usize {
-        let mut at = 0;
-        while let Some(window) = bytes[at..].first_chunk::<DATAGRAM>() {
-            let done = self.window(now, window);
-            self.pace.took(done);
-            at += done;
-        }
-        at
-    }
-
     /// Judges nine bytes and returns how many of them are done with: all, or one.
     #[inline]
     fn window(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
@@ -105,6 +93,12 @@ impl SerialHost {
                 return DATAGRAM;
             }
         }
+        self.text_or_noise(now, window)
+    }
+
+    /// Nine bytes that are no reply with a checksum.
+    #[cold]
+    fn text_or_noise(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
         if let Ok(text) = VersionText::parse(window)
             && self.wants_text()
             && text.host == self.host
@@ -116,6 +110,22 @@ impl SerialHost {
         self.session.counters.skipped += 1;
         self.noise = now;
         1
+    }
+
+    /// Takes bytes one by one.
+    #[cold]
+    fn collect(&mut self, now: Instant, bytes: &[u8]) {
+        for &byte in bytes {
+            self.buffer[self.len] = byte;
+            self.len += 1;
+            if self.len == DATAGRAM {
+                let window = self.buffer;
+                let done = self.window(now, &window);
+                self.pace.took(done);
+                self.buffer.copy_within(done.., 0);
+                self.len -= done;
+            }
+        }
     }
 
     fn wants(&self, opcode: Opcode) -> bool {
@@ -142,22 +152,17 @@ impl Station<Stream> for SerialHost {
     fn handle_input(&mut self, now: Instant, bytes: &[u8]) {
         self.last_byte = now;
         self.pace.heard(now, self.len + bytes.len());
-        if self.len == 0 && bytes.len() == DATAGRAM {
-            let done = self.windows(now, bytes);
-            self.len = bytes.len() - done;
-            self.buffer[..self.len].copy_from_slice(&bytes[done..]);
-            return;
-        }
-        for &byte in bytes {
-            self.buffer[self.len] = byte;
-            self.len += 1;
-            if self.len == DATAGRAM {
-                let window = self.buffer;
-                let done = self.window(now, &window);
-                self.pace.took(done);
-                self.buffer.copy_within(done.., 0);
-                self.len -= done;
+        // A whole datagram at once, as nearly always, is looked at where it lies.
+        if self.len == 0
+            && let Ok(window) = bytes.try_into()
+        {
+            let done = self.window(now, window);
+            self.pace.took(done);
+            if done < DATAGRAM {
+                self.collect(now, &bytes[done..]);
             }
+        } else {
+            self.collect(now, bytes);
         }
     }
 
@@ -187,9 +192,10 @@ impl Station<Stream> for SerialHost {
         self.session.counters.skipped += self.len as u64;
         self.len = 0;
         self.pace.sent(now, self.on_wire_ns / 2);
-        self.sent = request.emit();
+        let bytes = request.emit();
+        self.sent = bytes;
         self.echo_due = true;
-        out.get_mut(..DATAGRAM)?.copy_from_slice(&self.sent);
+        *out.first_chunk_mut()? = bytes;
         Some(DATAGRAM)
     }
 

@@ -229,4 +229,11 @@ impl Status {
     pub const fn is_good(self) -> bool {
         self.0 >= Self::Ok.0
     }
+
+    /// Whether it says how a request ended.
+    #[must_use]
+    #[inline]
+    pub const fn ends_request(self) -> bool {
+        matches!(self, Self::Ok) || (self.is_named() && !matches!(self, Self::Event | Self::Busy))
+    }
 }

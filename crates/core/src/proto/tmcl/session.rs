@@ -96,6 +96,27 @@ struct Pending {
     cut_short: bool,
 }
 
+impl Pending {
+    #[inline]
+    const fn new(now: Instant, ticket: Option<Ticket>, ask: Ask, ambiguous: u8) -> Self {
+        Self {
+            ticket,
+            ask,
+            attempts: 0,
+            sent: false,
+            ready: now,
+            not_before: now,
+            earliest: now,
+            deadline: now,
+            ambiguous,
+            bad_sum: false,
+            bad_sum_of_module: false,
+            early: false,
+            cut_short: false,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Suspect {
     module: u8,
@@ -152,6 +173,22 @@ impl Session {
 
     #[inline]
     pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
+        let own = u16::from(ask.request.address) == self.host;
+        if self.pending.is_some()
+            || self.suspicious
+            || !self.up
+            || own
+            || self.events.room() < ROOM_MIN
+        {
+            return self.submit_in_doubt(now, ticket, ask);
+        }
+        self.pending = Some(Pending::new(now, Some(ticket), ask, 0));
+        Ok(())
+    }
+
+    /// The same, where something stands against it.
+    #[cold]
+    fn submit_in_doubt(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
         if self.events.room() < ROOM_MIN {
             return Err(ask);
         }
@@ -188,7 +225,9 @@ impl Session {
         pending.earliest = now.plus_ns(on_wire_ns - on_wire_ns / 20);
         pending.deadline = now.plus_ns(on_wire_ns + self.timeout_ns);
         self.counters.sent += 1;
-        self.counters.resent += u64::from(pending.attempts > 0);
+        if pending.attempts > 0 {
+            self.counters.resent += 1;
+        }
         pending.attempts += 1;
         if matches!(request.opcode, Opcode::Boot | Opcode::BootStart) {
             let ticket = pending.ticket;
@@ -278,7 +317,6 @@ impl Session {
         }
     }
 
-    #[inline]
     fn refusal(&self, ask: &Ask) -> Option<Failure> {
         const HINT: &str =
             "the host's address must differ from every module's; give another with host=";
@@ -321,7 +359,6 @@ impl Session {
         Ok(())
     }
 
-    #[inline]
     fn start(&mut self, now: Instant, ticket: Option<Ticket>, ask: Ask) {
         let mut ambiguous = 0;
         // After a lost MST another MST is the same request, and nothing but stops was sent since.
@@ -333,21 +370,7 @@ impl Session {
                 ambiguous = tags.iter().filter(|tag| **tag == opcode).count() as u8;
             }
         }
-        self.pending = Some(Pending {
-            ticket,
-            ask,
-            attempts: 0,
-            sent: false,
-            ready: now,
-            not_before: now,
-            earliest: now,
-            deadline: now,
-            ambiguous,
-            bad_sum: false,
-            bad_sum_of_module: false,
-            early: false,
-            cut_short: false,
-        });
+        self.pending = Some(Pending::new(now, ticket, ask, ambiguous));
     }
 
     #[inline]
@@ -363,10 +386,8 @@ impl Session {
             pending.deadline = pending.deadline.min(now.plus_ns(GRACE_NS));
             return;
         }
-        let refusal = reply.module == request.address
-            && reply.opcode == request.opcode
-            && reply.status.is_named()
-            && !matches!(reply.status, Status::Event | Status::Busy);
+        let ours = reply.module == request.address && reply.opcode == request.opcode;
+        let refusal = ours && reply.status.ends_request();
         let refused = refusal && !reply.status.is_good();
         let stored = request.opcode == Opcode::ReadMemory && !refused;
         if !refusal && !stored {
