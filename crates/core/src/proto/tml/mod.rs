@@ -10,6 +10,7 @@ pub mod axis;
 pub mod device;
 pub mod generic;
 pub mod host;
+pub mod instruction;
 pub mod online;
 pub mod relay;
 pub mod rules;

@@ -1,0 +1,89 @@
+//! Variables by name and by address, from a profile's table in the order of addresses.
+
+use crate::profile::{Encoding, Parameter, Profile};
+
+/// What a variable holds.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Kind {
+    /// 16 bits; nothing says whether they are signed.
+    Word,
+    /// 16 bits, signed.
+    Int,
+    /// 16 bits, unsigned.
+    Uint,
+    /// 32 bits; nothing says what they are.
+    Double,
+    /// 32 bits, signed.
+    Long,
+    /// 32 bits, unsigned.
+    Ulong,
+    /// 32 bits, the lower 16 a fraction.
+    Fixed,
+}
+
+impl Kind {
+    /// 32 bits.
+    #[must_use]
+    pub const fn is_long(self) -> bool {
+        matches!(self, Self::Double | Self::Long | Self::Ulong | Self::Fixed)
+    }
+
+    /// How a profile says it.
+    #[must_use]
+    pub const fn of(encoding: Encoding) -> Self {
+        match encoding {
+            Encoding::I16 => Self::Int,
+            Encoding::U16 | Encoding::Bit => Self::Uint,
+            Encoding::U32 => Self::Ulong,
+            Encoding::Fixed => Self::Fixed,
+            Encoding::I32 | Encoding::I32LowFirst | Encoding::TensAndThousandths => Self::Long,
+        }
+    }
+}
+
+/// A variable: where it is and what it holds.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Variable {
+    /// Its address, that of the lower word.
+    pub address: u16,
+    /// What it holds.
+    pub kind: Kind,
+}
+
+/// What the language calls a parameter.
+#[must_use]
+pub const fn symbol(parameter: &Parameter) -> &'static str {
+    if parameter.symbol.is_empty() { parameter.name } else { parameter.symbol }
+}
+
+/// The variable of that name, letter case ignored.
+#[must_use]
+pub fn named(profile: Option<&'static Profile>, name: &str) -> Option<Variable> {
+    let mut parameters = profile?.parameters.iter();
+    let found = parameters.find(|p| symbol(p).eq_ignore_ascii_case(name))?;
+    Some(Variable { address: found.index, kind: Kind::of(found.encoding) })
+}
+
+/// The variables that begin at an address; of names that share it the described one comes first.
+pub fn at(
+    profile: Option<&'static Profile>,
+    address: u16,
+) -> impl Iterator<Item = &'static Parameter> {
+    let parameters = profile.map_or(&[][..], |profile| profile.parameters);
+    let first = parameters.partition_point(|p| p.index < address);
+    parameters[first..].iter().take_while(move |p| p.index == address)
+}
+
+/// The name of a 16- or 32-bit variable at an address, as a form can be written with it.
+#[must_use]
+pub fn name_at(
+    profile: Option<&'static Profile>,
+    address: u16,
+    long: bool,
+) -> Option<&'static Parameter> {
+    let is_name = |text: &str| {
+        let plain = |c: u8| c.is_ascii_alphanumeric() || c == b'_';
+        !text.is_empty() && !text.as_bytes()[0].is_ascii_digit() && text.bytes().all(plain)
+    };
+    at(profile, address).find(|p| Kind::of(p.encoding).is_long() == long && is_name(symbol(p)))
+}
