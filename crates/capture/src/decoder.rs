@@ -2,8 +2,9 @@
 
 use core::fmt;
 
+use polepair_core::drives;
 use polepair_core::error::WireError;
-use polepair_core::explain::{Context, Direction};
+use polepair_core::explain::{Context, Direction, Raw};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
@@ -277,15 +278,24 @@ impl Decoder {
         let reply = direction == Some(Direction::ToHost);
         let echo = whole && reply && conversation.is_echo(bytes, glued);
         let speaker = if echo { Some(Direction::ToDrive) } else { direction };
-        let request = if reply && !echo { conversation.request() } else { None };
-        let context = Context { direction: speaker, request, profile: self.profile, id: None };
+        let raw = Raw { bytes, ..Raw::default() };
+        let answered = rule.filter(|_| reply && !echo);
+        let request = answered.and_then(|rule| conversation.request(rule.dissector, &raw));
+        let usual = rule.and_then(|rule| drives::usual(rule.dissector));
+        let context = Context {
+            direction: speaker,
+            request: request.map(|request| request.bytes),
+            profile: self.profile.or(usual),
+            ..Context::default()
+        };
         self.explained.clear();
         if let Some(rule) = rule {
             rule.dissector.explain(bytes, &context, &mut self.explained);
         }
         let wrong = rule.and_then(|_| wrong(self.explained.error, piece));
-        if whole && direction == Some(Direction::ToDrive) {
-            conversation.ask(bytes);
+        let asks = rule.is_none_or(|rule| rule.dissector.asks(&raw));
+        if whole && direction == Some(Direction::ToDrive) && asks {
+            conversation.ask(&raw);
         }
         out(&Event {
             time,
@@ -304,22 +314,23 @@ impl Decoder {
     }
 
     fn frame(&mut self, at: usize, line: &Line<'_>, frame: &Frame, out: Out<'_>) {
-        let wire = &self.wires[at];
+        let Wire { name, rules, conversation, .. } = &mut self.wires[at];
         let context = Context {
             direction: line.direction,
-            request: None,
             profile: self.profile,
             id: Some(frame.id),
+            extended: frame.extended,
+            ..Context::default()
         };
         self.explained.clear();
         let rule = if frame.remote {
             None
         } else {
-            explain_frame(&wire.rules, self.judged, frame, &context, &mut self.explained)
+            explain_frame(rules, self.judged, frame, &context, conversation, &mut self.explained)
         };
         out(&Event {
             time: line.time,
-            link: &wire.name,
+            link: name,
             direction: line.direction,
             protocol: rule.map(|rule| rule.dissector.name()),
             bytes: if frame.remote { &[] } else { frame.bytes() },
@@ -362,18 +373,34 @@ fn wrong(error: Option<WireError>, piece: &Piece) -> Option<Wrong> {
     })
 }
 
-/// Lets the first rule that holds for the frame explain it.
+/// Lets the first rule that holds for the frame explain it, as what it asks or answers.
 fn explain_frame<'r>(
     rules: &'r [Rule],
     judged: bool,
     frame: &Frame,
     context: &Context<'_>,
+    conversation: &mut Conversation,
     explained: &mut Explained,
 ) -> Option<&'r Rule> {
+    let raw = Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended };
+    let mut explain = |rule: &Rule, explained: &mut Explained| {
+        let asks = rule.dissector.asks(&raw);
+        let request = if asks { None } else { conversation.request(rule.dissector, &raw) };
+        let context = Context {
+            request: request.map(|request| request.bytes),
+            request_id: request.and_then(|request| request.id),
+            profile: context.profile.or_else(|| drives::usual(rule.dissector)),
+            ..*context
+        };
+        explained.clear();
+        rule.dissector.explain(frame.bytes(), &context, explained);
+        if asks {
+            conversation.ask(&raw);
+        }
+    };
     let claims = |rule: &&Rule| rule.dissector.claims(frame.id, frame.extended);
     for rule in rules.iter().filter(claims) {
-        explained.clear();
-        rule.dissector.explain(frame.bytes(), context, explained);
+        explain(rule, explained);
         match rule.scope {
             Scope::Axis(axis) if explained.axis != Some(axis) => {}
             _ => return Some(rule),
@@ -382,6 +409,6 @@ fn explain_frame<'r>(
     explained.clear();
     let stated = |rule: &&Rule| !judged && !matches!(rule.scope, Scope::Axis(_));
     let rule = rules.iter().find(stated)?;
-    rule.dissector.explain(frame.bytes(), context, explained);
+    explain(rule, explained);
     Some(rule)
 }

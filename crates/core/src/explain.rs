@@ -23,6 +23,21 @@ pub struct Context<'a> {
     pub profile: Option<&'static Profile>,
     /// CAN identifier, for frames.
     pub id: Option<u32>,
+    /// True for a CAN identifier of 29 bits.
+    pub extended: bool,
+    /// CAN identifier of the request, as wide as `id`.
+    pub request_id: Option<u32>,
+}
+
+/// A frame as it stands on the wire.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Raw<'a> {
+    /// Its bytes.
+    pub bytes: &'a [u8],
+    /// CAN identifier, for frames.
+    pub id: Option<u32>,
+    /// True for a CAN identifier of 29 bits.
+    pub extended: bool,
 }
 
 /// A value of a field.
@@ -47,7 +62,7 @@ pub struct Field<'a> {
     pub name: &'static str,
     /// First byte in the frame.
     pub start: u16,
-    /// Byte after the last.
+    /// Byte after the last; `start` for what stands in a CAN identifier.
     pub end: u16,
     /// Its value.
     pub value: Value<'a>,
@@ -89,8 +104,24 @@ pub struct Encoded {
     pub len: usize,
     /// CAN identifier, for frames.
     pub id: Option<u32>,
+    /// True for a CAN identifier of 29 bits.
+    pub extended: bool,
     /// How many bytes the answer has, if there is one.
     pub answer: Option<usize>,
+}
+
+/// The wire that a text is encoded for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Via {
+    /// The protocol's own, or its usual one.
+    #[default]
+    Usual,
+    /// RS-232, or whatever carries bytes alone.
+    Serial,
+    /// RS-485, where its rules differ.
+    Rs485,
+    /// CAN.
+    Can,
 }
 
 /// How to encode a text.
@@ -98,12 +129,15 @@ pub struct Encoded {
 pub struct Addressing {
     /// Axis, station or module address; the protocol's default if `None`.
     pub axis: Option<u32>,
+    /// `axis` is a mask of groups, 0 for everybody; only for protocols that
+    /// [have groups](Dissector::has_groups).
+    pub groups: bool,
     /// Host address; the protocol's default if `None`.
     pub host: Option<u32>,
     /// The product's tables, for names.
     pub profile: Option<&'static Profile>,
-    /// Encode for CAN rather than for the serial line.
-    pub can: bool,
+    /// The wire.
+    pub via: Via,
 }
 
 /// Why a text could not be encoded: where, and what was expected there.
@@ -113,6 +147,21 @@ pub struct TextError {
     pub at: usize,
     /// What would have been right.
     pub expected: &'static str,
+}
+
+/// Why a text became no bytes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum EncodeError {
+    /// It is not of the language.
+    Text(TextError),
+    /// The wire's rules forbid it; the sentence says which, and what to do instead.
+    Forbidden(&'static str),
+}
+
+impl From<TextError> for EncodeError {
+    fn from(error: TextError) -> Self {
+        Self::Text(error)
+    }
 }
 
 /// One protocol as captures, dashboards and the encoder see it. Stateless: what spans frames is the
@@ -140,13 +189,54 @@ pub trait Dissector: Sync {
     /// Encodes text of the protocol's own language.
     ///
     /// # Errors
-    /// [`TextError`] with the place in the text.
+    /// The place in the text, or the rule that forbids it.
     fn encode(
         &self,
         text: &str,
         addressing: &Addressing,
         out: &mut [u8],
-    ) -> Result<Encoded, TextError>;
+    ) -> Result<Encoded, EncodeError>;
     /// What a code of this protocol means: a status, an exception, a fault.
     fn code(&self, code: u32) -> Option<&'static str>;
+    /// The language that [`encode`](Self::encode) reads; protocols on several wires share one.
+    fn language(&self) -> &'static str {
+        self.name()
+    }
+    /// Whether its texts are made of a drive's names, so that where nobody says which drive it is a
+    /// usual one's are better than none.
+    fn speaks_in_names(&self) -> bool {
+        false
+    }
+    /// Whether axes have groups that a message can go to.
+    fn has_groups(&self) -> bool {
+        false
+    }
+    /// Explains what is expected after a request that was encoded: who answers with what. Says
+    /// nothing where the length alone is known.
+    fn expect(&self, request: &Raw<'_>, addressing: &Addressing, sink: &mut dyn Sink) {
+        let _ = (request, addressing, sink);
+    }
+    /// Explains a value by the name of what it is read from: a register's bits. `false` when nothing
+    /// has that name.
+    fn named(
+        &self,
+        name: &str,
+        value: u32,
+        profile: Option<&'static Profile>,
+        sink: &mut dyn Sink,
+    ) -> bool {
+        let _ = (name, value, profile, sink);
+        false
+    }
+    /// Whether a frame, sent to a drive, is what answers belong to. On serial lines every one is
+    /// unless this says otherwise.
+    fn asks(&self, frame: &Raw<'_>) -> bool {
+        frame.id.is_none()
+    }
+    /// Whether a frame says by itself that it answers `request`. Where none does, a reply on a serial
+    /// line belongs to the last request.
+    fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
+        let _ = (frame, request);
+        false
+    }
 }

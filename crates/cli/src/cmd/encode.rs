@@ -1,9 +1,11 @@
-//! `polepair encode PROTO "TEXT" [--axis N] [--host N] [--format json]`
+//! `polepair encode PROTO "TEXT" [--axis N] [--host N] [--via WIRE] [--format json]`
 
 use clap::{Args, ValueEnum};
 use polepair_capture::{Explained, jsonl, text};
-use polepair_core::explain::{Addressing, Context, Direction, Dissector, Encoded, TextError};
-use polepair_core::proto;
+use polepair_core::explain::{
+    Addressing, Context, Direction, Dissector, EncodeError, Encoded, Raw, TextError, Via,
+};
+use polepair_core::{drives, proto};
 
 use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::Output;
@@ -13,13 +15,16 @@ const FRAME_MAX: usize = polepair_core::medium::STREAM_UNIT_MAX;
 
 /// Prints the bytes that a text of a protocol's own language becomes on the wire.
 ///
-/// Nothing is sent. The line is in the format that decode reads.
+/// Nothing is sent. Each line is in the format that decode reads. Several instructions are parted by
+/// `;` or a line's end, and give a line each.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair encode tmcl \"ROR 0, 350\" --axis 1          01 01 00 00 00 00 01 5E 61
   polepair encode modbus-rtu \"write Fn_33 200\"        01 06 00 33 00 C8 78 53
   polepair encode tmcl \"GAP 1, 0\" --via can           001#06010000000000
+  polepair encode tml \"KPP=0x1234\" --axis 5 --via tmlcan          0400A05E#3412
+  polepair encode tml \"MODE PP; UPD\" --axis g1+2 --via rs485
   polepair encode tmcl \"MST 0\" | polepair decode - --as tmcl")]
 pub struct Encode {
     /// The protocol: tmcl, modbus-rtu, …
@@ -28,13 +33,13 @@ pub struct Encode {
     /// What to say, in the protocol's own language
     #[arg(value_name = "TEXT")]
     text: String,
-    /// Axis, station or module address
-    #[arg(long, value_name = "N")]
-    axis: Option<u32>,
+    /// Axis, station or module address; g1+2 for groups, g* for everybody
+    #[arg(long, value_name = "N", value_parser = destination)]
+    axis: Option<Destination>,
     /// Host address
     #[arg(long, value_name = "N")]
     host: Option<u32>,
-    /// The wire: serial, can, or a protocol word such as tmlcan
+    /// The wire: serial, rs485, can, or a protocol word such as tmlcan
     #[arg(long, value_name = "WIRE")]
     via: Option<String>,
     /// How it is printed
@@ -51,34 +56,127 @@ enum Format {
     Json,
 }
 
+/// Whom a text is for.
+#[derive(Clone, Copy, Debug)]
+struct Destination {
+    id: u32,
+    groups: bool,
+}
+
+/// `5`, `g1`, `g1+2`, `g*`.
+fn destination(text: &str) -> std::result::Result<Destination, String> {
+    let wrong = "expected an axis such as 5, groups such as g1 or g1+2, or g* for everybody";
+    let group = |text: &str| match text.parse::<u32>() {
+        Ok(number @ 1..=8) => Ok(1 << (number - 1)),
+        _ => Err("groups are 1 to 8: g1, g1+2, or g* for everybody".to_owned()),
+    };
+    match text.strip_prefix(['g', 'G']) {
+        None => text.parse().map(|id| Destination { id, groups: false }).map_err(|_| wrong.into()),
+        Some("*") => Ok(Destination { id: 0, groups: true }),
+        Some(numbers) => {
+            let mask = numbers.split('+').try_fold(0, |mask, n| Ok::<_, String>(mask | group(n)?));
+            mask.map(|id| Destination { id, groups: true })
+        }
+    }
+}
+
 impl Encode {
     pub fn run(self) -> Result {
-        let dissector = proto::dissector(&self.protocol)
-            .ok_or_else(|| problem::no_such_protocol(&self.protocol))?;
-        let can = self.via.as_deref().is_some_and(|wire| wire.ends_with("can"));
-        let addressing = Addressing { axis: self.axis, host: self.host, profile: None, can };
-        let mut buffer = [0; FRAME_MAX];
-        let encoded = dissector
-            .encode(&self.text, &addressing, &mut buffer)
-            .map_err(|error| self.not_of_the_language(error))?;
-        let bytes = &buffer[..encoded.len];
-        let mut out = Output::stdout();
-        match self.format {
-            Format::Text => line(&encoded, bytes, out.buffer()),
-            Format::Json => object(dissector, &encoded, bytes, out.buffer()),
+        let (dissector, via) = self.wire()?;
+        let groups = self.axis.is_some_and(|axis| axis.groups);
+        if groups && !dissector.has_groups() {
+            return Err(Problem::usage("E245", format!("{} has no groups.", dissector.name())));
         }
-        out.buffer().push(b'\n');
+        let axis = self.axis.map(|axis| axis.id);
+        let addressing =
+            Addressing { axis, groups, host: self.host, profile: drives::usual(dissector), via };
+        let mut out = Output::stdout();
+        for (at, piece) in pieces(&self.text) {
+            self.piece(dissector, at, piece, &addressing, out.buffer())?;
+        }
         out.flush()?;
         Ok(Exit::Ok)
     }
 
+    fn piece(
+        &self,
+        dissector: &dyn Dissector,
+        at: usize,
+        piece: &str,
+        addressing: &Addressing,
+        out: &mut Vec<u8>,
+    ) -> Result<()> {
+        let mut buffer = [0; FRAME_MAX];
+        let encoded = dissector
+            .encode(piece, addressing, &mut buffer)
+            .map_err(|error| self.refused(at, piece, error))?;
+        let bytes = &buffer[..encoded.len];
+        match self.format {
+            Format::Text => line(&encoded, bytes, out),
+            Format::Json => object(dissector, &encoded, bytes, addressing, out),
+        }
+        out.push(b'\n');
+        Ok(())
+    }
+
+    /// The dissector of the protocol, or of the wire where that is a protocol of the same language.
+    fn wire(&self) -> Result<(&'static dyn Dissector, Via)> {
+        let dissector = proto::dissector(&self.protocol)
+            .ok_or_else(|| problem::no_such_protocol(&self.protocol))?;
+        match self.via.as_deref() {
+            None => Ok((dissector, Via::Usual)),
+            Some("serial" | "rs232") => Ok((dissector, Via::Serial)),
+            Some("rs485") => Ok((dissector, Via::Rs485)),
+            Some("can") => Ok((dissector, Via::Can)),
+            Some(word) => {
+                let other = proto::dissector(word);
+                let same = other.filter(|other| other.language() == dissector.language());
+                same.map(|other| (other, Via::Usual)).ok_or_else(|| no_such_wire(dissector, word))
+            }
+        }
+    }
+
+    /// Why a piece became no bytes.
+    fn refused(&self, at: usize, piece: &str, error: EncodeError) -> Problem {
+        match error {
+            EncodeError::Text(error) => {
+                self.not_of_the_language(TextError { at: at + error.at, ..error })
+            }
+            EncodeError::Forbidden(rule) => {
+                Problem::usage("E222", format!("{:?} cannot be sent so.", piece.trim()))
+                    .why(format!("{rule}."))
+            }
+        }
+    }
+
     /// Points at the place in the text.
     fn not_of_the_language(&self, error: TextError) -> Problem {
-        let before = self.text.char_indices().take_while(|(at, _)| *at < error.at);
-        let column = before.count();
+        let start = self.text[..error.at].rfind('\n').map_or(0, |end| end + 1);
+        let line = self.text[start..].lines().next().unwrap_or_default();
+        let column = self.text[start..error.at].chars().count();
         Problem::usage("E241", format!("this is not {}.", self.protocol))
-            .why(format!("{}\n{:column$}^ expected {}", self.text, "", error.expected))
+            .why(format!("{line}\n{:column$}^ expected {}", "", error.expected))
     }
+}
+
+fn no_such_wire(dissector: &dyn Dissector, word: &str) -> Problem {
+    let spoken = proto::dissectors().iter().filter(|d| d.language() == dissector.language());
+    let words: Vec<&str> =
+        ["serial", "rs485", "can"].into_iter().chain(spoken.map(|d| d.name())).collect();
+    Problem::usage("E245", format!("{} does not go over {word:?}.", dissector.name()))
+        .why(format!("Wires are {}.", problem::list(&words)))
+}
+
+/// Instructions, and where in the text they begin.
+fn pieces(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let mut at = 0;
+    let places = text.split([';', '\n']).map(move |piece| {
+        let start = at;
+        at += piece.len() + 1;
+        (start, piece)
+    });
+    let only = text.trim().is_empty();
+    places.filter(move |(start, piece)| !piece.trim().is_empty() || only && *start == 0)
 }
 
 /// The bytes as a capture's line without the time.
@@ -86,31 +184,60 @@ pub fn line(encoded: &Encoded, bytes: &[u8], out: &mut Vec<u8>) {
     match encoded.id {
         None => text::spaced_hex(out, bytes),
         Some(id) => {
-            let digits = if id > 0x7FF { 8 } else { 3 };
+            let digits = if encoded.extended { 8 } else { 3 };
             out.extend_from_slice(format!("{id:0digits$X}#").as_bytes());
             jsonl::hex(out, bytes);
         }
     }
 }
 
-fn object(dissector: &dyn Dissector, encoded: &Encoded, bytes: &[u8], out: &mut Vec<u8>) {
+fn object(
+    dissector: &dyn Dissector,
+    encoded: &Encoded,
+    bytes: &[u8],
+    addressing: &Addressing,
+    out: &mut Vec<u8>,
+) {
     let direction = Some(Direction::ToDrive);
+    let Encoded { id, extended, .. } = *encoded;
     let mut explained = Explained::default();
-    let context = Context { direction, id: encoded.id, ..Context::default() };
+    let profile = addressing.profile;
+    let context = Context { direction, profile, id, extended, ..Context::default() };
     dissector.explain(bytes, &context, &mut explained);
     out.extend_from_slice(b"{\"protocol\":");
     jsonl::string(out, dissector.name());
     out.extend_from_slice(b",\"bytes\":\"");
     jsonl::hex(out, bytes);
-    let id = encoded.id.map_or("null".to_owned(), |id| id.to_string());
-    let extended = encoded.id.map_or("null".to_owned(), |id| (id > 0x7FF).to_string());
-    out.extend_from_slice(format!("\",\"id\":{id},\"extended\":{extended},\"kind\":").as_bytes());
+    let extended = id.map_or("null".to_owned(), |_| extended.to_string());
+    let id = id.map_or("null".to_owned(), |id| id.to_string());
+    out.extend_from_slice(format!("\",\"id\":{id},\"extended\":{extended},").as_bytes());
+    said(&explained, out);
+    out.extend_from_slice(b",\"answer\":");
+    let mut expected = Explained::default();
+    let raw = Raw { bytes, id: encoded.id, extended: encoded.extended };
+    dissector.expect(&raw, addressing, &mut expected);
+    match encoded.answer {
+        None if expected.kind.is_empty() => out.extend_from_slice(b"null"),
+        length => {
+            let length = length.map_or("null".to_owned(), |bytes| bytes.to_string());
+            out.extend_from_slice(format!("{{\"bytes\":{length}").as_bytes());
+            if !expected.kind.is_empty() {
+                out.push(b',');
+                said(&expected, out);
+            }
+            out.push(b'}');
+        }
+    }
+    out.push(b'}');
+}
+
+/// Kind, axis, fields and text as members of an object.
+fn said(explained: &Explained, out: &mut Vec<u8>) {
+    out.extend_from_slice(b"\"kind\":");
     jsonl::string(out, &explained.kind);
     let axis = explained.axis.map_or("null".to_owned(), |axis| axis.to_string());
     out.extend_from_slice(format!(",\"axis\":{axis},\"fields\":").as_bytes());
-    jsonl::fields(out, &explained);
+    jsonl::fields(out, explained);
     out.extend_from_slice(b",\"text\":");
     jsonl::string(out, &explained.text);
-    let answer = encoded.answer.map_or("null".to_owned(), |bytes| format!("{{\"bytes\":{bytes}}}"));
-    out.extend_from_slice(format!(",\"answer\":{answer}}}").as_bytes());
 }

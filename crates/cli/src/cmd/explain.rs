@@ -12,20 +12,22 @@ use crate::terminal::{Output, Table, colour_out};
 
 /// Says what a code means, or what every byte of a frame means.
 ///
-/// One number is a code: a status, an exception, a fault or fault bits. Several bytes are a frame.
+/// One number is a code: a status, an exception, a fault or fault bits. A name and a number are a
+/// register's value. Several bytes are a frame.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair explain tmcl 3                             a status code
   polepair explain tmcm-171 0x101                     fault bits of a drive: cause and remedy
   polepair explain modbus-rtu 2                       an exception
+  polepair explain tml MER 0x0008                     a register's bits
   polepair explain tmcl 01 01 00 00 00 00 01 5E 61    a frame, byte by byte
   polepair explain tmcl 001#0100000000015E            a CAN frame")]
 pub struct Explain {
     /// The protocol, or a drive: tmcl, modbus-rtu, tmcm-171, …
     #[arg(value_name = "PROTO")]
     subject: String,
-    /// A number, the name of a fault, or the bytes of a frame in hexadecimal
+    /// A number, the name of a fault, a register and its value, or a frame's bytes in hexadecimal
     #[arg(value_name = "CODE|BYTES", required = true)]
     words: Vec<String>,
     /// Who sent the frame, where the bytes alone do not tell
@@ -55,7 +57,10 @@ impl Explain {
             Some(code) => subject.code(code),
             None => match subject.fault_named(&text) {
                 Some(fault) => fault,
-                None => self.frame(&subject, &text)?,
+                None => match subject.named(&self.words)? {
+                    Some(register) => register,
+                    None => self.frame(&subject, &text)?,
+                },
             },
         };
         out.buffer().extend_from_slice(found.as_bytes());
@@ -67,15 +72,18 @@ impl Explain {
         let mut bytes = Vec::new();
         let line = parse(text.as_bytes(), &mut bytes).ok().flatten();
         let line = line.ok_or_else(|| self.unknown(text))?;
-        let (id, bytes) = match line.data {
-            polepair_capture::Data::Bytes(bytes) => (None, bytes.to_vec()),
-            polepair_capture::Data::Frame(frame) => (Some(frame.id), frame.bytes().to_vec()),
+        let (id, extended, bytes) = match line.data {
+            polepair_capture::Data::Bytes(bytes) => (None, false, bytes.to_vec()),
+            polepair_capture::Data::Frame(frame) => {
+                (Some(frame.id), frame.extended, frame.bytes().to_vec())
+            }
         };
         let direction = self.from.map(|from| match from {
             From::Host => Direction::ToDrive,
             From::Drive => Direction::ToHost,
         });
-        let context = Context { direction, request: None, profile: subject.profile(), id };
+        let profile = subject.names();
+        let context = Context { direction, profile, id, extended, ..Context::default() };
         let mut explained = Explained::default();
         subject.dissector()?.explain(&bytes, &context, &mut explained);
         Ok(show(&bytes, &explained))
@@ -99,9 +107,10 @@ impl Subject {
         profile.map(|profile| Self::Drive(profile)).ok_or_else(|| problem::no_such_protocol(name))
     }
 
-    fn profile(&self) -> Option<&'static Profile> {
+    /// The profile that has the names.
+    fn names(&self) -> Option<&'static Profile> {
         match self {
-            Self::Protocol(_) => None,
+            Self::Protocol(dissector) => drives::usual(*dissector),
             Self::Drive(profile) => Some(profile),
         }
     }
@@ -144,6 +153,15 @@ impl Subject {
             }
         }
         text
+    }
+
+    /// A value of something that has a name: `MER 0x0008`.
+    fn named(&self, words: &[String]) -> Result<Option<String>> {
+        let [name, value] = words else { return Ok(None) };
+        let Some(value) = number(value) else { return Ok(None) };
+        let mut explained = Explained::default();
+        let found = self.dissector()?.named(name, value, self.names(), &mut explained);
+        Ok(found.then(|| show(&[], &explained)))
     }
 
     fn fault_named(&self, name: &str) -> Option<String> {

@@ -5,6 +5,7 @@ pub mod syntron_ts;
 pub mod technosoft;
 pub mod tmcm17x;
 
+use crate::explain::Dissector;
 use crate::medium::{Can, Stream};
 use crate::profile::Profile;
 use crate::station::{Station, Timed};
@@ -80,4 +81,13 @@ pub fn profiles() -> &'static [&'static Profile] {
         &technosoft::profile::TECHNOSOFT_FA00G,
     ];
     &ALL
+}
+
+/// The profile whose names stand in for an unknown drive's, where a protocol's texts are made of
+/// them.
+#[must_use]
+pub fn usual(dissector: &dyn Dissector) -> Option<&'static Profile> {
+    let speaks = |profile: &&&Profile| profile.protocol == dissector.language();
+    let named = dissector.speaks_in_names();
+    profiles().iter().filter(|_| named).find(speaks).copied()
 }

@@ -15,7 +15,14 @@ use crate::station::Host;
 /// Every protocol as decoders and encoders see it.
 #[must_use]
 pub fn dissectors() -> &'static [&'static dyn Dissector] {
-    &[&tmcl::TmclDissector, &modbus::RTU, &modbus::ASCII]
+    &[
+        &tmcl::TmclDissector,
+        &modbus::RTU,
+        &modbus::ASCII,
+        &tml::explain::SERIAL,
+        &tml::explain::TMLCAN,
+        &tml::explain::TECHNOCAN,
+    ]
 }
 
 /// The dissector of that name.

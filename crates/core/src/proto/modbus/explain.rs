@@ -12,7 +12,8 @@ use super::wire::{Exception, Format, Function, PDU_MAX, ReplyPdu, RequestPdu, Sp
 use super::{ascii, rtu};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, Encoded, Field, Sink, TextError, Value,
+    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Sink, TextError,
+    Value,
 };
 use crate::profile::{Encoding, Parameter, Profile};
 use say::{decimal, hexadecimal, scaled};
@@ -82,7 +83,7 @@ impl Dissector for ModbusDissector {
         text: &str,
         addressing: &Addressing,
         out: &mut [u8],
-    ) -> Result<Encoded, TextError> {
+    ) -> Result<Encoded, EncodeError> {
         let said = text::parse(text, addressing.profile)?;
         let expected = "a station address, 0 to 247";
         let unit = addressing.axis.unwrap_or(u32::from(UNIT));
@@ -102,7 +103,7 @@ impl Dissector for ModbusDissector {
             Format::Rtu => pdu + 3,
             Format::Ascii => 2 * pdu + 7,
         });
-        Ok(Encoded { len, id: None, answer })
+        Ok(Encoded { len, id: None, extended: false, answer })
     }
 
     fn code(&self, code: u32) -> Option<&'static str> {

@@ -6,7 +6,8 @@ use super::text::{self, Decimal};
 use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionText, checksum};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, Encoded, Field, Sink, TextError, Value,
+    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Sink, TextError,
+    Value, Via,
 };
 use crate::profile::Profile;
 
@@ -59,20 +60,25 @@ impl Dissector for TmclDissector {
         text: &str,
         addressing: &Addressing,
         out: &mut [u8],
-    ) -> Result<Encoded, TextError> {
+    ) -> Result<Encoded, EncodeError> {
         let expected = "a module address, 0 to 255";
         let address = addressing.axis.unwrap_or(MODULE.into());
         let address = u8::try_from(address).map_err(|_| TextError { at: 0, expected })?;
         let request = text::parse(text, address)?;
         let bytes = request.emit();
-        let (part, id) = match addressing.can {
-            true => (&bytes[1..=CAN_DATAGRAM], Some(address.into())),
-            false => (&bytes[..], None),
+        let (part, id) = match addressing.via {
+            Via::Can => (&bytes[1..=CAN_DATAGRAM], Some(address.into())),
+            _ => (&bytes[..], None),
         };
         let room = TextError { at: 0, expected: "room for nine bytes" };
         out.get_mut(..part.len()).ok_or(room)?.copy_from_slice(part);
         let silent = matches!(request.opcode, Opcode::Boot | Opcode::BootStart);
-        Ok(Encoded { len: part.len(), id, answer: (!silent).then_some(part.len()) })
+        Ok(Encoded {
+            len: part.len(),
+            id,
+            extended: false,
+            answer: (!silent).then_some(part.len()),
+        })
     }
 
     fn code(&self, code: u32) -> Option<&'static str> {

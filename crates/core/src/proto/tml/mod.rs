@@ -8,6 +8,7 @@
 pub mod ask;
 pub mod axis;
 pub mod device;
+pub mod explain;
 pub mod generic;
 pub mod host;
 pub mod instruction;

@@ -1,6 +1,7 @@
 //! What the wire carries, and how.
 
 mod codec;
+mod explain;
 mod online;
 
 use super::wire::{IdCode, Instruction, low_first};

@@ -1,0 +1,211 @@
+//! What people are shown: pieces of streams, fields, answers, refusals.
+
+extern crate std;
+
+use std::format;
+use std::string::{String, ToString};
+use std::vec::Vec;
+
+use crate::error::WireError;
+use crate::explain::{
+    Addressing, Context, Cut, Direction, Dissector, EncodeError, Field, Raw, Sink, Value, Via,
+};
+use crate::proto::tml::explain::{SERIAL, TECHNOCAN, TMLCAN};
+use crate::proto::tml::rules::Rule;
+
+#[derive(Default, Debug)]
+struct Seen {
+    kind: String,
+    axis: Option<u32>,
+    fields: Vec<(&'static str, (u16, u16), String)>,
+    text: String,
+    error: Option<WireError>,
+}
+
+impl Sink for Seen {
+    fn kind(&mut self, kind: &str) {
+        self.kind = kind.into();
+    }
+    fn axis(&mut self, axis: u32) {
+        self.axis = Some(axis);
+    }
+    fn field(&mut self, field: Field<'_>) {
+        assert!(field.start <= field.end, "{field:?}");
+        let value = match field.value {
+            Value::Text(text) => text.to_string(),
+            Value::Int(value) => value.to_string(),
+            Value::Hex(value, _) => format!("{value:X}"),
+            Value::Real(value) => value.to_string(),
+            Value::Words(words) => format!("{words:02X?}"),
+        };
+        self.fields.push((field.name, (field.start, field.end), value));
+    }
+    fn text(&mut self, piece: &str) {
+        self.text.push_str(piece);
+    }
+    fn error(&mut self, error: WireError) {
+        self.error = Some(error);
+    }
+}
+
+impl Seen {
+    fn field(&self, name: &str) -> &str {
+        let found = self.fields.iter().find(|(field, ..)| *field == name);
+        found.map_or("", |(.., value)| value)
+    }
+
+    fn place(&self, name: &str) -> Option<(u16, u16)> {
+        self.fields.iter().find(|(field, ..)| *field == name).map(|(_, place, _)| *place)
+    }
+}
+
+fn hex(text: &str) -> Vec<u8> {
+    text.split_whitespace().map(|b| u8::from_str_radix(b, 16).unwrap()).collect()
+}
+
+fn serial(text: &str, context: &Context<'_>) -> Seen {
+    let mut seen = Seen::default();
+    SERIAL.explain(&hex(text), context, &mut seen);
+    seen
+}
+
+fn can(dissector: &dyn Dissector, id: u32, text: &str) -> Seen {
+    let mut seen = Seen::default();
+    let context = Context { id: Some(id), extended: id > 0x7FF, ..Context::default() };
+    dissector.explain(&hex(text), &context, &mut seen);
+    seen
+}
+
+const ASK: &str = "08 00 10 B0 04 0F F1 02 5E 2C";
+const TAKE: &str = "0A 0F F1 B4 04 00 10 02 5E 01 20 53";
+
+#[test]
+fn fields_have_their_bytes() {
+    let seen = serial(ASK, &Context::default());
+    assert_eq!((seen.kind.as_str(), seen.axis), ("GiveMeData", Some(1)));
+    assert_eq!(seen.field("sender"), "the host at axis 255");
+    let places = ["length", "to", "opcode", "sender", "address", "checksum"];
+    let expected = [(0, 1), (1, 3), (3, 5), (5, 7), (7, 9), (9, 10)];
+    assert_eq!(places.map(|name| seen.place(name)), expected.map(Some));
+    let seen = serial(TAKE, &Context::default());
+    assert_eq!((seen.kind.as_str(), seen.axis), ("TakeData", Some(1)));
+    assert_eq!((seen.field("value"), seen.place("value")), ("288", Some((9, 11))));
+    assert!(seen.text.ends_with("from axis 1 to the host at axis 255, by relay axis 255"));
+    let seen = serial("0C 00 50 18 00 FC 18 FF 00 FF F6 01 F4 71", &Context::default());
+    assert_eq!((seen.field("position"), seen.field("velocity")), ("-1000", "-10"));
+}
+
+#[test]
+fn can_frames_say_what_their_class_leaves() {
+    let seen = can(&TMLCAN, 0x1A80_6005, "2A 02 02 00");
+    assert_eq!((seen.kind.as_str(), seen.axis, seen.field("value")), ("TakeData2", Some(5), "2"));
+    assert_eq!(seen.place("to"), Some((0, 0)));
+    let seen = can(&TECHNOCAN, 0x163, "04 28 2A 02 02 00");
+    assert_eq!((seen.kind.as_str(), seen.field("class")), ("TakeData", "TakeData"));
+    assert_eq!((seen.field("sender"), seen.place("sender")), ("axis 5", Some((1, 2))));
+    let printed = can(&TECHNOCAN, 0x165, "04 28 2A 02 02 00");
+    assert!(printed.error.is_none() && printed.text.contains("as the manual prints it"));
+    let host = can(&TECHNOCAN, 0x147, "5E A8 10 00 05 00");
+    assert_eq!((host.field("class"), host.axis), ("Host", Some(1)));
+    assert!(host.text.contains("by relay axis 7"), "{}", host.text);
+    let mer = can(&TECHNOCAN, 0x102, "00 FC 08 08 00");
+    assert_eq!((mer.axis, mer.field("class"), mer.field("value")), (Some(2), "TakeData2", "8"));
+    assert!(mer.text.contains("unasked"));
+    let pong = can(&TECHNOCAN, 0x107, "40 31 35 4C 34");
+    assert_eq!((pong.kind.as_str(), pong.field("firmware")), ("PONG", "F514L"));
+    assert!(can(&TECHNOCAN, 0x181, "00").error.is_some());
+}
+
+#[test]
+fn bytes_between_frames_are_frames_of_their_own() {
+    let (host, drive) = (Some(Direction::ToDrive), Some(Direction::ToHost));
+    assert_eq!(SERIAL.cut(&hex("4F 0D"), drive, false), Cut::Frame(1));
+    assert_eq!(SERIAL.cut(&hex("FF FF"), host, false), Cut::Frame(1));
+    assert_eq!(SERIAL.cut(&hex("4F"), host, false), Cut::Skip(1), "hosts acknowledge nothing");
+    assert_eq!(SERIAL.cut(&hex("41"), None, false), Cut::Skip(1));
+    let request = hex(ASK);
+    let context = Context { request: Some(&request), direction: drive, ..Context::default() };
+    let ack = serial("4F", &context);
+    assert_eq!((ack.kind.as_str(), ack.axis), ("ack", Some(1)));
+    assert!(ack.text.starts_with("ack of "));
+    assert_eq!(serial("FF", &Context { direction: host, ..context }).kind, "synchronisation byte");
+    assert!(serial("04", &Context::default()).error.is_some());
+}
+
+#[test]
+fn streams_are_cut_and_cut_again_behind_junk() {
+    let cut = |text: &str, ended: bool| SERIAL.cut(&hex(text), None, ended);
+    assert_eq!(cut(TAKE, false), Cut::Frame(12));
+    assert_eq!(cut("0A 0F F1 B4", false), Cut::More);
+    assert_eq!(cut("0A 0F F1 B4", true), Cut::Broken(4));
+    let wrong = TAKE.replace("01 20", "01 21");
+    assert_eq!(cut(&wrong, true), Cut::Broken(12));
+    assert_eq!(cut(&wrong, false), Cut::More, "a good frame may begin among its bytes");
+    assert_eq!(cut(&format!("{wrong} {ASK}"), false), Cut::Broken(12));
+    // A serial server made up a byte that could be a length.
+    assert_eq!(cut(&format!("0A {TAKE}"), false), Cut::Skip(1));
+    // A byte was lost: the next frame's length stands where the sum should.
+    assert_eq!(cut(&format!("06 0F F0 20 5E 05 88 {ASK}"), false), Cut::Broken(7));
+    assert_eq!(serial(&wrong, &Context::default()).field("value"), "289");
+}
+
+#[test]
+fn answers_find_their_requests() {
+    let raw = |bytes| Raw { bytes, ..Raw::default() };
+    let (ask, take) = (hex(ASK), hex(TAKE));
+    let other = hex("0A 0F F1 B4 04 0F F0 02 5E 01 20 42");
+    assert!(SERIAL.asks(&raw(&ask)) && !SERIAL.asks(&raw(&[0xFF])));
+    assert!(SERIAL.answers(&raw(&take), &raw(&ask)));
+    assert!(!SERIAL.answers(&raw(&other), &raw(&ask)), "another axis answers");
+    let frame = |id, bytes| Raw { bytes, id: Some(id), extended: false };
+    let (ask, take) = (hex("04 B0 30 00 2A 02"), hex("04 28 2A 02 02 00"));
+    let (ask, take) = (frame(0x125, ask.as_slice()), frame(0x163, take.as_slice()));
+    assert!(TECHNOCAN.asks(&ask) && !TECHNOCAN.asks(&take) && TECHNOCAN.answers(&take, &ask));
+}
+
+fn refusal(dissector: &dyn Dissector, text: &str, addressing: Addressing) -> EncodeError {
+    dissector.encode(text, &addressing, &mut [0; 14]).expect_err("a refusal")
+}
+
+#[test]
+fn what_a_wire_forbids_is_refused_in_a_sentence() {
+    let to = |axis| Addressing { axis: Some(axis), ..Addressing::default() };
+    let group = Addressing { groups: true, via: Via::Rs485, ..to(1) };
+    let forbidden = |rule: Rule| EncodeError::Forbidden(rule.sentence());
+    let ask_2 = "B204 0FF0 022A";
+    assert_eq!(refusal(&SERIAL, ask_2, group), forbidden(Rule::Rs485AnswersFromGroup));
+    assert_eq!(refusal(&TECHNOCAN, "0002", to(64)), forbidden(Rule::TechnoCanAxis));
+    let sixth = Addressing { groups: true, ..to(0x20) };
+    assert_eq!(refusal(&TECHNOCAN, "0002", sixth), forbidden(Rule::TechnoCanGroups));
+    let same = Addressing { host: Some(5), ..to(5) };
+    assert_eq!(refusal(&TMLCAN, "B004 0050 022A", same), forbidden(Rule::OwnHostId));
+    assert!(matches!(refusal(&SERIAL, "not TML", to(1)), EncodeError::Text(_)));
+    let via_can = Addressing { via: Via::Can, ..to(1) };
+    assert!(matches!(refusal(&SERIAL, "0002", via_can), EncodeError::Forbidden(_)));
+}
+
+#[test]
+fn the_answer_is_told_as_far_as_it_is_known() {
+    let expected = |dissector: &dyn Dissector, text: &str, addressing: Addressing| {
+        let mut bytes = [0; 14];
+        let encoded = dissector.encode(text, &addressing, &mut bytes).expect("a message");
+        let (bytes, id) = (&bytes[..encoded.len], encoded.id);
+        let raw = Raw { bytes, id, extended: encoded.extended };
+        let mut seen = Seen::default();
+        dissector.expect(&raw, &addressing, &mut seen);
+        (encoded.answer, seen)
+    };
+    let to = |axis| Addressing { axis: Some(axis), ..Addressing::default() };
+    let (bytes, seen) = expected(&SERIAL, "205E 0005", to(255));
+    assert_eq!((bytes, seen.kind.as_str(), seen.text.as_str()), (Some(1), "ack", "4F"));
+    let (bytes, seen) = expected(&SERIAL, "B004 0FF1 025E", to(255));
+    assert_eq!((bytes, seen.kind.as_str()), (Some(13), "TakeData"));
+    assert_eq!(seen.field("frame"), "0A 0F F1 B4 04 0F F0 02 5E ?? ?? ??");
+    let (bytes, seen) = expected(&TECHNOCAN, "B005 0030 0228", to(5));
+    assert_eq!((bytes, seen.field("frame")), (Some(8), "163#05282802????????"));
+    let group = Addressing { groups: true, ..to(1) };
+    let (bytes, seen) = expected(&TMLCAN, "B204 0030 022A", group);
+    assert_eq!((bytes, seen.field("frame")), (None, "2A 02 ?? ??"));
+    let (bytes, seen) = expected(&TMLCAN, "205E 0005", to(5));
+    assert_eq!((bytes, seen.kind.as_str()), (None, ""), "nothing answers it on CAN");
+}
