@@ -54,9 +54,12 @@ impl Descriptor {
         until: Instant,
         mut read: impl FnMut() -> Result<Option<Received>, LinkError>,
     ) -> Result<Received, LinkError> {
-        // A look in passing is not worth reading the clock for.
-        let past = until == Instant::ZERO;
-        let mut left = if past { Duration::ZERO } else { until.since(clock::now()) };
+        // A look in passing, or a wait without end, is not worth reading the clock for.
+        let mut left = match until {
+            Instant::ZERO => Duration::ZERO,
+            Instant::FAR => Duration::MAX,
+            until => until.since(clock::now()),
+        };
         if left.is_zero() {
             return Ok(read()?.unwrap_or(Received::TimedOut));
         }

@@ -3,7 +3,6 @@
 
 use std::io;
 use std::mem::{MaybeUninit, size_of};
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -13,12 +12,10 @@ use libc::{c_int, c_void, socklen_t};
 /// Room for the control messages asked for: a time stamp of up to three `timespec` and a counter.
 const CONTROL_MAX: usize = 192;
 
-/// What came with a datagram or frame.
+/// What came with a message.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Message {
     pub(crate) len: usize,
-    /// Who sent it, where that is an internet address.
-    pub(crate) from: Option<SocketAddr>,
     /// When it arrived, nanoseconds since 1970.
     pub(crate) stamp_ns: Option<u64>,
     /// When it arrived by the clock of the hardware, nanoseconds since whatever that counts from.
@@ -96,16 +93,31 @@ pub(crate) fn attach_filter(fd: &OwnedFd, program: &mut [libc::sock_filter]) -> 
     if done == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
+/// How many messages a socket has dropped so far, for want of room or by its filter.
+pub(crate) fn dropped(fd: &OwnedFd) -> u32 {
+    // `SK_MEMINFO_VARS` and `SK_MEMINFO_DROPS` of linux/sock_diag.h.
+    let mut info = [0_u32; 9];
+    let mut len = size_of_val(&info) as socklen_t;
+    // SAFETY: the kernel writes at most `len` bytes to `info`, which has that many.
+    let done = unsafe {
+        libc::getsockopt(
+            fd.as_raw_fd(),
+            libc::SOL_SOCKET,
+            libc::SO_MEMINFO,
+            info.as_mut_ptr().cast(),
+            &raw mut len,
+        )
+    };
+    if done == 0 { info[8] } else { 0 }
+}
+
 /// Takes one message with its stamps, if there is one; never waits.
 pub(crate) fn receive(fd: &OwnedFd, buffer: &mut [u8]) -> io::Result<Option<Message>> {
     let mut vector =
         libc::iovec { iov_base: buffer.as_mut_ptr().cast::<c_void>(), iov_len: buffer.len() };
     let mut control = Control([0; CONTROL_MAX]);
-    let mut name = MaybeUninit::<libc::sockaddr_storage>::zeroed();
     // SAFETY: all zeros is a valid msghdr (no name, no vector, no control).
     let mut header: libc::msghdr = unsafe { MaybeUninit::zeroed().assume_init() };
-    header.msg_name = name.as_mut_ptr().cast();
-    header.msg_namelen = size_of::<libc::sockaddr_storage>() as socklen_t;
     header.msg_iov = &raw mut vector;
     header.msg_iovlen = 1;
     header.msg_control = control.0.as_mut_ptr().cast();
@@ -118,9 +130,7 @@ pub(crate) fn receive(fd: &OwnedFd, buffer: &mut [u8]) -> io::Result<Option<Mess
             matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted);
         return if nothing { Ok(None) } else { Err(error) };
     };
-    // SAFETY: zeroed before, and any bytes are a valid sockaddr_storage.
-    let from = address(unsafe { name.assume_init_ref() });
-    let mut message = Message { len, from, ..Message::default() };
+    let mut message = Message { len, ..Message::default() };
     read_control(&header, &mut message);
     Ok(Some(message))
 }
@@ -162,24 +172,6 @@ fn read_control(header: &libc::msghdr, message: &mut Message) {
 fn nanoseconds(at: libc::timespec) -> u64 {
     let whole = u64::try_from(at.tv_sec as i64).unwrap_or(0).saturating_mul(1_000_000_000);
     whole.saturating_add(u64::try_from(at.tv_nsec as i64).unwrap_or(0))
-}
-
-fn address(name: &libc::sockaddr_storage) -> Option<SocketAddr> {
-    match c_int::from(name.ss_family) {
-        libc::AF_INET => {
-            // SAFETY: the family says that it is one, and a sockaddr_storage is larger.
-            let name = unsafe { &*std::ptr::from_ref(name).cast::<libc::sockaddr_in>() };
-            let ip = Ipv4Addr::from(u32::from_be(name.sin_addr.s_addr));
-            Some(SocketAddr::new(IpAddr::V4(ip), u16::from_be(name.sin_port)))
-        }
-        libc::AF_INET6 => {
-            // SAFETY: as above.
-            let name = unsafe { &*std::ptr::from_ref(name).cast::<libc::sockaddr_in6>() };
-            let ip = Ipv6Addr::from(name.sin6_addr.s6_addr);
-            Some(SocketAddr::new(IpAddr::V6(ip), u16::from_be(name.sin6_port)))
-        }
-        _ => None,
-    }
 }
 
 /// The kernel's count of messages that a socket had no room for, which wraps at 2³².

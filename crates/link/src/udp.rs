@@ -9,7 +9,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::time::Instant;
-use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, sockopt};
+use rustix::io::Errno;
+use rustix::net::{
+    AddressFamily, RecvFlags, SocketFlags, SocketType, bind, recvfrom, socket_with, sockopt,
+};
 
 use crate::clock;
 use crate::descriptor::Descriptor;
@@ -88,47 +91,64 @@ pub struct UdpLink {
     group: Group,
     malformed: AtomicU64,
     errors: AtomicU64,
-    #[cfg(target_os = "linux")]
-    overrun: crate::sys::Overrun,
+    /// The kernel drops what we send before we would read it.
+    echo_filtered: bool,
+    sent: AtomicU64,
 }
 
-/// Joins `group`.
+/// Joins `group`. With 0 hops, and no network that carries multicast, the loopback interface does.
 ///
 /// # Errors
 /// [`LinkError`], mostly that no network interface has a route for multicast.
 pub fn open(group: Group) -> Result<UdpLink, LinkError> {
     let name = SocketAddr::new(group.address, group.port).to_string();
-    let explained = |error: io::Error| {
-        let hint = "No network interface carries multicast to that group: `ip route add \
-                    239.0.0.0/8 dev lo` keeps it on this machine, `dev eth0` puts it on the network.";
-        match error.raw_os_error().map(rustix::io::Errno::from_raw_os_error) {
-            Some(rustix::io::Errno::NODEV | rustix::io::Errno::NETUNREACH) => {
-                LinkError::new(&name, Cause::Unreachable).hinting(hint)
-            }
-            _ => LinkError::from_io(&name, &error),
-        }
-    };
-    let sender = sender(group).map_err(explained)?;
-    let own = sender.local_addr().map_err(explained)?;
-    let receiver = receiver(group, own).map_err(explained)?;
+    let opened = sockets(group, Ipv4Addr::UNSPECIFIED).or_else(|error| match group {
+        Group { hops: 0, address: IpAddr::V4(_), .. } => sockets(group, Ipv4Addr::LOCALHOST),
+        _ => Err(error),
+    });
+    let (sender, own, receiver) = opened.map_err(|error| explained(&name, &error))?;
+    #[cfg(target_os = "linux")]
+    let echo_filtered = echo::filter_out(&receiver, own);
+    #[cfg(not(target_os = "linux"))]
+    let echo_filtered = false;
     Ok(UdpLink {
         descriptor: Descriptor::new(receiver, &name)?,
         sender,
         own,
         group,
+        echo_filtered,
+        sent: AtomicU64::new(0),
         malformed: AtomicU64::new(0),
         errors: AtomicU64::new(0),
-        #[cfg(target_os = "linux")]
-        overrun: Default::default(),
     })
 }
 
+fn explained(name: &str, error: &io::Error) -> LinkError {
+    match error.raw_os_error().map(Errno::from_raw_os_error) {
+        Some(Errno::NODEV | Errno::NETUNREACH) => {
+            let hint = "No network interface carries multicast to that group: `sudo ip route add \
+                        239.0.0.0/8 dev eth0`, with the name of yours.";
+            LinkError::new(name, Cause::Unreachable).hinting(hint)
+        }
+        _ => LinkError::from_io(name, error),
+    }
+}
+
+/// What sends, from which address, and what receives; through the interface with the address
+/// `by`, or by the routes that there are.
+fn sockets(group: Group, by: Ipv4Addr) -> io::Result<(UdpSocket, SocketAddr, OwnedFd)> {
+    let sender = sender(group, by)?;
+    let own = sender.local_addr()?;
+    Ok((sender, own, receiver(group, by)?))
+}
+
 /// Connected, so that the kernel looks up the route once and the source address stays the same.
-fn sender(group: Group) -> io::Result<UdpSocket> {
+fn sender(group: Group, by: Ipv4Addr) -> io::Result<UdpSocket> {
     let hops = u32::from(group.hops);
     let sender = match group.address {
         IpAddr::V4(_) => {
-            let sender = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+            // A socket that is bound to an interface's address sends multicast through it.
+            let sender = UdpSocket::bind((by, 0))?;
             sockopt::set_ip_multicast_ttl(&sender, hops)?;
             sockopt::set_ip_multicast_loop(&sender, true)?;
             sender
@@ -146,30 +166,35 @@ fn sender(group: Group) -> io::Result<UdpSocket> {
 }
 
 /// Bound to the group's address, so that another group on the same port is not heard.
-fn receiver(group: Group, own: SocketAddr) -> io::Result<OwnedFd> {
-    let family = if own.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
+fn receiver(group: Group, by: Ipv4Addr) -> io::Result<OwnedFd> {
+    let v4 = group.address.is_ipv4();
+    let family = if v4 { AddressFamily::INET } else { AddressFamily::INET6 };
     let fd = socket_with(family, SocketType::DGRAM, SocketFlags::CLOEXEC, None)?;
     rustix::io::ioctl_fionbio(&fd, true)?;
     sockopt::set_socket_reuseaddr(&fd, true)?;
     // Linux needs the former alone, the BSDs this one.
     let _ = sockopt::set_socket_reuseport(&fd, true);
     let _ = sockopt::set_socket_recv_buffer_size(&fd, RECEIVE_BUFFER);
-    #[cfg(target_os = "linux")]
-    {
-        crate::sys::ask_for_stamps(&fd);
-        echo::filter_out(&fd, own);
-    }
     bind(&fd, &SocketAddr::new(group.address, group.port))?;
     match group.address {
-        IpAddr::V4(address) => {
-            sockopt::set_ip_add_membership(&fd, &address, &Ipv4Addr::UNSPECIFIED)?;
-        }
+        IpAddr::V4(address) => sockopt::set_ip_add_membership(&fd, &address, &by)?,
         IpAddr::V6(address) => sockopt::set_ipv6_add_membership(&fd, &address, 0)?,
     }
     Ok(fd)
 }
 
 impl UdpLink {
+    /// Datagrams that there was no room for. The kernel counts them together with those that the
+    /// filter refused, which are those that we sent.
+    fn overrun(&self) -> u64 {
+        #[cfg(target_os = "linux")]
+        let dropped = u64::from(crate::sys::dropped(&self.descriptor.fd));
+        #[cfg(not(target_os = "linux"))]
+        let dropped = 0_u64;
+        let echoes = if self.echo_filtered { self.sent.load(Ordering::Relaxed) } else { 0 };
+        dropped.saturating_sub(echoes)
+    }
+
     /// Takes one datagram; `None` when there is none, or it was none of a frame from elsewhere.
     fn read(&self, frame: &mut Frame) -> Result<Option<Received>, LinkError> {
         let mut buffer = [0; DATAGRAM_MAX];
@@ -188,21 +213,7 @@ impl UdpLink {
         Ok(None)
     }
 
-    #[cfg(target_os = "linux")]
     fn take(&self, buffer: &mut [u8]) -> Result<Option<Taken>, LinkError> {
-        let message = crate::sys::receive(&self.descriptor.fd, buffer)
-            .map_err(|error| LinkError::from_io(&self.descriptor.name, &error))?;
-        Ok(message.map(|message| {
-            self.overrun.note(message.overrun);
-            let at = message.stamp_ns.map_or_else(clock::now, clock::of_stamp);
-            (message.len, message.from, at)
-        }))
-    }
-
-    #[cfg(not(target_os = "linux"))]
-    fn take(&self, buffer: &mut [u8]) -> Result<Option<Taken>, LinkError> {
-        use rustix::io::Errno;
-        use rustix::net::{RecvFlags, recvfrom};
         match recvfrom(&self.descriptor.fd, buffer, RecvFlags::empty()) {
             Ok((_, len, from)) => {
                 let from = from.and_then(|from| SocketAddr::try_from(from).ok());
@@ -226,7 +237,10 @@ impl Link<Can> for UdpLink {
         let mut buffer = [0; DATAGRAM_MAX];
         let len = datagram::pack(frame, clock::wall_ns(clock::now()), &mut buffer);
         match self.sender.send(&buffer[..len]) {
-            Ok(_) => Ok(()),
+            Ok(_) => {
+                self.sent.fetch_add(1, Ordering::Relaxed);
+                Ok(())
+            }
             // No room in the interface's queue: lost, as on a bus that nobody acknowledges.
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
                 Err(LinkError::new(&self.descriptor.name, Cause::Stalled))
@@ -253,8 +267,7 @@ impl Link<Can> for UdpLink {
 
     fn losses(&self) -> Losses {
         Losses {
-            #[cfg(target_os = "linux")]
-            overrun: self.overrun.total(),
+            overrun: self.overrun(),
             malformed: self.malformed.load(Ordering::Relaxed),
             errors: self.errors.load(Ordering::Relaxed),
             ..Losses::default()

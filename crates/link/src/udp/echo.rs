@@ -17,11 +17,10 @@ const NETWORK: u32 = -0x10_0000_i32 as u32;
 const SOURCE_IPV4: u32 = 12;
 const SOURCE_IPV6: u32 = 8;
 
-/// Asks the kernel to drop what comes from `own`.
-pub(super) fn filter_out(fd: &OwnedFd, own: SocketAddr) {
-    let mut program = program(own);
-    // Refused (a sandbox): every echo is then read and thrown away.
-    let _ = crate::sys::attach_filter(fd, &mut program);
+/// Asks the kernel to drop what comes from `own`. False when it does not (a sandbox): every echo
+/// is then read and thrown away.
+pub(super) fn filter_out(fd: &OwnedFd, own: SocketAddr) -> bool {
+    crate::sys::attach_filter(fd, &mut program(own)).is_ok()
 }
 
 /// Drops a datagram if every one of the fields is ours, else lets it through.
