@@ -23,6 +23,33 @@ pub struct Truth {
     pub flash_writes: u64,
     /// Requests executed that a repetition would have doubled (relative moves, path starts).
     pub unrepeatable: u64,
+    /// Requests executed that powered the motor or gave it somewhere to go; stops are none.
+    pub starts: u64,
+    /// What the drive is held to now.
+    pub bounds: Bounds,
+}
+
+/// What a drive's settings, and the move in hand, hold its motor to. Infinite where nothing does.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Bounds {
+    /// Speed at most, rad/s, for a motor that was not faster before.
+    pub velocity: f64,
+    /// Gain of speed at most, rad/s².
+    pub acceleration: f64,
+    /// Motor current at most, A.
+    pub current: f64,
+}
+
+impl Bounds {
+    /// Nothing holds it.
+    pub const NONE: Self =
+        Self { velocity: f64::INFINITY, acceleration: f64::INFINITY, current: f64::INFINITY };
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 /// Something done to a simulated drive from outside the wire.

@@ -213,6 +213,8 @@ impl Bench for Device {
             fault: u32::from(drive.alarm().0),
             flash_writes: drive.registers().wear(),
             unrepeatable: drive.unrepeatable(),
+            starts: drive.starts(),
+            bounds: drive.shaft().bounds(),
         }
     }
 

@@ -72,6 +72,7 @@ struct Core {
     analog: f64,
     was: [bool; 4],
     unrepeatable: u64,
+    starts: u64,
     notice: Option<&'static str>,
 }
 
@@ -100,6 +101,7 @@ impl Drive {
             analog: 0.0,
             was: [false; 4],
             unrepeatable: 0,
+            starts: 0,
             notice: None,
         };
         core.boot();
@@ -161,6 +163,12 @@ impl Drive {
         self.core.unrepeatable + self.core.motion.unrepeatable()
     }
 
+    /// Writes over the line that powered the motor or gave it somewhere to go.
+    #[must_use]
+    pub const fn starts(&self) -> u64 {
+        self.core.starts
+    }
+
     /// The shaft position of coordinate 0, rad.
     #[must_use]
     pub const fn origin(&self) -> f64 {
@@ -216,6 +224,7 @@ impl Drive {
             let before = self.core.registers.value(number);
             self.core.registers.write(number, *value);
             self.core.written(number, before, *value);
+            self.core.starts += u64::from(starts(number, before, *value));
         }
         Ok(())
     }
@@ -287,6 +296,16 @@ impl Drive {
 /// Register numbers from `start` on; past the last one they begin anew, where nothing is written.
 pub fn numbers(start: u16) -> impl Iterator<Item = u16> {
     (0..=u16::MAX).map(move |offset| start.wrapping_add(offset))
+}
+
+/// Whether such a write sets something going, in the modes where its register counts.
+const fn starts(number: u16, before: u16, value: u16) -> bool {
+    match number {
+        fns::SPEED => value != 0,
+        fns::ENABLE => value == 1,
+        fns::PATH_TRIGGER | fns::HOMING_TRIGGER => before == 0 && value == 1,
+        _ => false,
+    }
 }
 
 /// A drive that is not at rest is looked at so often, ms, so that nobody waits for a long past.

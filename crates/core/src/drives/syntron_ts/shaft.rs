@@ -3,6 +3,7 @@
 use core::f64::consts::TAU;
 
 use super::alarm::Alarm;
+use crate::drives::bench::Bounds;
 use crate::plant::{
     Conditions, Goal, Limits, Motor, MotorParameters, Servo, Setpoint, Stall, TICK_S, Thermal,
 };
@@ -173,6 +174,16 @@ impl Shaft {
     #[must_use]
     pub const fn top_speed(&self) -> f64 {
         self.servo.limits().velocity
+    }
+
+    /// What its loops are held to: a path's speed and ramp, the current limit.
+    #[must_use]
+    pub fn bounds(&self) -> Bounds {
+        if !self.powered() {
+            return Bounds::NONE;
+        }
+        let Limits { velocity, acceleration, .. } = *self.servo.limits();
+        Bounds { velocity, acceleration, current: self.servo.max_current }
     }
 
     /// Heads for a speed, rad/s.

@@ -171,6 +171,8 @@ impl Bench for Device {
             fault: module.status() & flags::TRIPS,
             flash_writes: module.memory.writes,
             unrepeatable: module.unrepeatable,
+            starts: module.starts,
+            bounds: module.bounds(),
         }
     }
 

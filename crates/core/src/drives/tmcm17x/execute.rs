@@ -87,7 +87,10 @@ impl Firmware for Module {
                 Response::Silent
             }
             _ => match self.obey(now, request) {
-                Ok(value) => Response::ok(value),
+                Ok(value) => {
+                    self.starts += u64::from(starts(request));
+                    Response::ok(value)
+                }
                 Err(status) => Response::refused(status, request),
             },
         }
@@ -346,6 +349,15 @@ impl Module {
 
     fn version_text(&self) -> [u8; 8] {
         if self.has_programs() { *b"171V1.14" } else { *b"170V1.14" }
+    }
+}
+
+/// Whether a request, once executed, has powered the motor or given it somewhere to go.
+const fn starts(request: &Request) -> bool {
+    match (request.opcode, request.kind) {
+        (Opcode::Ror | Opcode::Rol, _) | (Opcode::Sap, 2 | 155 | 255) => request.value != 0,
+        (Opcode::Mvp | Opcode::ProgramRun, _) | (Opcode::Sap, 0) => true,
+        _ => false,
     }
 }
 

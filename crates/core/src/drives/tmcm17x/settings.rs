@@ -3,6 +3,7 @@
 use super::flags;
 use super::memory::{readable, writable};
 use super::module::{Mode, Module, rad_per_s, rpm};
+use crate::drives::bench::Bounds;
 use crate::plant::{Gains, Goal, Limits};
 use crate::proto::tmcl::Status;
 
@@ -192,6 +193,21 @@ impl Module {
             ..tuned
         };
         self.set_limits();
+    }
+
+    /// What the parameters hold the motor to, read from them and not from the loops.
+    pub(super) fn bounds(&self) -> Bounds {
+        if !self.servo.is_enabled() {
+            return Bounds::NONE;
+        }
+        let velocity = match self.mode {
+            Mode::Velocity => rad_per_s(self.target_rpm).abs(),
+            Mode::Position => rad_per_s(self.axis(4)),
+            Mode::Torque => f64::INFINITY,
+        };
+        let ramped = self.mode != Mode::Torque && self.axis(146) != 0 && self.axis(11) != 0;
+        let acceleration = if ramped { rad_per_s(self.axis(11)) } else { f64::INFINITY };
+        Bounds { velocity, acceleration, current: f64::from(self.axis(6)) * 0.1 }
     }
 
     fn set_limits(&mut self) {

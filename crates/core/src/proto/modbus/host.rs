@@ -46,7 +46,6 @@ const OWED_MAX: usize = 8;
 const EVENTS_MAX: usize = 4;
 /// Places among them that a request needs: its own end, and that of one that it cuts short.
 const ROOM_MIN: usize = 2;
-const JUNK_MAX: usize = 32;
 /// A reply equal to the last one but to another question, so soon after it on a wire without
 /// timing, may be that one's duplicate: it is held back, at least for as long.
 const SUSPECT_NS: u64 = 1_000_000;
@@ -82,13 +81,12 @@ pub struct Host {
     sent_unit: Option<u8>,
     /// How long what was sent last takes on the wire.
     sent_ns: u64,
-    /// Since the last frame was sent: its echo came; bytes came; bytes thrown away.
+    /// Since the last frame was sent: its echo came; bytes came, or were thrown away.
     echo_seen: bool,
     /// A reply to what was sent last came sooner than its bytes can travel, and was left alone.
     early: bool,
     heard: bool,
-    junk: [u8; JUNK_MAX],
-    junk_len: usize,
+    junk: bool,
     /// A station that answered the last request it got.
     alive: Option<u8>,
 
@@ -188,8 +186,7 @@ impl Host {
             echo_seen: false,
             early: false,
             heard: false,
-            junk: [0; JUNK_MAX],
-            junk_len: 0,
+            junk: false,
             alive: None,
             received: [0; RECEIVE_MAX],
             received_len: 0,
@@ -315,9 +312,8 @@ impl Host {
         self.echo_seen = false;
         self.early &= role == Role::Probe;
         self.heard &= role == Role::Probe;
-        self.junk_len = 0;
         self.skip(self.received_len);
-        self.junk_len = 0;
+        self.junk = false;
         self.characters.clear();
         self.pace.sent(now, gone);
         self.counters.sent += 1;
@@ -354,8 +350,31 @@ impl Host {
         if self.owed_len < OWED_MAX && self.probe().is_some() {
             self.sending = Some(Sending::Probe);
         }
+        self.prolong();
+    }
+
+    /// The deadline becomes that of the latest possible reply.
+    fn prolong(&mut self) {
         let more = (QUARANTINE_TIMEOUTS - 1) * self.timeout_ns;
         self.deadline = self.deadline.map(|deadline| deadline.plus_ns(more));
+    }
+
+    /// The wire was away. A reply that is owed may still come once it is back, and nothing shows
+    /// what it answers: until the latest is past, the line stays closed.
+    fn abandon(&mut self) {
+        self.sending = None;
+        self.held = None;
+        self.alive = None;
+        self.characters.clear();
+        self.skip(self.received_len);
+        if self.owed_len == 0 {
+            self.sent_unit = None;
+            return self.settle();
+        }
+        self.owed[..self.owed_len].iter_mut().for_each(|owed| owed.role = Role::Abandoned);
+        if !core::mem::replace(&mut self.quarantine, true) {
+            self.prolong();
+        }
     }
 
     /// The quarantine ran out: nothing can still come.
@@ -457,12 +476,7 @@ impl Station<Stream> for Host {
             self.end(Err(Failure::LinkDown));
         }
         if matches!(event, LineEvent::Down | LineEvent::Up) && self.current.is_none() {
-            self.settle();
-            self.sending = None;
-            self.received_len = 0;
-            self.characters.clear();
-            self.sent_unit = None;
-            self.alive = None;
+            self.abandon();
         }
     }
 

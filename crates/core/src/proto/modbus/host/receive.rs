@@ -1,6 +1,6 @@
 //! Receiving: frames found in the bytes, echoes taken out, replies struck from the ledger.
 
-use super::{Answered, Echo, Host, JUNK_MAX, Owed, Role, SUSPECT_NS, TIMELY_MIN, answer_to};
+use super::{Answered, Echo, Host, Owed, Role, SUSPECT_NS, TIMELY_MIN, answer_to};
 use crate::error::Failure;
 use crate::proto::modbus::ascii::{self, Fed};
 use crate::proto::modbus::request::{Answer, Request, WORDS_MAX};
@@ -13,12 +13,7 @@ use crate::time::Instant;
 
 impl Host {
     pub(super) fn skip(&mut self, count: usize) {
-        for &byte in &self.received[..count] {
-            if self.junk_len < JUNK_MAX {
-                self.junk[self.junk_len] = byte;
-                self.junk_len += 1;
-            }
-        }
+        self.junk |= count > 0;
         self.counters.skipped += count as u64;
         self.drop_front(count);
     }
@@ -111,7 +106,7 @@ impl Host {
                 Fed::Goes => {}
                 Fed::Skipped(count) => {
                     self.counters.skipped += count as u64;
-                    self.junk_len = (self.junk_len + count).min(JUNK_MAX);
+                    self.junk = true;
                 }
                 Fed::Ended => self.ended_ascii(now),
             }
@@ -139,13 +134,14 @@ impl Host {
     }
 
     /// The very bytes that were sent last: our echo, or the reply to a single write, which has the
-    /// same bytes.
+    /// same bytes. Where there is an echo, the first of them is it: if the echo was damaged, that
+    /// costs an answer, where the other guess would make an answer of an echo.
     fn identical(&mut self, now: Instant) {
         let single = |owed: &Owed| matches!(owed.function, 0x05 | 0x06);
         let Some(last) = self.owed().last().copied().filter(single) else {
             return self.idle_identical();
         };
-        let known = self.echo != Echo::Unknown && !self.echo_seen && !self.junk_is_echo();
+        let known = self.echo != Echo::Unknown && !self.echo_seen;
         let early = self.timed && now < self.earliest(self.sent_len) && !self.echo_seen;
         if early || known {
             self.counters.echoed += 1;
@@ -187,19 +183,6 @@ impl Host {
     fn learn(&mut self, sure: bool) {
         if sure && self.echo == Echo::Unknown {
             self.echo = Echo::Learnt;
-        }
-    }
-
-    /// Whether what was thrown away since sending was a part of our echo: its head, its tail, or all
-    /// of it with damage.
-    fn junk_is_echo(&self) -> bool {
-        let (junk, sent) = (&self.junk[..self.junk_len], &self.sent[..self.sent_len]);
-        match self.format {
-            _ if junk.is_empty() => false,
-            Format::Rtu => {
-                sent.starts_with(junk) || sent.ends_with(junk) || junk.len() + 1 >= sent.len()
-            }
-            Format::Ascii => 2 * junk.len() >= sent.len(),
         }
     }
 
@@ -307,7 +290,7 @@ impl Host {
         if !matches!(current.request.ask.function(), Function::WriteCoil | Function::WriteRegister)
             && self.echo == Echo::Learnt
             && !self.echo_seen
-            && self.junk_len == 0
+            && !self.junk
         {
             self.echo = Echo::Unknown;
         }

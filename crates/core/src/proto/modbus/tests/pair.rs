@@ -12,7 +12,7 @@ use crate::proto::HostOptions;
 use crate::proto::modbus::device::Framing;
 use crate::proto::modbus::request::{Ask, WORDS_MAX};
 use crate::proto::modbus::wire::{Format, Space};
-use crate::station::{Class, Host as _};
+use crate::station::{Class, Host as _, LineEvent, Station as _};
 
 const MS: u64 = 1_000_000;
 
@@ -208,6 +208,46 @@ fn an_echo_is_never_the_reply() {
             assert_eq!(world.read(1, 1), Err(Failure::Silent));
             assert_eq!(world.drive.writes.len(), writes);
         }
+    }
+}
+
+#[test]
+fn an_echo_behind_other_bytes_is_not_the_reply() {
+    // Half a reply to the question before, or noise that looks like the echo's first byte.
+    for (format, other) in [(Format::Rtu, &b"\x01"[..]), (Format::Ascii, b":0103020012E8")] {
+        let options = HostOptions { baud: 115_200, echo: true, ..UNTIMED };
+        let mut world = World::new(format, Framing::Length, &options);
+        world.drive.address = 99;
+        let ask = Ask::WriteRegister { address: 0x209, value: 0 };
+        let request = crate::proto::modbus::Request { unit: 1, ask, class: Class::Stop };
+        world.host.submit(world.now, crate::station::Ticket(1), request).unwrap();
+        let mut out = [0; 520];
+        let len = world.host.poll_transmit(world.now, &mut out).unwrap();
+        world.host.handle_input(world.now.plus_ms(1), other);
+        // So late that it could be the reply: an adapter kept it.
+        world.host.handle_input(world.now.plus_ms(16), &out[..len]);
+        assert_eq!(world.host.poll_event(), None, "{format:?}");
+        assert_eq!(world.host.counters().echoed, 1);
+    }
+}
+
+#[test]
+fn a_reply_to_what_was_asked_before_a_cut_answers_nothing_after_it() {
+    for format in formats() {
+        let mut world = World::plain(format);
+        world.fault = Box::new(|n, bytes| vec![(if n == 1 { 150 * MS } else { 0 }, bytes)]);
+        let read = Ask::Read { space: Space::Holding, start: 3, count: 1 };
+        let request =
+            crate::proto::modbus::Request { unit: 1, ask: read, class: Class::Idempotent };
+        let (ticket, start) = (crate::station::Ticket(90), world.now);
+        world.host.submit(start, ticket, request).unwrap();
+        while world.replies == 0 {
+            world.step();
+        }
+        world.host.handle_line(world.now, LineEvent::Down);
+        assert_eq!(world.host.poll_event().unwrap().1, Err(Failure::LinkDown));
+        world.host.handle_line(world.now, LineEvent::Up);
+        assert_eq!(world.read(5, 1).unwrap().words[0], 5 * 257, "{format:?}");
     }
 }
 
