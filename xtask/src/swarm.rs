@@ -98,6 +98,7 @@ fn print(total: &Report, order: Order, took: f64) {
     println!("seeds            {:>12}  from {}", order.seeds, order.from);
     println!("events           {:>12}", total.events);
     println!("requests         {:>12}", total.requests);
+    println!("motions started  {:>12}", total.starts);
     println!("tickets done     {:>12}", total.done);
     println!("        not done {:>12}", total.not_done);
     println!("        unknown  {:>12}", total.unknown);

@@ -86,7 +86,7 @@ impl Watch {
         let known = world.knowledge(self.wire, self.host);
         let asked = std::mem::replace(&mut self.sent, known.sent);
         let matched = counters.answered > before.answered;
-        let place = self.open.iter().position(|content| *content == known.heard.question);
+        let place = self.open.iter().rposition(|content| *content == known.heard.question);
         if matched || gave_up {
             self.open.drain(..place.filter(|_| !gave_up).map_or(self.open.len(), |at| at + 1));
         }
@@ -100,12 +100,14 @@ impl Watch {
         }
         self.last_match_tainted = known.heard.tainted;
         self.last_match_copied = known.heard.copy && place.is_none();
-        if known.heard.tainted || place.is_some() {
-            self.shifted = None;
+        // Once a copy was taken for the answer, that answer comes while the next one is awaited,
+        // which may ask the same again.
+        let behind = self.shifted.take() == Some(known.heard.question)
+            && known.heard.answers != asked.tag
+            && known.heard.begun >= asked.left;
+        if known.heard.tainted || (place.is_some() && !behind) {
             return None;
         }
-        // Once a copy was taken for the answer, that answer comes while the next one is awaited.
-        let behind = self.shifted.take() == Some(known.heard.question);
         self.last_match_copied |= behind;
         if self.last_match_copied && known.heard.begun >= asked.left {
             // It was kept back until the request had left: nothing tells it from an answer.
@@ -129,27 +131,27 @@ impl Watch {
     }
 
     /// Whether what `drive` heard lately holds a frame that passes every check of its protocol and
-    /// that nobody sent: the drive may have done what nobody asked for.
+    /// that is not what was sent just then: the drive may have done what nobody asked for.
     #[must_use]
     pub fn misled(&self, world: &World, drive: NodeId) -> bool {
         let (bytes, fresh) = world.heard(self.wire, drive);
         let Some(dissector) = self.dissector else { return true };
         frames(dissector, bytes, fresh, Direction::ToDrive)
-            .any(|frame| !world.was_meant(self.wire, frame))
+            .any(|frame| !world.was_meant(self.wire, drive, frame))
     }
 }
 
-/// Every frame that passes its check, wherever it begins, and ends behind `fresh`.
-fn frames<'a>(
+/// Where every frame is that passes its check, wherever it begins, and ends behind `fresh`.
+fn frames(
     dissector: &'static dyn Dissector,
-    bytes: &'a [u8],
+    bytes: &[u8],
     fresh: usize,
     direction: Direction,
-) -> impl Iterator<Item = &'a [u8]> {
+) -> impl Iterator<Item = std::ops::Range<usize>> {
     // No frame is longer, so none that begins earlier ends behind `fresh`.
     (fresh.saturating_sub(FRAME_MAX)..bytes.len()).filter_map(move |from| {
         let len = dissector.whole(&bytes[from..], Some(direction))?;
-        (from + len > fresh).then(|| &bytes[from..from + len])
+        (from + len > fresh).then_some(from..from + len)
     })
 }
 

@@ -15,9 +15,6 @@ use crate::uart;
 /// Bytes that are kept of what a station heard.
 const MEMORY_MAX: usize = 1200;
 
-/// Contents of transmissions that a wire remembers; a power of two.
-const CONTENTS: usize = 4096;
-
 /// How the stations on a serial wire hear each other.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Duplex {
@@ -95,15 +92,21 @@ pub(crate) struct Plug {
 pub(crate) struct Memory {
     pub(crate) bytes: Vec<u8>,
     spoke: [usize; 2],
+    /// Where each transmission among them begins, and the hash of what it was meant to be.
+    meant: Vec<(usize, u64)>,
 }
 
 impl Memory {
-    fn hear(&mut self, heard: &[u8]) {
+    /// Takes what was heard; `begins` is the content of a transmission that begins with it.
+    fn hear(&mut self, heard: &[u8], begins: Option<u64>) {
         if self.bytes.len() + heard.len() > MEMORY_MAX {
             let old = self.bytes.len().saturating_sub(MEMORY_MAX / 2);
             self.bytes.drain(..old);
             self.spoke = self.spoke.map(|at| at.saturating_sub(old));
+            self.meant.retain(|(at, _)| *at >= old);
+            self.meant.iter_mut().for_each(|(at, _)| *at -= old);
         }
+        self.meant.extend(begins.map(|content| (self.bytes.len(), content)));
         self.bytes.extend_from_slice(heard);
     }
 
@@ -111,10 +114,22 @@ impl Memory {
         self.spoke = [self.spoke[1], self.bytes.len()];
     }
 
+    /// Whether these of the bytes are what the transmission they came in was meant to be.
+    pub(crate) fn was_meant(&self, range: std::ops::Range<usize>) -> bool {
+        let within = self.meant.iter().rfind(|(at, _)| *at <= range.start);
+        within.is_some_and(|(_, content)| *content == hash(&self.bytes[range]))
+    }
+
     /// Where those bytes begin that were heard between the last two times it spoke, or since.
     pub(crate) const fn fresh(&self) -> usize {
         self.spoke[0]
     }
+}
+
+fn hash(bytes: &[u8]) -> u64 {
+    let mut history = History::default();
+    history.note_bytes(bytes);
+    history.value()
 }
 
 /// Clocks of a sender and a receiver may differ by a twentieth.
@@ -225,8 +240,6 @@ pub(crate) struct SerialWire {
     pub(crate) down: bool,
     /// When the host's adapter hands on what it has so far.
     handed_on: Instant,
-    /// Contents of the latest transmissions, each at its own place.
-    contents: Box<[u64; CONTENTS]>,
     random: Random,
     flying: Vec<usize>,
     scratch: Vec<u8>,
@@ -241,7 +254,6 @@ impl SerialWire {
             made: Made::default(),
             down: false,
             handed_on: Instant::ZERO,
-            contents: Box::new([0; CONTENTS]),
             random,
             flying: Vec::new(),
             scratch: Vec::new(),
@@ -303,13 +315,6 @@ impl SerialWire {
         self.scratch = meant;
     }
 
-    /// Whether somebody lately meant to send just these bytes.
-    pub(crate) fn was_meant(&self, bytes: &[u8]) -> bool {
-        let mut content = History::default();
-        content.note_bytes(bytes);
-        self.contents[content.value() as usize % CONTENTS] == content.value()
-    }
-
     /// Takes a chunk off the wire to deliver it.
     pub(crate) fn land(&mut self, at: usize) {
         self.flying.retain(|&flying| flying != at);
@@ -355,10 +360,10 @@ impl SerialWire {
         };
         let changed = *heard != chunk.bytes;
         let plug = &mut self.plugs[to];
-        plug.memory.hear(heard);
-        plug.taint |= changed || chunk.label.tainted;
         let before = plug.heard;
         let goes_on = before.tag == chunk.label.tag && before.copy == chunk.label.copy;
+        plug.memory.hear(heard, (!goes_on).then_some(chunk.label.content));
+        plug.taint |= changed || chunk.label.tainted;
         let bytes = heard.len() + if goes_on { before.bytes } else { 0 };
         let took = bytes as u64 * tolerated(chunk.character_ns);
         let begun = Instant(now.0.saturating_sub(took));
@@ -368,13 +373,11 @@ impl SerialWire {
     }
 
     fn label(&mut self, from: usize, tag: u32, bytes: &[u8]) -> Label {
-        let mut content = History::default();
-        content.note_bytes(bytes);
         let plug = &mut self.plugs[from];
         let label = Label {
             tag,
             answers: plug.heard.tag,
-            content: content.value(),
+            content: hash(bytes),
             question: plug.heard.content,
             tainted: !plug.head && plug.taint,
             copy: false,
@@ -384,7 +387,6 @@ impl SerialWire {
         };
         plug.taint = false;
         plug.sent = label;
-        self.contents[label.content as usize % CONTENTS] = label.content;
         plug.memory.speak();
         label
     }

@@ -10,6 +10,7 @@ mod axis;
 mod client;
 mod inert;
 mod scene;
+mod witness;
 
 use polepair_core::time::Instant;
 
@@ -34,6 +35,8 @@ pub struct Report {
     pub lived: Instant,
     /// Requests that hosts put on a wire.
     pub requests: u64,
+    /// Requests executed that powered a motor or gave it somewhere to go.
+    pub starts: u64,
     /// Tickets that ended, by outcome.
     pub done: u64,
     /// Tickets that ended as not executed.
@@ -66,6 +69,7 @@ impl Report {
         self.events += other.events;
         self.lived = self.lived.plus_ns(other.lived.0);
         self.requests += other.requests;
+        self.starts += other.starts;
         self.done += other.done;
         self.not_done += other.not_done;
         self.unknown += other.unknown;

@@ -28,7 +28,7 @@ use crate::fault::{Faults, Made};
 use crate::node::Node;
 use crate::queue::Queue;
 use crate::random::{History, Random};
-use crate::serial_line::{Air, Ears, Label, Serial, SerialWire};
+use crate::serial_line::{Air, Ears, Label, Memory, Serial, SerialWire};
 use outside::Outside;
 
 /// Transmissions that one station may make in answer to one event.
@@ -256,36 +256,28 @@ impl World {
     /// it had heard before the last but one time it spoke.
     #[must_use]
     pub fn heard(&self, wire: WireId, node: NodeId) -> (&[u8], usize) {
-        let wire = &self.wires[wire.0];
-        let at = wire.plugs.iter().position(|p| matches!(p, Party::Node(n, _) if *n == node.0));
-        match (&wire.kind, at) {
-            (Kind::Serial(serial), Some(at)) => {
-                let memory = &serial.plugs[at].memory;
-                (&memory.bytes, memory.fresh())
-            }
-            _ => (&[], 0),
-        }
+        self.memory(wire, node).map_or((&[], 0), |memory| (&memory.bytes, memory.fresh()))
     }
 
-    /// Whether some station on a serial wire lately meant to send just these bytes.
+    /// Whether these of the [bytes that a node heard](World::heard) are what the transmission they
+    /// came in was meant to be.
     #[must_use]
-    pub fn was_meant(&self, wire: WireId, bytes: &[u8]) -> bool {
-        match &self.wires[wire.0].kind {
-            Kind::Serial(serial) => serial.was_meant(bytes),
-            Kind::Can(_) => false,
-        }
+    pub fn was_meant(&self, wire: WireId, node: NodeId, range: std::ops::Range<usize>) -> bool {
+        self.memory(wire, node).is_some_and(|memory| memory.was_meant(range))
     }
 
     /// Cuts a wire or joins it again, and tells every station on it, if that changes anything.
-    pub fn cut(&mut self, wire: WireId, down: bool) {
+    /// Returns whether it does.
+    pub fn cut(&mut self, wire: WireId, down: bool) -> bool {
         let is_down = match &mut self.wires[wire.0].kind {
             Kind::Serial(serial) => &mut serial.down,
             Kind::Can(bus) => &mut bus.down,
         };
-        if std::mem::replace(is_down, down) == down {
-            return;
+        let changes = std::mem::replace(is_down, down) != down;
+        if changes {
+            self.tell(wire.0, if down { LineEvent::Down } else { LineEvent::Up });
         }
-        self.tell(wire.0, if down { LineEvent::Down } else { LineEvent::Up });
+        changes
     }
 
     /// Lends a node to `f`, for commands, acts and looks, and then lets the node speak.
@@ -388,6 +380,15 @@ enum Party {
 }
 
 impl World {
+    fn memory(&self, wire: WireId, node: NodeId) -> Option<&Memory> {
+        let wire = &self.wires[wire.0];
+        let at = wire.plugs.iter().position(|p| matches!(p, Party::Node(n, _) if *n == node.0))?;
+        match &wire.kind {
+            Kind::Serial(serial) => Some(&serial.plugs[at].memory),
+            Kind::Can(_) => None,
+        }
+    }
+
     fn serial_wire(&mut self, wire: WireId) -> Option<&mut SerialWire> {
         match &mut self.wires[wire.0].kind {
             Kind::Serial(serial) => Some(serial),

@@ -1,5 +1,6 @@
 //! What stands around a simulated drive: hands, weights, switches, and the truth.
 
+pub use crate::plant::{Bounds, Setpoint};
 use crate::time::Instant;
 
 /// What is true of a simulated motor, whatever the drive reports.
@@ -27,29 +28,8 @@ pub struct Truth {
     pub starts: u64,
     /// What the drive is held to now.
     pub bounds: Bounds,
-}
-
-/// What a drive's settings, and the move in hand, hold its motor to. Infinite where nothing does.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Bounds {
-    /// Speed at most, rad/s, for a motor that was not faster before.
-    pub velocity: f64,
-    /// Gain of speed at most, rad/s².
-    pub acceleration: f64,
-    /// Motor current at most, A.
-    pub current: f64,
-}
-
-impl Bounds {
-    /// Nothing holds it.
-    pub const NONE: Self =
-        Self { velocity: f64::INFINITY, acceleration: f64::INFINITY, current: f64::INFINITY };
-}
-
-impl Default for Bounds {
-    fn default() -> Self {
-        Self::NONE
-    }
+    /// Where its loops want the motor, if they regulate speed or position.
+    pub setpoint: Option<Setpoint>,
 }
 
 /// Something done to a simulated drive from outside the wire.

@@ -27,7 +27,7 @@ mod tests;
 
 pub use encoder::Encoder;
 pub use motor::{Energy, Inputs, Motor, MotorParameters, Winding};
-pub use servo::{Conditions, Gains, Goal, Servo, Stall};
+pub use servo::{Bounds, Conditions, Gains, Goal, Servo, Stall};
 pub use thermal::Thermal;
 pub use trajectory::{Limits, Setpoint, Trajectory};
 

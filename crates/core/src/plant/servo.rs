@@ -57,6 +57,29 @@ pub struct Conditions {
     pub load: f64,
 }
 
+/// What a drive's settings, and the move in hand, hold its motor to. Infinite where nothing does.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Bounds {
+    /// Speed at most, rad/s, for a motor that was not faster before.
+    pub velocity: f64,
+    /// Gain of speed at most, rad/s².
+    pub acceleration: f64,
+    /// Motor current at most, A.
+    pub current: f64,
+}
+
+impl Bounds {
+    /// Nothing holds it.
+    pub const NONE: Self =
+        Self { velocity: f64::INFINITY, acceleration: f64::INFINITY, current: f64::INFINITY };
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
 /// A servo drive's control loops with their set-point. Off, it lets the motor coast.
 #[derive(Clone, Debug)]
 pub struct Servo {
@@ -170,6 +193,32 @@ impl Servo {
         }
     }
 
+    /// The same while it is followed: switched on, and told a speed or a position.
+    #[must_use]
+    pub const fn regulated(&self) -> Option<Setpoint> {
+        match self.goal {
+            Goal::Velocity(_) | Goal::Position(_) | Goal::Follow(_) if self.enabled => {
+                Some(self.setpoint())
+            }
+            _ => None,
+        }
+    }
+
+    /// What they are held to now.
+    #[must_use]
+    pub fn bounds(&self) -> Bounds {
+        if !self.enabled {
+            return Bounds::NONE;
+        }
+        let (ramp, current) = (self.trajectory.limits(), self.max_current);
+        let velocity = match self.goal {
+            Goal::Velocity(asked) => ramp.velocity.min(asked.abs()),
+            Goal::Position(_) => ramp.velocity,
+            _ => return Bounds { current, ..Bounds::NONE },
+        };
+        Bounds { velocity, acceleration: ramp.acceleration, current }
+    }
+
     /// True when the set-point has come to its goal; the motor may still lag.
     #[must_use]
     pub fn arrived(&self) -> bool {
@@ -213,6 +262,9 @@ impl Servo {
         let gains = &self.gains;
         let mut speed = wanted.velocity;
         if !matches!(self.goal, Goal::Velocity(_)) {
+            // A set-point that is still braking to a lower limit is followed, or the motor would
+            // fall behind it, to leap once the limit is raised.
+            let top = top.max(wanted.velocity.abs());
             let error = wanted.position - position;
             let rest = wanted.velocity == 0.0 && error.abs() <= gains.deadband;
             let correction = if rest { 0.0 } else { gains.position_p * error };

@@ -169,6 +169,27 @@ fn a_move_arrives_and_rests() {
     assert!((motor.position() - rest).abs() < 1e-3, "it hunts: {rest} {}", motor.position());
 }
 
+#[test]
+fn a_limit_that_is_lowered_and_raised_on_the_way_makes_no_leap() {
+    let (mut motor, mut servo) = running();
+    servo.set_limits(Limits::trapezoid(100.0, 200.0));
+    servo.go(Goal::Position(200.0));
+    let mut before = 0.0;
+    for tick in 0..900 {
+        match tick {
+            400 => servo.set_limits(Limits::trapezoid(4.0, 200.0)),
+            460 => servo.set_limits(Limits::trapezoid(30.0, 200.0)),
+            _ => {}
+        }
+        servo.step(&mut motor, CALM);
+        if tick % 10 == 0 {
+            let change = (motor.velocity() - before).abs() / (10.0 * TICK_S);
+            assert!(change < 400.0, "tick {tick}: {change} rad/s²");
+            before = motor.velocity();
+        }
+    }
+}
+
 fn fly(trajectory: &mut Trajectory, ticks: usize) -> Vec<Setpoint> {
     (0..ticks).map(|_| trajectory.step()).collect()
 }

@@ -8,8 +8,9 @@ use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 
 use super::inert::Inert;
+use super::witness::{Found, Witness};
 use crate::check::{Possible, Violation};
-use crate::random::Random;
+use crate::random::{Ppm, Random};
 use crate::world::{NodeId, World};
 
 /// Speed that is asked for at most, rad/s.
@@ -20,6 +21,10 @@ const REST: f64 = 0.5;
 const JUMP_MAX: f64 = 0.3;
 /// A reading of the position may be off by this, rad, besides what the motor moves meanwhile.
 const POSITION_ERROR_MAX: f64 = 0.1;
+
+/// How often a write makes a drive ready for what it is asked, and an axis stays disarmed.
+const READY: Ppm = Ppm(330_000);
+const FORGETS: Ppm = Ppm(100_000);
 
 /// What is asked of an axis.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -55,8 +60,9 @@ pub struct Axis {
     inert: Vec<(Inert, Possible)>,
     /// Position reported minus position true, while it is known to be constant.
     offset: Option<f64>,
-    /// What the drive had executed when the last verb ended; `None` while one is open.
-    settled: Option<u64>,
+    witness: Witness,
+    /// Somebody armed it since its link was last lost.
+    armed: bool,
     /// The drive's last transmission that was looked at.
     pub judged: u32,
     /// The drive may have done something that nobody asked for.
@@ -79,7 +85,8 @@ impl Axis {
             open,
             inert,
             offset: None,
-            settled: None,
+            witness: Witness::default(),
+            armed: false,
             judged: 0,
             spoiled: false,
         }
@@ -95,16 +102,48 @@ impl Axis {
         self.inert.iter_mut().for_each(|(_, possible)| *possible = Possible::ANY);
         self.open.iter_mut().for_each(|open| open.doubtful = true);
         self.offset = None;
-        self.settled = None;
+        self.witness.forget();
     }
 
-    /// What was asked long ago must not reach the drive any more.
-    pub fn idle(&mut self, world: &mut World) -> Option<Violation> {
-        let settled = self.settled?;
-        let executed = self.truth(world).unrepeatable;
-        self.settled = Some(executed);
-        let what = format!("{} started a motion that nobody waited for", self.profile.name);
-        (executed != settled).then_some(Violation { invariant: "I4", at: world.now(), what })
+    /// The link was lost: until somebody arms the axis, nothing may set its motor going.
+    pub fn disarmed(&mut self) {
+        self.armed = false;
+        self.witness.lost();
+    }
+
+    /// What must hold of drive and host after every event.
+    pub fn after(&mut self, world: &mut World, host: NodeId) -> Option<Violation> {
+        let truth = self.truth(world);
+        let going = self.open.iter().any(|open| is_start(open.what));
+        let found = self.witness.look(world.now(), truth, going || self.spoiled);
+        let found = found.or_else(|| self.jumped(&truth)).or_else(|| {
+            let armed = world.look(host, |n, _| n.axes()?.state(self.index).map(|s| s.armed));
+            let unasked = armed == Some(true) && !self.armed;
+            unasked.then(|| ("I6", "armed, but nobody armed it since the link was lost".into()))
+        });
+        let (name, index, at) = (self.profile.name, self.index, world.now());
+        found.map(|(invariant, what)| Violation {
+            invariant,
+            at,
+            what: format!("{name} {index:?}: {what}"),
+        })
+    }
+
+    /// Whether a lane may take such a question now.
+    pub fn may_be_asked(&self, what: What) -> bool {
+        self.armed || !is_start(what)
+    }
+
+    /// Powering a motor at rest leaves it where it is.
+    fn jumped(&self, truth: &Truth) -> Option<Found> {
+        let open = self.open.iter().find(|open| open.what == What::Do(Verb::Enable))?;
+        let from = &open.before;
+        let alone = !self.open.iter().any(|open| moves(open.what));
+        let judged = alone && !open.doubtful && !self.spoiled;
+        let rested = from.velocity.abs() < REST && !from.enabled;
+        let jump = (truth.position - from.position).abs();
+        (judged && rested && jump > JUMP_MAX)
+            .then(|| ("I7", format!("enabling moved the motor by {jump:.3} rad")))
     }
 
     /// Something to ask, or `None` when what was drawn is under way already.
@@ -113,11 +152,7 @@ impl Axis {
             0..=2 if !self.inert.is_empty() => {
                 What::Read(random.below(self.inert.len() as u64) as usize)
             }
-            3..=4 if !self.inert.is_empty() => {
-                let n = random.below(self.inert.len() as u64) as usize;
-                let range = self.inert[n].0;
-                What::Write(n, random.between(range.min, range.max))
-            }
+            3..=4 if !self.inert.is_empty() => self.draw_write(random),
             5..=7 => {
                 let source = self
                     .profile
@@ -133,6 +168,17 @@ impl Axis {
             _ => false,
         };
         (!self.open.iter().any(same)).then_some(what)
+    }
+
+    /// A value for an inert parameter; often one without which some plan refuses to begin.
+    fn draw_write(&self, random: &mut Random) -> What {
+        let wanted = self.inert.iter().position(|(inert, _)| !inert.wanted.is_empty());
+        if let Some(n) = wanted.filter(|_| random.chance(READY)) {
+            return What::Write(n, random.pick(self.inert[n].0.wanted));
+        }
+        let n = random.below(self.inert.len() as u64) as usize;
+        let range = self.inert[n].0;
+        What::Write(n, random.between(range.min, range.max))
     }
 
     /// The signal that is polled to see whether the drive answers.
@@ -157,6 +203,9 @@ impl Axis {
             _ => None,
         };
         let id = |n: usize| self.inert[n].0.id;
+        // Now and then somebody forgets to arm it.
+        let arms = is_start(what) && !random.chance(FORGETS);
+        let armed = self.armed || arms;
         let taken = world.with(host, |node, now| {
             let axes = node.axes()?;
             match (what, command) {
@@ -164,7 +213,7 @@ impl Axis {
                 (What::Write(n, raw), _) => axes.write(now, ticket, axis, id(n), raw, false).ok(),
                 (What::Look(_, parameter), _) => axes.read(now, ticket, axis, parameter).ok(),
                 (What::Do(_), Some(command)) => {
-                    if command.verb.needs_arming() {
+                    if arms {
                         axes.arm(axis, true);
                     }
                     axes.command(now, ticket, axis, command).ok()
@@ -176,12 +225,14 @@ impl Axis {
             if let What::Do(Verb::Home) = what {
                 self.offset = None;
             }
-            if let What::Do(_) = what {
-                self.settled = None;
+            if is_start(what) {
+                let by = command.filter(|c| c.verb == Verb::MoveBy && self.is_rotary());
+                self.witness.asked(world.now(), &before, by.and_then(|c| c.target));
             }
             let since = world.now();
             self.open.push(Open { ticket, what, since, before, doubtful: false });
         }
+        self.armed = armed;
         taken.is_some()
     }
 
@@ -197,9 +248,6 @@ impl Axis {
             return Err(("I3", format!("{ticket:?} ended twice or was never asked: {outcome:?}")));
         };
         let open = self.open.swap_remove(at);
-        if self.open.iter().all(|open| !matches!(open.what, What::Do(_))) {
-            self.settled = Some(self.truth(world).unrepeatable);
-        }
         match (open.what, outcome) {
             (What::Read(n), Outcome::Done(raw)) => self.read(n, raw, open.doubtful),
             (What::Write(n, raw), outcome) => {
@@ -207,7 +255,9 @@ impl Axis {
                 Ok(())
             }
             // What was read before a drive's restart says nothing of after it.
-            (What::Look(Signal::Position, id), Outcome::Done(raw)) if !open.doubtful => {
+            (What::Look(Signal::Position, id), Outcome::Done(raw))
+                if !open.doubtful && self.witness.rested_since(open.since) =>
+            {
                 self.position(world, host, id, raw)
             }
             (What::Do(verb), outcome) => self.did(world, verb, outcome, &open),
@@ -240,6 +290,10 @@ impl Axis {
         }
     }
 
+    fn is_rotary(&self) -> bool {
+        self.profile.axis == AxisKind::Rotary
+    }
+
     /// The position reported must follow the shaft, apart from a constant.
     fn position(
         &mut self,
@@ -250,11 +304,9 @@ impl Axis {
     ) -> Result<(), (&'static str, String)> {
         let truth = self.truth(world);
         let reported = world.look(host, |n, _| n.axes()?.to_si(self.index, id, raw));
-        let (Some(reported), AxisKind::Rotary) = (reported, self.profile.axis) else {
-            return Ok(());
-        };
+        let Some(reported) = reported.filter(|_| self.is_rotary()) else { return Ok(()) };
         let homing = self.open.iter().any(|open| open.what == What::Do(Verb::Home));
-        if truth.velocity.abs() > REST || self.spoiled || homing {
+        if self.spoiled || homing {
             return Ok(());
         }
         let offset = reported - truth.position;
@@ -296,11 +348,6 @@ impl Axis {
         if verb == Verb::MoveBy && matches!(outcome, Outcome::Done(_)) && executed == 0 {
             return Err(("I3", "move-by ended as done, but was not executed".into()));
         }
-        let still = open.before.velocity.abs() < REST && self.open.iter().all(|o| !moves(o.what));
-        let jump = (after.position - open.before.position).abs();
-        if verb == Verb::Enable && still && !open.before.enabled && jump > JUMP_MAX {
-            return Err(("I7", format!("enabling moved the motor by {jump:.3} rad")));
-        }
         Ok(())
     }
 }
@@ -322,6 +369,11 @@ const VERBS: [Verb; 14] = [
     Verb::Reached,
 ];
 
+/// Whether it may set the motor going: then the axis must be armed.
+const fn is_start(what: What) -> bool {
+    matches!(what, What::Do(verb) if verb.needs_arming())
+}
+
 const fn moves(what: What) -> bool {
     matches!(
         what,
@@ -335,8 +387,7 @@ fn command(verb: Verb, random: &mut Random) -> Command {
     match verb {
         Verb::Velocity => Command { velocity: Some(speed), ..plain },
         Verb::MoveTo | Verb::MoveBy => {
-            let velocity =
-                random.chance(crate::random::Ppm(500_000)).then_some(speed.abs().max(1.0));
+            let velocity = random.chance(Ppm(500_000)).then_some(speed.abs().max(1.0));
             Command { target: Some(random.between(-20, 20) as f64), velocity, ..plain }
         }
         _ => plain,

@@ -70,7 +70,6 @@ impl Client {
             return;
         }
         let which = self.random.below(self.axes.len() as u64) as usize;
-        report.violations_of(self.axes[which].idle(world));
         let drawn = self.axes[which].draw(&mut self.random);
         let calm = now >= self.calm_at;
         let what = match drawn {
@@ -81,6 +80,10 @@ impl Client {
             self.tickets += 1;
             let ticket = Ticket(self.tickets);
             let taken = self.axes[which].ask(world, self.host, ticket, what, &mut self.random);
+            if taken && !self.axes[which].may_be_asked(what) {
+                let what = format!("{ticket:?} {what:?} was taken by an axis that is not armed");
+                report.violations_of([Violation { invariant: "I6", at: now, what }]);
+            }
             report.write(now, || {
                 format!("{:?} {ticket:?} axis {which}: {what:?}, taken {taken}", self.host)
             });
@@ -90,6 +93,9 @@ impl Client {
     /// Checks everything after an event that touched this host.
     pub fn after(&mut self, world: &mut World, report: &mut Report) {
         self.notice_spoiling(world, report);
+        for axis in &mut self.axes {
+            report.violations_of(axis.after(world, self.host));
+        }
         let mut ends = Vec::new();
         while let Some(end) =
             world.look(self.host, |n, _| n.axes().and_then(|axes| axes.poll_outcome()))
@@ -170,16 +176,8 @@ impl Client {
     }
 
     /// The link went down or came up: nothing may be armed any more.
-    pub fn disarmed(&self, world: &mut World, report: &mut Report) {
-        for axis in &self.axes {
-            let armed = world.look(self.host, |n, _| {
-                n.axes().and_then(|a| a.state(axis.index).map(|state| state.armed))
-            });
-            if armed == Some(true) {
-                let what = format!("{} is armed after the link was lost", axis.profile.name);
-                report.violations_of([Violation { invariant: "I6", at: world.now(), what }]);
-            }
-        }
+    pub fn disarmed(&mut self) {
+        self.axes.iter_mut().for_each(Axis::disarmed);
     }
 
     /// The world ends: whatever was asked long ago must have ended.
@@ -190,8 +188,8 @@ impl Client {
         report.requests += counters.unwrap_or_default().sent;
         report.made.add(&world.made(self.wire));
         report.copies_taken += self.watch.copies_taken;
-        for axis in &mut self.axes {
-            report.violations_of(axis.idle(world));
+        for axis in &self.axes {
+            report.starts += axis.truth(world).starts;
         }
         for open in self.axes.iter().flat_map(|axis| &axis.open) {
             if open.since.plus_ms(PATIENCE_MS) < now {

@@ -11,7 +11,7 @@ use polepair_core::axis::Axes;
 use polepair_core::drives::bench::Act;
 use polepair_core::error::Outcome;
 use polepair_core::medium::SerialLine;
-use polepair_core::plan::Step;
+use polepair_core::plan::{Compare, Step};
 use polepair_core::profile::{Access, ParameterId, Persistence, Profile};
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
@@ -34,6 +34,8 @@ pub struct Inert {
     pub id: ParameterId,
     pub min: i64,
     pub max: i64,
+    /// The values within that some plan requires.
+    pub wanted: &'static [i64],
 }
 
 type Known = HashMap<(&'static str, &'static str), &'static [Inert]>;
@@ -86,7 +88,21 @@ fn try_one(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Optio
     desk.write(id, max)?;
     desk.power_cycle();
     desk.read(id)?;
-    (max - min >= 2).then_some(Inert { id, min, max })
+    (max - min >= 2).then(|| Inert { id, min, max, wanted: wanted(profile, id, min, max) })
+}
+
+/// The values without which some plan of the product does not begin: a drive's mode.
+fn wanted(profile: &Profile, id: ParameterId, min: i64, max: i64) -> &'static [i64] {
+    let steps = profile.plans.iter().flat_map(|plan| plan.steps);
+    let tests: Vec<_> = steps
+        .filter_map(|step| match *step {
+            Step::Require { read, test, .. } if read == id => Some(test),
+            _ => None,
+        })
+        .filter(|test| matches!(test.compare, Compare::Equal | Compare::Among))
+        .collect();
+    let fits = |raw: &i64| tests.iter().any(|test| test.passes(*raw));
+    (min..=max).filter(fits).collect::<Vec<_>>().leak()
 }
 
 /// One host and one drive on a wire that works.

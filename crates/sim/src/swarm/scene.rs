@@ -172,8 +172,9 @@ impl Scene {
             }
             Calamity::Cut(at, down) => {
                 let client = &mut self.clients[at];
-                world.cut(client.wire, down);
-                client.disarmed(world, report);
+                if world.cut(client.wire, down) {
+                    client.disarmed();
+                }
                 client.after(world, report);
                 report.cuts += u64::from(down);
             }
@@ -191,7 +192,9 @@ impl Scene {
     fn calm(&mut self) {
         for client in &mut self.clients {
             self.world.faults(client.wire).into_iter().for_each(|faults| *faults = Faults::NONE);
-            self.world.cut(client.wire, false);
+            if self.world.cut(client.wire, false) {
+                client.disarmed();
+            }
             client.calm(self.calm_at);
             client.after(&mut self.world, &mut self.report);
         }

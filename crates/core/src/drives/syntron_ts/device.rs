@@ -215,6 +215,7 @@ impl Bench for Device {
             unrepeatable: drive.unrepeatable(),
             starts: drive.starts(),
             bounds: drive.shaft().bounds(),
+            setpoint: drive.shaft().regulated(),
         }
     }
 

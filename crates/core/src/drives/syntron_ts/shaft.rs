@@ -3,9 +3,9 @@
 use core::f64::consts::TAU;
 
 use super::alarm::Alarm;
-use crate::drives::bench::Bounds;
 use crate::plant::{
-    Conditions, Goal, Limits, Motor, MotorParameters, Servo, Setpoint, Stall, TICK_S, Thermal,
+    Bounds, Conditions, Goal, Limits, Motor, MotorParameters, Servo, Setpoint, Stall, TICK_S,
+    Thermal,
 };
 
 /// Encoder counts of a turn `[I]`: 2500 lines, four edges.
@@ -179,11 +179,13 @@ impl Shaft {
     /// What its loops are held to: a path's speed and ramp, the current limit.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
-        if !self.powered() {
-            return Bounds::NONE;
-        }
-        let Limits { velocity, acceleration, .. } = *self.servo.limits();
-        Bounds { velocity, acceleration, current: self.servo.max_current }
+        self.servo.bounds()
+    }
+
+    /// Where the set-point is while it counts.
+    #[must_use]
+    pub const fn regulated(&self) -> Option<Setpoint> {
+        self.servo.regulated()
     }
 
     /// Heads for a speed, rad/s.

@@ -173,6 +173,7 @@ impl Bench for Device {
             unrepeatable: module.unrepeatable,
             starts: module.starts,
             bounds: module.bounds(),
+            setpoint: module.servo.regulated(),
         }
     }
 

@@ -70,12 +70,18 @@ impl Module {
     }
 
     fn begin(&mut self, mode: Mode, goal: Goal) {
-        let from_torque = self.mode == Mode::Torque;
+        // Regulated speed keeps no position, and a regulated torque neither: what comes then starts
+        // from the motor.
+        let from_motor = match mode {
+            Mode::Torque => false,
+            Mode::Velocity => self.mode == Mode::Torque,
+            Mode::Position => self.mode != Mode::Position,
+        };
         self.mode = mode;
         self.stopped = false;
         self.flags.put(flags::POS_END, false);
         self.set_limits();
-        if from_torque && mode != Mode::Torque {
+        if from_motor {
             self.servo.go_from(&self.motor, goal);
         } else {
             self.servo.go(goal);

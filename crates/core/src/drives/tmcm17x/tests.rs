@@ -603,3 +603,20 @@ fn options_are_known_or_named() {
     assert_eq!(refused(&[("dlc", "9")]), Some("9"));
     assert_eq!(refused(&[("colour", "red")]), Some("colour"));
 }
+
+#[test]
+fn a_move_begins_where_the_motor_is_and_not_where_it_once_stood() {
+    let mut rig = Rig::new();
+    rig.sap(6, 1);
+    rig.sap(255, 1);
+    rig.act(Act::Load(0.02));
+    rig.wait(300);
+    rig.act(Act::Load(0.0));
+    rig.wait(2000);
+    let before = rig.device.truth(rig.now);
+    assert!(before.position > 1.0 && before.enabled && before.velocity.abs() < 0.1, "{before:?}");
+    rig.ok(4, 1, 0);
+    rig.wait(500);
+    let moved = rig.device.truth(rig.now).position - before.position;
+    assert!(moved.abs() < 0.1, "no way, but it went {moved} rad");
+}

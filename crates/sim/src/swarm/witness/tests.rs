@@ -1,0 +1,76 @@
+//! The witness itself: each thing that a drive must not do is noticed.
+
+use super::*;
+
+use polepair_core::plant::Setpoint;
+
+/// A motor at rest, powered, held to 10 rad/s, 100 rad/s² and 2 A.
+fn held() -> Truth {
+    let bounds = Bounds { velocity: 10.0, acceleration: 100.0, current: 2.0 };
+    Truth { enabled: true, bounds, setpoint: Some(Setpoint::default()), ..Truth::default() }
+}
+
+fn at(ms: u32) -> Instant {
+    Instant::ZERO.plus_ms(ms)
+}
+
+/// A witness that saw the drive at rest for a second, and nothing asked.
+fn rested() -> Witness {
+    let mut witness = Witness::default();
+    for ms in 0..=1_000 {
+        assert_eq!(witness.look(at(ms), held(), false), None);
+    }
+    witness
+}
+
+fn invariant(found: Option<Found>) -> Option<&'static str> {
+    found.map(|(invariant, _)| invariant)
+}
+
+#[test]
+fn what_nobody_waits_for_is_noticed() {
+    let started = Truth { starts: 1, ..held() };
+    assert_eq!(invariant(rested().look(at(1_001), started, false)), Some("I4"));
+    assert_eq!(rested().look(at(1_001), started, true), None, "somebody waits for it");
+    let mut cut = rested();
+    cut.lost();
+    assert_eq!(invariant(cut.look(at(1_001), started, false)), Some("I6"));
+    cut.asked(at(1_002), &started, None);
+    assert_eq!(cut.look(at(1_003), Truth { starts: 2, ..started }, true), None);
+}
+
+#[test]
+fn what_is_executed_twice_is_noticed() {
+    let mut witness = rested();
+    witness.asked(at(1_001), &held(), None);
+    assert_eq!(witness.look(at(1_002), Truth { unrepeatable: 1, ..held() }, true), None);
+    let twice = Truth { unrepeatable: 2, ..held() };
+    assert_eq!(invariant(witness.look(at(1_003), twice, true)), Some("I2"));
+}
+
+#[test]
+fn a_way_that_is_left_is_noticed() {
+    let place = |position| Truth { position, velocity: 1.0, ..held() };
+    let mut witness = rested();
+    witness.asked(at(1_001), &held(), Some(-5.0));
+    assert_eq!(witness.look(at(1_002), place(-5.1), true), None);
+    assert_eq!(invariant(witness.look(at(1_003), place(-5.5), true)), Some("I14"));
+    witness.asked(at(1_004), &held(), Some(-5.0));
+    assert_eq!(witness.look(at(1_005), place(-9.0), true), None, "it did not begin at rest");
+}
+
+#[test]
+fn what_is_beyond_a_bound_is_noticed() {
+    let set = |velocity| Some(Setpoint { velocity, ..Setpoint::default() });
+    let cases = [
+        (Truth { setpoint: set(0.9), velocity: 1.1, current: 1.9, ..held() }, None),
+        (Truth { setpoint: set(10.1), ..held() }, Some("I14")),
+        (Truth { setpoint: set(2.0), ..held() }, Some("I14")),
+        (Truth { velocity: 17.0, ..held() }, Some("I14")),
+        (Truth { current: -2.2, ..held() }, Some("I14")),
+        (Truth { current: -2.2, setpoint: None, ..held() }, None),
+    ];
+    for (truth, expected) in cases {
+        assert_eq!(invariant(rested().look(at(1_010), truth, true)), expected, "{truth:?}");
+    }
+}
