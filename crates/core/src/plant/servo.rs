@@ -141,24 +141,22 @@ impl Servo {
 
     /// Heads for a goal from where the set-point is, as fast as it is.
     pub fn go(&mut self, goal: Goal) {
-        if let Goal::Follow(last) = self.goal
-            && !matches!(goal, Goal::Follow(_))
-        {
+        if let Goal::Follow(last) = self.goal {
             self.trajectory.start_at(last.position, last.velocity);
         }
-        match goal {
-            Goal::Velocity(v) => self.trajectory.to_velocity(v),
-            Goal::Position(p) => self.trajectory.to_position(p),
-            Goal::Current(_) | Goal::Voltage(_) | Goal::Follow(_) => {}
-        }
-        self.goal = goal;
+        self.head_for(goal);
     }
 
     /// Heads for a goal from where the motor is: for a change from torque or voltage to speed or
     /// position, and after the motor fell behind its set-point.
     pub fn go_from(&mut self, motor: &Motor, goal: Goal) {
         self.trajectory.start_at(motor.position(), motor.velocity());
-        self.go(goal);
+        self.head_for(goal);
+    }
+
+    /// Is told where to be at the end of the next tick.
+    pub const fn follow(&mut self, setpoint: Setpoint) {
+        self.goal = Goal::Follow(setpoint);
     }
 
     /// What it is told to do.
@@ -223,6 +221,15 @@ impl Servo {
     #[must_use]
     pub fn arrived(&self) -> bool {
         self.trajectory.arrived()
+    }
+
+    fn head_for(&mut self, goal: Goal) {
+        match goal {
+            Goal::Velocity(v) => self.trajectory.to_velocity(v),
+            Goal::Position(p) => self.trajectory.to_position(p),
+            Goal::Current(_) | Goal::Voltage(_) | Goal::Follow(_) => {}
+        }
+        self.goal = goal;
     }
 
     /// Advances loops and motor by one tick, with the motor's true position as feedback.

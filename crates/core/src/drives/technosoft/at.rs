@@ -14,16 +14,13 @@ addresses! {
     POSERR = 0x022A;
     SPDREF = 0x022B;
     ASPD = 0x022C;
-    SPDERR = 0x022E;
     IQREF = 0x022F;
     IQ = 0x0230;
     AD4 = 0x0240;
-    AD5 = 0x0241;
     AD7 = 0x0243;
     CLPER = 0x0250;
     SLPER = 0x0251;
     CADIN = 0x025C;
-    SFTADIN = 0x025D;
     KPP = 0x025E;
     KIP = 0x0260;
     KDP = 0x0262;
@@ -49,7 +46,6 @@ addresses! {
     POS0 = 0x02B8;
     RPOS = 0x02BA;
     CAPPOS = 0x02BC;
-    TIME0 = 0x02BE;
     ATIME = 0x02C0;
     RTIME = 0x02C2;
     TIMAXPROT = 0x02C4;
@@ -63,9 +59,7 @@ addresses! {
     INTTABLE = 0x0307;
     MSR = 0x0308;
     MCR = 0x0309;
-    CSR = 0x030B;
     AAR = 0x030C;
-    CBR = 0x030D;
     PROD = 0x030E;
     DER = 0x03AD;
     POSOKLIM = 0x036A;
@@ -90,7 +84,6 @@ addresses! {
     SRH = 0x090F;
     ACR = 0x0912;
     AAR_TABLE = 0x0913;
-    POSTRIGG1 = 0x091A;
     MASTERID = 0x0927;
     PVTSENDOFF = 0x092B;
     SRH_MASK = 0x0963;

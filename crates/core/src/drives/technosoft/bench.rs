@@ -1,7 +1,8 @@
 //! What hands, weights and switches do to a drive.
 
 use super::drive::Drive;
-use super::status::mer;
+use super::inputs::line;
+use super::status::{mer, put};
 use super::units;
 use crate::drives::bench::Act;
 use crate::time::Instant;
@@ -29,10 +30,28 @@ impl Drive {
             Act::Ambient(celsius) => {
                 (self.shaft.stage.ambient, self.shaft.winding.ambient) = (celsius, celsius);
             }
+            Act::Input(n @ 1..=6, high) => {
+                const LINES: [u16; 6] =
+                    [line::HOME, 1 << 1, line::LSP, line::LSN, line::ENABLE, line::STO];
+                put(&mut self.around.levels, LINES[usize::from(n) - 1], high);
+            }
+            Act::Analog(5, volts) => self.around.reference_v = volts.clamp(-10.0, 10.0),
+            Act::Switch { which: which @ 0..=2, at } => {
+                self.around.switches[usize::from(which)] = at;
+            }
+            Act::HallBroken(broken) => self.around.hall_broken = broken,
+            Act::Fault(bits) => {
+                let known = mer::FAULTS & bits as u16;
+                if known == 0 || u32::from(known) != bits {
+                    return false;
+                }
+                self.trip(known, "fault injected: motor off");
+            }
             Act::EncoderBroken(broken) => self.shaft.set_broken(broken),
             Act::PowerCycle => self.power_up(now),
             _ => return false,
         }
+        self.guard.old = true; // a tick must look at it
         self.stale();
         true
     }

@@ -64,16 +64,6 @@ impl Clock {
         self.zero -= i64::from(periods) * self.slow_ns.cast_signed();
     }
 
-    /// Slow loop period, s.
-    pub fn slow_s(&self) -> f64 {
-        self.slow_ns as f64 * 1e-9
-    }
-
-    /// When the next tick ends.
-    pub fn next_tick(&self) -> Instant {
-        self.after_ticks(1)
-    }
-
     /// When so many ticks from now on have ended.
     pub fn after_ticks(&self, count: u64) -> Instant {
         let own = i128::from(self.ticks.at().plus_ns(count * TICK_NS).0);

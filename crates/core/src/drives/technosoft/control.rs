@@ -1,7 +1,10 @@
 //! Instructions that switch, stop, set up and administer.
 
+use super::at;
 use super::drive::Drive;
+use super::events::Then;
 use super::execute::Refused;
+use super::inputs::line;
 use super::status::{der, mer, put, srh};
 use crate::proto::tml::wire::Instruction;
 
@@ -10,18 +13,28 @@ type Done = Result<(), Refused>;
 impl Drive {
     /// 00xx and 04xx.
     pub fn control(&mut self, i: &Instruction) -> Done {
+        self.stale();
         match i.opcode {
-            0x0000 | 0x649C => Ok(()), // NOP, BEGIN
-            0x0002 => self.switch_off(),
-            0x0102 => self.switch_on(),
-            0x0020 => self.end_init(),
-            0x0402 => {
-                let now = self.clock.now();
-                self.power_up(now);
-                Ok(())
-            }
-            _ => Err(Refused::Unknown),
+            0x0001 => self.end_program(),
+            0x0002 => self.axis_off(),
+            0x0102 => return if self.axis_on() { Ok(()) } else { Err(Refused::NotNow) },
+            0x0020 => return self.end_init(),
+            0x0008 => return self.on_event(Then::Update),
+            0x0108 => return self.update(),
+            0x00C4 => return self.on_event(Then::Stop),
+            0x0104 | 0x0144 | 0x0184 | 0x01C4 => return self.stop(),
+            0x0402 => self.power_up(self.clock.now()),
+            0x0404 | 0x0504 => return self.return_from(i.opcode == 0x0504),
+            0x0410 | 0x0510 => self.allow_interrupts(i.opcode == 0x0510),
+            0x0408 => self.wait_for_event(None),
+            0x0608 => self.wait_for_event(Some(i.long(0))),
+            0x0401 | 0x0501 | 0x0481 => self.await_edge(line::HOME, edge(i.opcode)),
+            0x0601 | 0x0701 | 0x0681 => self.await_edge(line::LSN, edge(i.opcode)),
+            0x0620 | 0x0720 | 0x06A0 => self.await_edge(line::LSP, edge(i.opcode)),
+            0x0420 | 0x0520 | 0x04A0 => self.around.index_awaited = edge(i.opcode).is_some(),
+            _ => {} // NOP, BEGIN
         }
+        Ok(())
     }
 
     /// 08xx: axis ID, groups, baud and bit rates; 09xx takes the value from a variable.
@@ -43,14 +56,37 @@ impl Drive {
         Ok(())
     }
 
-    /// 1Cxx: what administers faults, settings and calls.
+    /// 1Cxx: calls, faults, settings.
     pub fn administer(&mut self, i: &Instruction) -> Done {
+        self.stale();
         match i.opcode {
+            0x1C01 => return self.call_cancelable(i.word(0)),
+            0x1E01 => return self.call_cancelable(self.memory.word(i.word(0))),
+            0x1C02 => self.abort(),
             0x1C04 => self.reset_fault(),
             0x1C08 => self.memory.save_table()?,
-            _ => return Err(Refused::Unknown),
+            _ => return self.call_function(i.opcode & 0x7F),
         }
-        self.stale();
+        Ok(())
+    }
+
+    /// 95xx and 96xx: ENEEPROM unlocks, LOCKEEPROM n locks as much as its number says.
+    pub fn lock(&mut self, i: &Instruction) -> Done {
+        self.memory.locked = if i.opcode == 0x9500 { 0 } else { (i.opcode & 3) as u8 };
+        Ok(())
+    }
+
+    /// E800 and EC00: inputs and outputs under a mask. Which lines are which is fixed here.
+    pub fn ports(&mut self, i: &Instruction) -> Done {
+        let mask = i.word(0);
+        let value = match i.opcode {
+            0xE800 => return self.set(i.word(1), self.levels() & mask),
+            0xEC00 => i.word(1),
+            0xED00 => self.memory.word(i.word(1)),
+            _ => return Ok(()),
+        };
+        let outputs = self.memory.word(at::DIGOUT_STATUS);
+        self.memory.put(at::DIGOUT_STATUS, outputs & !mask | value & mask);
         Ok(())
     }
 
@@ -64,23 +100,12 @@ impl Drive {
         Ok(())
     }
 
-    fn switch_on(&mut self) -> Done {
-        self.stale();
-        if self.axis_on() { Ok(()) } else { Err(Refused::NotNow) }
-    }
-
-    fn switch_off(&mut self) -> Done {
-        self.axis_off();
-        self.stale();
-        Ok(())
-    }
-
     /// FAULTR: errors go whose causes are gone. The motor stays off.
     fn reset_fault(&mut self) {
         self.status.mer &= !(mer::FAULTS | mer::COMMAND | mer::COMMUNICATION | mer::CAN);
         put(&mut self.status.srh, srh::FAULT, false);
         self.status.der &= der::SOFTWARE_LSP | der::SOFTWARE_LSN;
-        (self.status.cer, self.status.der2) = (0, 0);
+        (self.status.cer, self.status.der2, self.guard.old) = (0, 0, true);
     }
 }
 
@@ -91,4 +116,12 @@ const BIT_RATES: [u32; 5] = [125_000, 250_000, 500_000, 800_000, 1_000_000];
 
 fn rate(rates: &[u32], code: u16) -> Result<u32, Refused> {
     rates.get(usize::from(code)).copied().ok_or(Refused::NotNow)
+}
+
+/// ENCAPI0 and its like: bit 7 ends the watch, bit 8 says which edge.
+const fn edge(opcode: u16) -> Option<bool> {
+    match opcode & 0x80 {
+        0 => Some(opcode & 0x100 != 0),
+        _ => None,
+    }
 }

@@ -2,12 +2,20 @@
 
 use super::at;
 use super::clock::Clock;
+use super::events::Events;
+use super::guard::Guard;
+use super::inputs::Around;
 use super::memory::Memory;
+use super::motion::{Mode, Motion};
+use super::notices::Notices;
 use super::options::Options;
 use super::outbox::Outbox;
+use super::points::Points;
+use super::program::Program;
 use super::setup;
 use super::shaft::Shaft;
 use super::status::{Status, cer, mer, put, srh, srl};
+use super::sync::Sync;
 use super::units;
 use crate::plant::TICK_S;
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
@@ -21,7 +29,16 @@ pub(super) struct Drive {
     pub status: Status,
     pub clock: Clock,
     pub shaft: Shaft,
+    pub motion: Motion,
+    pub points: Points,
+    pub guard: Guard,
+    pub program: Program,
+    pub events: Events,
+    pub around: Around,
+    pub notices: Notices,
+    pub sync: Sync,
     pub outbox: Outbox,
+    pub limits_watched: bool,
     /// Axis ID and groups, as AAR tells them.
     pub axis: u8,
     pub groups: u8,
@@ -47,10 +64,19 @@ impl Drive {
         }
         let mut new = Self {
             memory,
-            status: Status::default(),
+            status: Status::NEW,
             clock: Clock::new(&options, Instant::ZERO),
             shaft: Shaft::new(&options),
+            motion: Motion::REST,
+            points: Points::EMPTY,
+            guard: Guard::NEW,
+            program: Program::IDLE,
+            events: Events::NONE,
+            around: Around::NEW,
+            notices: Notices::NONE,
+            sync: Sync::SLAVE,
             outbox: Outbox::EMPTY,
+            limits_watched: false,
             axis: 0,
             groups: 0,
             baud: 0,
@@ -68,7 +94,7 @@ impl Drive {
     /// unpowered.
     pub fn power_up(&mut self, now: Instant) {
         self.memory.forget();
-        self.status = Status { srl: srl::MOTION_COMPLETE, ..Status::default() };
+        self.status = Status::NEW;
         if self.memory.table_is_valid() {
             self.memory.load_table();
         } else {
@@ -78,9 +104,12 @@ impl Drive {
         (self.baud, self.bit_rate) = (9600, 500_000);
         self.clock = Clock::new(&self.options, now);
         self.shaft.restart();
-        self.outbox = Outbox::EMPTY;
-        let host = IdCode::host_at(self.axis).word();
-        self.memory.put(at::MASTERID, host);
+        (self.motion, self.points, self.guard) = (Motion::REST, Points::EMPTY, Guard::NEW);
+        (self.notices, self.sync, self.outbox) = (Notices::NONE, Sync::SLAVE, Outbox::EMPTY);
+        self.events = Events::NONE;
+        self.memory.put(at::MASTERID, IdCode::host_at(self.axis).word());
+        self.read_masks();
+        self.autorun();
         self.published = false;
     }
 
@@ -106,13 +135,39 @@ impl Drive {
         if count == 0 {
             return;
         }
-        self.published = false;
         for n in 0..count {
-            if self.shaft.is_still() {
+            if self.is_idle() {
+                self.published = false;
                 return self.shaft.rest((count - n) as f64 * TICK_S);
             }
-            self.shaft.tick();
+            self.tick();
         }
+    }
+
+    /// Whether nothing will happen until somebody does something. What the inputs and the supply
+    /// did is seen at a tick, so the bench asks for one.
+    fn is_idle(&self) -> bool {
+        self.shaft.is_still()
+            && self.sync.ticks_left().is_none()
+            && !self.guard.old
+            && !self.program.is_active()
+            && !self.events.is_watched()
+    }
+
+    fn tick(&mut self) {
+        self.published = false;
+        let before = self.shaft.motor.position();
+        self.watch_inputs();
+        self.tick_program();
+        if self.shaft.servo.is_enabled() {
+            self.tick_motion();
+        }
+        self.shaft.tick();
+        self.watch();
+        self.watch_index(before);
+        self.watch_event();
+        self.tick_sync();
+        self.tell();
     }
 
     /// Brings the variables that live elsewhere into memory, before somebody reads.
@@ -136,11 +191,6 @@ impl Drive {
         }
     }
 
-    /// When something happens by itself that the wires must hear of.
-    pub fn next_event(&self) -> Option<Instant> {
-        (!self.outbox.is_empty()).then(|| self.clock.now())
-    }
-
     /// This drive's own address, as requests and answers name their sender.
     pub const fn own(&self) -> IdCode {
         IdCode::axis(self.axis)
@@ -154,6 +204,7 @@ impl Drive {
         let setpoint = shaft.servo.setpoint();
         memory.put_long(at::APOS, actual);
         memory.put_long(at::APOS_MT, actual);
+        memory.put_long(at::RPOS, actual.wrapping_sub(memory.long(at::POS0)));
         memory.put_fixed(at::ASPD, speed);
         memory.put_fixed(at::ASPD_LD, speed);
         memory.put(at::POSERR, clamped(error).cast_unsigned());
@@ -166,11 +217,13 @@ impl Drive {
         memory.put(at::IQ, current);
         memory.put(at::IQREF, current);
         memory.put(at::AD4, units::voltage(shaft.supply));
+        memory.put_long(at::I2TINT_M, self.guard.i2t_units());
         memory.put(at::AD7, libm::round(shaft.stage.temperature()) as u16);
     }
 
     fn publish_status(&mut self) {
-        let (now, status) = (self.clock.now(), self.status);
+        let (now, status, levels) = (self.clock.now(), self.status, self.levels());
+        let points = self.points_status();
         let memory = &mut self.memory;
         memory.put(at::SRL, status.srl);
         memory.put(at::SRH, status.srh);
@@ -180,18 +233,29 @@ impl Drive {
         memory.put(at::CER, status.cer);
         memory.put(at::ISR, status.isr);
         memory.put(at::MSR, status.msr());
+        memory.put(at::INSTATUS, levels);
+        memory.put(at::PVTSTS, points);
         memory.put(at::AAR, u16::from(self.groups) << 8 | u16::from(self.axis));
         memory.put_long(at::ATIME, self.clock.absolute(now).cast_signed());
         memory.put_long(at::RTIME, self.clock.relative(now).cast_signed());
     }
 
-    /// AXISON. Not before ENDINIT, and not in fault \[I\].
+    /// AXISON: the axis holds the position that it has. Not before ENDINIT, in fault or while
+    /// disabled \[I\].
     pub fn axis_on(&mut self) -> bool {
         let ready = self.status.srh & srh::ENDINIT != 0;
-        if !ready || self.status.srh & srh::FAULT != 0 {
+        let barred = self.status.srh & srh::FAULT != 0 || self.status.mer & mer::DISABLED != 0;
+        if !ready || barred {
             return false;
         }
-        self.shaft.servo.enable(&self.shaft.motor);
+        if !self.shaft.servo.is_enabled() {
+            self.shaft.servo.enable(&self.shaft.motor);
+            self.motion.mode = Mode::Stopping;
+            self.motion.moving = self.shaft.motor.velocity() != 0.0;
+            if !self.motion.moving {
+                self.motion.mode = Mode::Hold;
+            }
+        }
         self.status.srl |= srl::AXIS_ON;
         true
     }
@@ -199,7 +263,11 @@ impl Drive {
     /// AXISOFF: the motor coasts.
     pub fn axis_off(&mut self) {
         self.shaft.servo.disable();
+        self.motion.mode = Mode::Hold;
         put(&mut self.status.srl, srl::AXIS_ON, false);
+        put(&mut self.status.srh, srh::IN_GEAR, false);
+        self.complete();
+        self.status.srh &= !srh::TARGET_REACHED;
     }
 }
 

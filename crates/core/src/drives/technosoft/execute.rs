@@ -5,7 +5,7 @@ use super::drive::Drive;
 use super::form;
 use super::memory::Barred;
 use super::status::{der, mer};
-use crate::proto::tml::online::Memory as Space;
+use crate::proto::tml::online::{Memory as Space, Online, PtPoint, PvtPoint};
 use crate::proto::tml::wire::{Instruction, operand_address};
 
 /// Why an instruction was not carried out.
@@ -35,17 +35,28 @@ type Done = Result<(), Refused>;
 impl Drive {
     /// Carries out an instruction and tells MER and DER if it could not.
     pub fn execute(&mut self, instruction: &Instruction) {
-        if let Err(refused) = self.obey(instruction) {
-            self.status.mer |= mer::COMMAND;
-            if let Refused::Detail(bit) = refused {
-                self.status.der |= bit;
-            }
-            self.stale();
+        let done = self.obey(instruction);
+        self.note(done);
+    }
+
+    /// Tells MER and DER of what could not be done.
+    pub fn note(&mut self, done: Done) {
+        let Err(refused) = done else { return };
+        self.status.mer |= mer::COMMAND;
+        if let Refused::Detail(bit) = refused {
+            self.status.der |= bit;
         }
+        self.stale();
     }
 
     /// Carries out an instruction.
+    ///
+    /// # Errors
+    /// Why it was not.
     pub fn obey(&mut self, i: &Instruction) -> Done {
+        if let Some(online) = Online::parse(i) {
+            return self.obey_online(&online);
+        }
         if form::words(i.opcode) != Some(i.data().len()) {
             return Err(Refused::Unknown);
         }
@@ -53,15 +64,78 @@ impl Drive {
         match i.opcode & 0xFC00 {
             0x0000 | 0x0400 | 0x6400 => self.control(i),
             0x0800 => self.setting(i),
+            0x1800 | 0xC800 => self.point(i),
             0x1C00 => self.administer(i),
             0x2000..=0x5C00 => self.assign(i),
+            0x7000 => self.set_event(i),
+            0x7400 => self.jump(i),
             0x8000 => self.set_position(self.memory.long(operand_address(i.opcode))),
             0x8400 => self.set_position(i.long(0).cast_signed()),
             0x8800 => self.shift(i),
             0x8C00 => self.multiply(i),
             0x9000 => self.access(i),
+            0x9400 if i.opcode & 0x300 == 0 => {
+                self.send_instruction(i.data());
+                Ok(())
+            }
+            0x9400 => self.lock(i),
+            0x9800 => self.store_remote(i),
+            0x9C00 => self.fetch_remote(i),
+            0xB800 | 0xBC00 => self.assign_remote(i),
+            0xD800 => self.sum_up(i),
             0xDC00 => self.divide(i),
+            0xE000 | 0xE400 => self.read_remote(i),
+            0xE800 | 0xEC00 => self.ports(i),
             _ => Err(Refused::Unknown),
+        }
+    }
+
+    /// What drives tell drives, and points of a path.
+    fn obey_online(&mut self, online: &Online) -> Done {
+        match *online {
+            Online::Pvt(point) => return self.take_pvt(&point),
+            Online::Pt(point) => return self.take_pt(&point),
+            Online::Synchronisation => self.latch_time(self.clock.now()),
+            Online::MasterTime(time) => self.follow_master(time),
+            Online::SetSync(periods) => self.set_sync(periods),
+            Online::TakeData { value, .. } | Online::GotData { value, .. } => {
+                self.take_answer(value);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// DBxx: the sum of memory between two addresses, into a variable.
+    fn sum_up(&mut self, i: &Instruction) -> Done {
+        let space = match i.opcode {
+            0xDB10 => Space::Program,
+            0xDB30 => Space::Data,
+            0xDB50 => Space::Spi,
+            _ => return Err(Refused::Unknown), // INITCAM
+        };
+        self.set(i.word(0), self.memory.checksum(space, i.word(1), i.word(2)))
+    }
+
+    /// SETPVT, and points whose numbers are in variables.
+    fn point(&mut self, i: &Instruction) -> Done {
+        let counter = (i.opcode & 0x7F) as u8;
+        match i.opcode & 0xFF80 {
+            0x1880 => {
+                self.set_points(i.word(0));
+                Ok(())
+            }
+            0x1900 => self.take_pvt(&PvtPoint {
+                position: self.memory.long(i.word(0)),
+                velocity: self.memory.long(i.word(1)),
+                time: self.memory.word(i.word(2)),
+                counter,
+            }),
+            _ => self.take_pt(&PtPoint {
+                position: self.memory.long(i.word(0)),
+                time: self.memory.word(i.word(1)),
+                counter,
+            }),
         }
     }
 
@@ -217,8 +291,12 @@ impl Drive {
                 let gain = f64::from(self.memory.word(at::KPP)) * f64::from(1 << shift);
                 self.shaft.set_gain(gain);
             }
+            at::TPOS | 0x02B3 => self.move_reference(),
+            at::SRH_MASK | at::MER_MASK | at::PVTSENDOFF => self.read_masks(),
+            _ if address == self.options.srl_mask => self.read_masks(),
             _ => {}
         }
+        self.guard.old = true;
         self.stale();
     }
 
@@ -230,7 +308,7 @@ impl Drive {
 }
 
 /// The memory that an opcode names in bits 3 and 2.
-const fn space_of(opcode: u16) -> Option<Space> {
+pub(super) const fn space_of(opcode: u16) -> Option<Space> {
     match opcode >> 2 & 3 {
         0 => Some(Space::Program),
         1 => Some(Space::Data),

@@ -26,15 +26,23 @@ impl Firmware for Drive {
 
     fn execute(&mut self, now: Instant, message: &Message) {
         self.advance(now);
-        let online = Online::parse(&message.instruction);
-        if !online.is_some_and(|online| self.answer(message.to, &online)) {
-            Drive::execute(self, &message.instruction);
+        let (to, instruction) = (message.to, &message.instruction);
+        let request = Online::parse(instruction).filter(Online::is_request);
+        if let Some(request) = request {
+            self.answer(to, &request);
+        } else if self.program.holds(instruction.opcode) {
+            self.hold(instruction);
+        } else {
+            Drive::execute(self, instruction);
+            self.tell();
         }
     }
 
     fn poll_message(&mut self, now: Instant) -> Option<Message> {
         self.advance(now);
-        self.outbox.pop()
+        let message = self.outbox.pop()?;
+        self.sent(now, &message);
+        Some(message)
     }
 
     /// CER.6 goes by itself once a message came (help page on CER).

@@ -10,17 +10,26 @@ mod clock;
 mod control;
 mod device;
 mod drive;
+mod events;
 mod execute;
 mod firmware;
 mod form;
+mod guard;
+mod inputs;
 mod memory;
+mod motion;
+mod notices;
 mod online;
 mod options;
 mod outbox;
+mod points;
 pub mod profile;
+mod program;
+mod remote;
 mod setup;
 mod shaft;
 mod status;
+mod sync;
 mod units;
 
 #[cfg(test)]

@@ -8,21 +8,20 @@ use crate::proto::tml::online::{Cell, Memory, Online};
 use crate::proto::tml::wire::IdCode;
 
 impl Drive {
-    /// Answers a request that was sent to `to`. False if it is none.
-    pub fn answer(&mut self, to: IdCode, request: &Online) -> bool {
-        let Some(asker) = request.reply_to() else { return false };
+    /// Answers a request that was sent to `to`.
+    pub fn answer(&mut self, to: IdCode, request: &Online) {
+        let Some(asker) = request.reply_to() else { return };
         // GiveMeData is not for groups (manual, chapter 5), and [I] not for axis ID 0: all would
         // answer at once, on CAN with the same identifier.
         let several = to.group || to.id == 0;
         let refused = several && matches!(request, Online::GiveMeData { .. });
         if asker.group || refused {
-            return true;
+            return;
         }
         self.publish();
         if let Some(answer) = self.answer_to(request) {
             self.send(asker, answer.emit());
         }
-        true
     }
 
     fn answer_to(&self, request: &Online) -> Option<Online> {

@@ -33,7 +33,7 @@ const WORDS: [(u16, u16); 23] = [
     (at::KIS, 90),
     (at::CLPER, 100),
     (at::CADIN, 0x4000),
-    (at::IMAXPROT, 29_484),
+    (at::IMAXPROT, 32_760),
     (at::TIMAXPROT, 100),
     (at::II2TPROT_M, 16_380),
     (at::T2MAXPROT, 90),

@@ -2,7 +2,7 @@
 
 use super::options::Options;
 use super::units::{PEAK_A, Scale};
-use crate::plant::{Conditions, Encoder, Motor, MotorParameters, Servo, TICK_S, Thermal};
+use crate::plant::{Conditions, Encoder, Goal, Motor, MotorParameters, Servo, TICK_S, Thermal};
 
 /// Heat of the power stage per A², Ω.
 const STAGE_OHM: f64 = 0.02;
@@ -58,21 +58,37 @@ impl Shaft {
 
     /// Where the set-point is (TPOS), counts.
     pub fn target(&self) -> i32 {
-        self.count_at(self.servo.setpoint().position)
+        self.count_of(self.whole(self.servo.setpoint().position))
     }
 
     /// Target minus actual, counts, not cut to whole ones.
     pub fn error(&self) -> f64 {
+        self.errors().0 * self.scale.per_rad
+    }
+
+    /// Target minus actual of the loop that is closed: position, rad, and speed, rad/s. Zero where
+    /// there is no such loop.
+    pub fn errors(&self) -> (f64, f64) {
         let actual = if self.encoder.is_broken() { self.broke_at } else { self.motor.position() };
-        (self.servo.setpoint().position - actual) * self.scale.per_rad
+        let setpoint = self.servo.setpoint();
+        match self.servo.goal() {
+            Goal::Position(_) | Goal::Follow(_) => (setpoint.position - actual, 0.0),
+            Goal::Velocity(_) => (0.0, setpoint.velocity - self.velocity()),
+            Goal::Current(_) | Goal::Voltage(_) => (0.0, 0.0),
+        }
+    }
+
+    /// How far the shaft turned since the encoder broke, rad.
+    pub fn missed(&self) -> f64 {
+        self.motor.position() - self.broke_at
     }
 
     /// The shaft position, rad, in the middle of a count: the one nearest to the set-point, since
     /// counts wrap.
     pub fn place(&self, count: i32) -> f64 {
         let way = i64::from(count.wrapping_sub(self.target()));
-        let whole = libm::floor(self.servo.setpoint().position * self.scale.per_rad + 1e-6);
-        (whole + way as f64 + 0.5) / self.scale.per_rad
+        let whole = self.whole(self.servo.setpoint().position);
+        ((whole + way) as f64 + 0.5) / self.scale.per_rad
     }
 
     /// Speed that the drive measures, rad/s.
@@ -133,8 +149,14 @@ impl Shaft {
         self.winding.step(0.0, seconds);
     }
 
-    fn count_at(&self, position: f64) -> i32 {
-        let whole = libm::floor(position * self.scale.per_rad + 1e-6) as i64;
+    /// Whole counts of the shaft at a position, rad, as the encoder would have counted from the
+    /// start.
+    pub fn whole(&self, position: f64) -> i64 {
+        libm::floor(position * self.scale.per_rad + 1e-6) as i64
+    }
+
+    /// What [`whole`](Self::whole) counts are called now.
+    pub const fn count_of(&self, whole: i64) -> i32 {
         whole.wrapping_add(self.zero) as i32
     }
 }

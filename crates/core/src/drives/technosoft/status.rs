@@ -15,7 +15,6 @@ pub(super) mod srl {
 /// SRH: status, high word.
 pub(super) mod srh {
     pub const ENDINIT: u16 = 1 << 0;
-    pub const TRIGGER_1: u16 = 1 << 1;
     pub const AUTORUN: u16 = 1 << 5;
     pub const LSP: u16 = 1 << 6;
     pub const LSN: u16 = 1 << 7;
@@ -74,7 +73,6 @@ pub(super) mod der {
 pub(super) mod cer {
     pub const SERIAL_RECEIVE: u16 = 1 << 0;
     pub const SERIAL_TRANSMIT: u16 = 1 << 1;
-    pub const SERIAL_TIMEOUT: u16 = 1 << 2;
     pub const CAN_TIMEOUT: u16 = 1 << 3;
     pub const CAN_OVERRUN: u16 = 1 << 5;
     pub const BUS_OFF: u16 = 1 << 6;
@@ -86,8 +84,6 @@ pub(super) mod isr {
     pub const SHORT_CIRCUIT: u16 = 1 << 1;
     pub const PROTECTION: u16 = 1 << 2;
     pub const CONTROL: u16 = 1 << 3;
-    pub const COMMUNICATION: u16 = 1 << 4;
-    pub const WRAPAROUND: u16 = 1 << 5;
     pub const LSP: u16 = 1 << 6;
     pub const LSN: u16 = 1 << 7;
     pub const CAPTURE: u16 = 1 << 8;
@@ -103,7 +99,7 @@ pub(super) mod der2 {
 }
 
 /// The registers.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Status {
     pub srl: u16,
     pub srh: u16,
@@ -115,6 +111,10 @@ pub(super) struct Status {
 }
 
 impl Status {
+    /// Off, at rest, no errors.
+    pub const NEW: Self =
+        Self { srl: srl::MOTION_COMPLETE, srh: 0, mer: 0, der: 0, der2: 0, cer: 0, isr: 0 };
+
     /// MSR tells what the others tell too, in places of its own.
     pub const fn msr(&self) -> u16 {
         const fn moved(word: u16, bit: u16, to: u32) -> u16 {

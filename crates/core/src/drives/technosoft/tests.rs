@@ -5,12 +5,24 @@ extern crate std;
 use std::vec::Vec;
 
 use super::{Device, Technosoft};
+use crate::drives::bench::{Act, Bench};
 use crate::drives::{DeviceOptions, Family};
 use crate::medium::{STREAM_UNIT_MAX, Stream};
+use crate::proto::tml::online::Online;
+use crate::proto::tml::serial::{self, ACK};
+use crate::proto::tml::wire::{IdCode, Instruction, Message, low_first};
 use crate::station::{Station, Timed};
 use crate::time::Instant;
 
-mod serial;
+mod motion;
+mod notices;
+mod points;
+mod program;
+mod protections;
+mod relay;
+mod setup;
+mod sync;
+mod wire;
 
 const OPTIONS: DeviceOptions<'static> =
     DeviceOptions { address: None, wires: &["tml"], untimed: true, seed: 1, extra: &[] };
@@ -21,6 +33,8 @@ const NOTHING: [u8; 0] = [];
 struct Desk {
     device: Device,
     now: Instant,
+    /// What came behind acknowledgements, unasked.
+    told: Vec<Message>,
 }
 
 impl Desk {
@@ -35,7 +49,7 @@ impl Desk {
     fn at(address: Option<u32>, extra: &[(&str, &str)]) -> Self {
         let options = DeviceOptions { address, extra, ..OPTIONS };
         let device = Technosoft::device(Technosoft::profiles()[0], &options).unwrap();
-        Self { device, now: Instant(1_000_000_000) }
+        Self { device, now: Instant(1_000_000_000), told: Vec::new() }
     }
 
     /// Sends bytes and returns what the drive sends back at once.
@@ -56,4 +70,104 @@ impl Desk {
         self.now = self.now.plus_ms(ms);
         self.device.handle_timeout(self.now);
     }
+
+    fn act(&mut self, act: Act) {
+        assert!(self.device.act(self.now, act), "{act:?}");
+    }
+
+    /// Sends an instruction to the drive and expects its acknowledgement.
+    fn tell(&mut self, opcode: u16, words: &[u16]) {
+        let answer = self.send(IdCode::axis(self.axis()), opcode, words);
+        assert_eq!(answer.first(), Some(&ACK), "{opcode:04X} {words:04X?}");
+        self.told.extend(messages(&answer[1..]));
+    }
+
+    fn send(&mut self, to: IdCode, opcode: u16, words: &[u16]) -> Vec<u8> {
+        self.bytes(&frame(to, Instruction::new(opcode, words).unwrap()))
+    }
+
+    /// A 32-bit assignment to a short address.
+    fn long(&mut self, address: u16, value: i32) {
+        let opcode = 0x2400 | if address < 0x800 { 0 } else { 0x200 } | address & 0x1FF;
+        self.tell(opcode, &low_first(value.cast_unsigned()));
+    }
+
+    fn word(&mut self, address: u16, value: u16) {
+        let opcode = 0x2000 | if address < 0x800 { 0 } else { 0x200 } | address & 0x1FF;
+        self.tell(opcode, &[value]);
+    }
+
+    fn fixed(&mut self, address: u16, value: f64) {
+        self.long(address, (value * 65536.0) as i32);
+    }
+
+    /// GiveMeData of a word, as the host on RS-232 asks it.
+    fn read(&mut self, address: u16) -> u16 {
+        self.ask(0xB004, address) as u16
+    }
+
+    fn read_long(&mut self, address: u16) -> i32 {
+        self.ask(0xB005, address).cast_signed()
+    }
+
+    fn read_fixed(&mut self, address: u16) -> f64 {
+        f64::from(self.read_long(address)) / 65536.0
+    }
+
+    fn ask(&mut self, opcode: u16, address: u16) -> u32 {
+        let axis = self.axis();
+        let host = IdCode::host_at(axis).word();
+        let answer = self.send(IdCode::axis(axis), opcode, &[host, address]);
+        let messages = messages(&answer[1..]);
+        match Online::parse(&messages.last().expect("an answer").instruction) {
+            Some(Online::TakeData { value, .. }) => value,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn axis(&self) -> u8 {
+        self.device.drive.axis
+    }
+
+    /// ENDINIT and AXISON.
+    fn on(&mut self) {
+        self.tell(0x0020, &[]);
+        self.tell(0x0102, &[]);
+        assert_eq!(self.read(0x090E), 0x8400);
+    }
+
+    fn mode_pp(&mut self) {
+        self.tell(0x5909, &[0xBFC1, 0x8701]);
+    }
+
+    fn update(&mut self) {
+        self.tell(0x0108, &[]);
+    }
+
+    /// A trapezoid to a position.
+    fn go(&mut self, counts: i32) {
+        self.long(0x029E, counts);
+        self.mode_pp();
+        self.tell(0x5909, &[0xFFFF, 0x2000]);
+        self.update();
+    }
+}
+
+fn frame(to: IdCode, instruction: Instruction) -> Vec<u8> {
+    let mut out = [0; serial::FRAME_MAX];
+    let len = serial::encode(&Message { to, instruction }, &mut out);
+    out[..len].to_vec()
+}
+
+/// The messages in what a drive sent.
+fn messages(bytes: &[u8]) -> Vec<Message> {
+    let mut deframer = serial::Deframer::new(serial::Recovery::Drop);
+    let mut found = Vec::new();
+    for &byte in bytes {
+        deframer.push(byte);
+        if let Some(serial::Piece::Message(message)) = deframer.next_piece() {
+            found.push(message);
+        }
+    }
+    found
 }

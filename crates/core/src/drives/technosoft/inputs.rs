@@ -1,0 +1,186 @@
+//! Inputs: limit switches, home, ENABLE and STO, and what their edges do.
+//!
+//! \[I\] INSTATUS has bit n for input n, as the masks of IN(…) have: IN0 home, IN1 free, IN2 LSP,
+//! IN3 LSN; bit 14 STO, bit 15 ENABLE. The true order differs between products.
+
+use super::at;
+use super::drive::Drive;
+use super::status::{der, isr, mer, put, srh};
+
+/// Bits of INSTATUS.
+pub(super) mod line {
+    pub const HOME: u16 = 1 << 0;
+    pub const LSP: u16 = 1 << 2;
+    pub const LSN: u16 = 1 << 3;
+    pub const STO: u16 = 1 << 14;
+    pub const ENABLE: u16 = 1 << 15;
+}
+
+/// ASR.12: the software limit switches are watched.
+const SOFTWARE_LIMITS: u16 = 1 << 12;
+/// ACR.3: ENABLE going up switches the axis on.
+const ENABLE_SWITCHES_ON: u16 = 1 << 3;
+
+/// What is around the drive: the bench's side.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) struct Around {
+    /// Levels that the bench gives.
+    pub levels: u16,
+    /// Shaft positions of the home, LSP and LSN switches, rad; NaN where there is none.
+    pub switches: [f64; 3],
+    /// Voltage at the reference input, V.
+    pub reference_v: f64,
+    pub hall_broken: bool,
+    /// What edges are looked for: bits of [`line`], and for each the level to go to.
+    pub awaited: u16,
+    pub awaited_level: u16,
+    /// The index pulse is looked for.
+    pub index_awaited: bool,
+    was: u16,
+}
+
+impl Around {
+    /// Enabled, with no switch anywhere.
+    pub const NEW: Self = Self {
+        levels: line::ENABLE | line::STO,
+        switches: [f64::NAN; 3],
+        reference_v: 0.0,
+        hall_broken: false,
+        awaited: 0,
+        awaited_level: 0,
+        index_awaited: false,
+        was: line::ENABLE | line::STO,
+    };
+}
+
+impl Drive {
+    /// What INSTATUS reads. Home and LSP are closed from their position on, LSN up to it.
+    pub fn levels(&self) -> u16 {
+        let (around, at) = (&self.around, self.shaft.motor.position());
+        let [home, lsp, lsn] = around.switches;
+        let closed = |on: bool, bit: u16| if on { bit } else { 0 };
+        around.levels
+            | closed(at >= home, line::HOME)
+            | closed(at >= lsp, line::LSP)
+            | closed(at <= lsn, line::LSN)
+    }
+
+    /// Looks at the inputs once a tick.
+    #[inline]
+    pub fn watch_inputs(&mut self) {
+        let levels = self.levels();
+        let changed = levels ^ self.around.was;
+        if changed != 0 {
+            self.around.was = levels;
+            self.edges(levels, changed);
+        }
+        if self.status.mer & (mer::LSP | mer::LSN) != 0 {
+            self.keep_from_limits();
+        }
+        if self.limits_watched {
+            self.watch_software_limits();
+        }
+    }
+
+    /// Whether a limit switch forbids this direction.
+    pub fn is_barred(&self, way: f64) -> bool {
+        let bar = if way > 0.0 { mer::LSP } else { mer::LSN };
+        way != 0.0 && self.status.mer & bar != 0
+    }
+
+    /// ENCAPI and its like: looks for an edge of an input, or no more.
+    pub fn await_edge(&mut self, bit: u16, level: Option<bool>) {
+        put(&mut self.around.awaited, bit, level.is_some());
+        put(&mut self.around.awaited_level, bit, level == Some(true));
+        let shown = match bit {
+            line::LSP => srh::LSP,
+            line::LSN => srh::LSN,
+            _ => srh::CAPTURE,
+        };
+        put(&mut self.status.srh, shown, false);
+    }
+
+    /// The index pulse came by.
+    pub fn watch_index(&mut self, before: f64) {
+        let crossed = self.shaft.encoder.index_between(before, self.shaft.motor.position());
+        if self.around.index_awaited && crossed {
+            self.around.index_awaited = false;
+            self.capture(srh::CAPTURE, isr::CAPTURE);
+        }
+    }
+
+    fn edges(&mut self, levels: u16, changed: u16) {
+        let on = |bit: u16| levels & bit != 0;
+        put(&mut self.status.mer, mer::LSP, on(line::LSP));
+        put(&mut self.status.mer, mer::LSN, on(line::LSN));
+        let enabled = on(line::ENABLE) && on(line::STO);
+        put(&mut self.status.mer, mer::DISABLED, !enabled);
+        if changed & (line::ENABLE | line::STO) != 0 {
+            self.enable_changed(enabled);
+        }
+        let around = &mut self.around;
+        let hit = changed & around.awaited & !(levels ^ around.awaited_level);
+        around.awaited &= !hit;
+        for (bit, shown, flag) in [
+            (line::LSP, srh::LSP, isr::LSP),
+            (line::LSN, srh::LSN, isr::LSN),
+            (line::HOME, srh::CAPTURE, isr::CAPTURE),
+        ] {
+            if hit & bit != 0 {
+                self.capture(shown, flag);
+            }
+        }
+        self.stale();
+    }
+
+    fn enable_changed(&mut self, enabled: bool) {
+        self.status.isr |= isr::ENABLE;
+        if !enabled {
+            if self.shaft.servo.is_enabled() {
+                self.notice = Some("ENABLE or STO: motor off");
+            }
+            self.axis_off();
+        } else if self.memory.word(at::ACR) & ENABLE_SWITCHES_ON != 0 {
+            self.axis_on();
+        }
+    }
+
+    fn capture(&mut self, shown: u16, flag: u16) {
+        self.status.srh |= shown;
+        self.status.isr |= flag;
+        self.memory.put_long(at::CAPPOS, self.shaft.count());
+        self.stale();
+    }
+
+    /// An active limit switch stops what moves toward it.
+    fn keep_from_limits(&mut self) {
+        let speed = self.shaft.servo.setpoint().velocity;
+        if self.is_barred(speed) && !self.is_stopping() {
+            self.notice = Some("limit switch: motor stopped");
+            self.quick_stop();
+        }
+    }
+
+    /// SWPOSLS and SWNEGLS, while ASR.12 is set.
+    fn watch_software_limits(&mut self) {
+        let count = self.shaft.count();
+        let (high, low) = (self.memory.long(at::SWPOSLS), self.memory.long(at::SWNEGLS));
+        let (above, below) = (count >= high, count <= low);
+        put(&mut self.status.der, der::SOFTWARE_LSP, above);
+        put(&mut self.status.der, der::SOFTWARE_LSN, below);
+        let speed = self.shaft.servo.setpoint().velocity;
+        let outward = above && speed > 0.0 || below && speed < 0.0;
+        if outward && !self.is_stopping() {
+            self.notice = Some("software limit: motor stopped");
+            self.quick_stop();
+        }
+    }
+
+    /// Whether the software limits are to be watched, read when a setting was written.
+    pub fn read_limit_switches(&mut self) {
+        self.limits_watched = self.memory.word(at::ASR) & SOFTWARE_LIMITS != 0;
+        if !self.limits_watched {
+            self.status.der &= !(der::SOFTWARE_LSP | der::SOFTWARE_LSN);
+        }
+    }
+}

@@ -1,0 +1,301 @@
+//! PVT and PT: points that a host sends, and the path through them.
+//!
+//! Sources: TML communication manual, chapter 5, example 3; PVTSTS and the buffer's size from the
+//! CANopen manual of the same drives, where object 2072h is PVTSTS. \[I\] SETPVT takes what object
+//! 2074h takes there: bit 15 clears the buffer and the counter, bit 14 stops checking the counter,
+//! bit 13 sets it to bits 6 to 0, bit 7 sets how many points count as few to bits 11 to 8.
+
+use super::at;
+use super::drive::Drive;
+use super::execute::Refused;
+use super::motion::Mode;
+use crate::plant::{Setpoint, TICK_S};
+use crate::proto::tml::online::{PtPoint, PvtPoint};
+
+/// Points that fit at most, when the buffer is made as long as it can be: PT; of PVT 222.
+const POINTS_MAX: usize = 285;
+/// Points of PVT that fit at most.
+const PVT_POINTS_MAX: u16 = 222;
+/// Points that count as few. \[I\]
+const FEW: u8 = 4;
+
+mod sts {
+    pub const QUICK_STOP: u16 = 1 << 11;
+    pub const COUNTER_ERROR: u16 = 1 << 12;
+    pub const FULL: u16 = 1 << 13;
+    pub const LOW: u16 = 1 << 14;
+    pub const EMPTY: u16 = 1 << 15;
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct Point {
+    position: i32,
+    /// Counts a slow loop period; `None` for a PT point.
+    velocity: Option<f32>,
+    time: u16,
+}
+
+/// The buffer and the segment under way.
+#[derive(Clone, Debug)]
+pub(super) struct Points {
+    buffer: [Point; POINTS_MAX],
+    first: usize,
+    len: usize,
+    few: u8,
+    /// Counter that the next point must have.
+    counter: u8,
+    checked: bool,
+    /// Bits 12 and 11 of PVTSTS.
+    trouble: u16,
+    running: bool,
+    linear: bool,
+    absolute: bool,
+    /// Where the last segment ends, whole counts of the shaft.
+    end: i64,
+    segment: Option<Segment>,
+}
+
+/// A cubic from one point to the next, rad and s.
+#[derive(Clone, Copy, Debug)]
+struct Segment {
+    from: f64,
+    velocity: f64,
+    square: f64,
+    cube: f64,
+    span: f64,
+    done: f64,
+    ends_at_rest: bool,
+}
+
+impl Segment {
+    fn new(from: Setpoint, to: f64, end_velocity: f64, span: f64) -> Self {
+        let mean = (to - from.position) / span;
+        Self {
+            from: from.position,
+            velocity: from.velocity,
+            square: (3.0 * mean - 2.0 * from.velocity - end_velocity) / span,
+            cube: (from.velocity + end_velocity - 2.0 * mean) / (span * span),
+            span,
+            done: 0.0,
+            ends_at_rest: end_velocity == 0.0,
+        }
+    }
+
+    fn linear(from: Setpoint, to: f64, span: f64) -> Self {
+        let velocity = (to - from.position) / span;
+        let from = Setpoint { velocity, ..from };
+        Self { ends_at_rest: true, square: 0.0, cube: 0.0, ..Self::new(from, to, velocity, span) }
+    }
+
+    fn setpoint(&self, at: f64) -> Setpoint {
+        let Self { from, velocity, square, cube, .. } = *self;
+        Setpoint {
+            position: from + at * (velocity + at * (square + at * cube)),
+            velocity: velocity + at * (2.0 * square + at * 3.0 * cube),
+            acceleration: 2.0 * square + 6.0 * cube * at,
+        }
+    }
+}
+
+impl Points {
+    /// Nothing sent yet.
+    pub const EMPTY: Self = Self {
+        buffer: [Point { position: 0, velocity: None, time: 0 }; POINTS_MAX],
+        first: 0,
+        len: 0,
+        few: FEW,
+        counter: 0,
+        checked: true,
+        trouble: 0,
+        running: false,
+        linear: false,
+        absolute: false,
+        end: 0,
+        segment: None,
+    };
+
+    fn push(&mut self, point: Point) {
+        self.buffer[(self.first + self.len) % POINTS_MAX] = point;
+        self.len += 1;
+    }
+
+    fn pop(&mut self) -> Option<Point> {
+        if self.len == 0 {
+            return None;
+        }
+        let point = self.buffer[self.first];
+        self.first = (self.first + 1) % POINTS_MAX;
+        self.len -= 1;
+        Some(point)
+    }
+
+    /// Whether points were ever sent or a path begun.
+    pub const fn is_used(&self) -> bool {
+        self.running || self.len > 0 || self.trouble != 0
+    }
+
+    /// PVTSTS for a buffer of `room` points.
+    fn status(&self, room: usize) -> u16 {
+        let bit = |on: bool, bit: u16| if on { bit } else { 0 };
+        bit(self.len == 0, sts::EMPTY)
+            | bit(self.len <= usize::from(self.few), sts::LOW)
+            | bit(self.len >= room, sts::FULL)
+            | self.trouble
+            | u16::from(self.counter)
+    }
+
+    /// Ticks until the segment under way ends.
+    pub fn ticks_left(&self) -> Option<u64> {
+        let segment = self.segment.as_ref()?;
+        Some(libm::ceil((segment.span - segment.done) / TICK_S).max(1.0) as u64)
+    }
+}
+
+impl Drive {
+    /// PVTP: a point with position, velocity and time.
+    pub fn take_pvt(&mut self, point: &PvtPoint) -> Result<(), Refused> {
+        let velocity = Some((f64::from(point.velocity) / 65536.0) as f32);
+        let PvtPoint { position, time, counter, .. } = *point;
+        self.take_point(Point { position, velocity, time }, counter)
+    }
+
+    /// PTP: a point with position and time.
+    pub fn take_pt(&mut self, point: &PtPoint) -> Result<(), Refused> {
+        let PtPoint { position, time, counter } = *point;
+        self.take_point(Point { position, velocity: None, time }, counter)
+    }
+
+    /// SETPVT, SETPT.
+    pub fn set_points(&mut self, value: u16) {
+        let points = &mut self.points;
+        if value & 0x8000 != 0 {
+            (points.first, points.len, points.counter, points.trouble) = (0, 0, 0, 0);
+        }
+        points.checked = value & 0x4000 == 0;
+        if value & 0x2000 != 0 {
+            points.counter = (value & 0x7F) as u8;
+        }
+        if value & 0x0080 != 0 {
+            points.few = (value >> 8 & 0xF) as u8;
+        }
+        self.memory.put(at::PVTMODE, value);
+        self.stale();
+    }
+
+    /// What PVTSTS reads.
+    pub fn points_status(&self) -> u16 {
+        self.points.status(self.room())
+    }
+
+    /// When the next point will be taken from the buffer, ticks from now.
+    pub fn ticks_to_next_point(&self) -> Option<u64> {
+        (self.motion.mode == Mode::Points).then(|| self.points.ticks_left()).flatten()
+    }
+
+    /// UPD in mode PVT or PT: the path starts where the reference is.
+    pub fn begin_points(&mut self, linear: bool, absolute: bool) {
+        let start = self.shaft.servo.setpoint();
+        let points = &mut self.points;
+        (points.linear, points.absolute, points.running) = (linear, absolute, true);
+        points.trouble &= !sts::QUICK_STOP;
+        points.end = self.shaft.whole(start.position);
+        points.segment = None;
+        self.memory.put_long(at::PVTPOS0, self.shaft.target());
+        self.unrepeatable += u64::from(!absolute);
+    }
+
+    /// A tick of the path. Out of points it holds where the last one rests; if that one does not
+    /// rest, it stops quickly.
+    pub fn tick_points(&mut self) {
+        let mut at = match &mut self.points.segment {
+            Some(segment) => {
+                segment.done += TICK_S;
+                segment.done
+            }
+            None if self.points.len == 0 => return self.complete(),
+            None => TICK_S,
+        };
+        while self.points.segment.is_none_or(|segment| at > segment.span + 1e-9) {
+            at -= self.points.segment.map_or(0.0, |segment| segment.span);
+            if !self.next_segment(at) {
+                return self.run_dry();
+            }
+        }
+        if let Some(segment) = &self.points.segment {
+            self.shaft.servo.follow(segment.setpoint(at));
+        }
+    }
+
+    fn take_point(&mut self, point: Point, counter: u8) -> Result<(), Refused> {
+        let room = self.room();
+        self.stale();
+        let points = &mut self.points;
+        if points.checked && counter != points.counter {
+            points.trouble |= sts::COUNTER_ERROR;
+            return Ok(());
+        }
+        if point.time == 0 {
+            return Err(Refused::NotNow);
+        }
+        if points.len >= room {
+            return Ok(()); // the counter stands still: the host sees that it was not taken
+        }
+        points.trouble &= !sts::COUNTER_ERROR;
+        points.counter = counter.wrapping_add(1) & PvtPoint::COUNTER_MAX;
+        points.push(point);
+        if points.running && points.segment.is_none() && self.motion.mode == Mode::Points {
+            self.set_off();
+        }
+        Ok(())
+    }
+
+    /// Points that fit: PVTBUFLEN, 7 of PVT or 9 of PT from the factory.
+    fn room(&self) -> usize {
+        let set = self.memory.word(at::PVTBUFLEN);
+        let room = match self.points.linear {
+            true if set == 7 => 9,
+            true => set.min(POINTS_MAX as u16),
+            false => set.min(PVT_POINTS_MAX),
+        };
+        usize::from(room.max(1))
+    }
+
+    /// Takes the next point; the segment to it is `done` s old already.
+    fn next_segment(&mut self, done: f64) -> bool {
+        let Some(point) = self.points.pop() else { return false };
+        let from = match &self.points.segment {
+            Some(segment) => segment.setpoint(segment.span),
+            None => self.shaft.servo.setpoint(),
+        };
+        let by = if self.points.absolute {
+            i64::from(point.position.wrapping_sub(self.shaft.count_of(self.points.end)))
+        } else {
+            point.position.into()
+        };
+        self.points.end += by;
+        let (scale, end) = (&self.shaft.scale, self.points.end);
+        let to = (end as f64 + 0.5) / scale.per_rad;
+        let span = f64::from(point.time) * scale.slow_s;
+        let segment = match point.velocity {
+            Some(velocity) => Segment::new(from, to, scale.speed(velocity.into()), span),
+            None => Segment::linear(from, to, span),
+        };
+        self.points.segment = Some(Segment { done, ..segment });
+        true
+    }
+
+    /// The last segment is over and there is no point.
+    fn run_dry(&mut self) {
+        let Some(last) = self.points.segment.take() else { return };
+        let end = last.setpoint(last.span);
+        if last.ends_at_rest {
+            self.shaft.servo.follow(Setpoint { velocity: 0.0, acceleration: 0.0, ..end });
+            self.complete();
+        } else {
+            self.shaft.servo.follow(end);
+            self.points.trouble |= sts::QUICK_STOP;
+            self.points.running = false;
+            self.quick_stop();
+        }
+    }
+}

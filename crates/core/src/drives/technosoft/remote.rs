@@ -1,0 +1,90 @@
+//! What drives say to drives: instructions for others, their variables.
+//!
+//! Source: the vendor's viewer, whose text and bytes are known for each form. What goes over the wire
+//! for them is concluded \[I\]: an instruction goes as it is, an assignment as an assignment of the
+//! value, a reading as a request of which the answer is awaited.
+
+use super::drive::Drive;
+use super::execute::Refused;
+use crate::proto::tml::online::{Cell, Memory as Space, Online};
+use crate::proto::tml::wire::{IdCode, Instruction, low_first, operand_address};
+
+type Done = Result<(), Refused>;
+
+impl Drive {
+    /// `[ag]{instruction}`: the words behind a 94xx.
+    pub fn send_instruction(&mut self, words: &[u16]) {
+        let done = match words {
+            [to, opcode, data @ ..] => {
+                match (IdCode::from_word(*to), Instruction::new(*opcode, data)) {
+                    (Some(to), Some(instruction)) => self.order(to, &instruction),
+                    _ => Err(Refused::NotNow),
+                }
+            }
+            _ => Err(Refused::Unknown),
+        };
+        self.note(done);
+    }
+
+    /// B800, BC00: `[ag] V = V`.
+    pub fn assign_remote(&mut self, i: &Instruction) -> Done {
+        let (to, operand) = (addressee(i)?, i.opcode & 0x3FF);
+        let order = match i.opcode & 0x400 {
+            0 => Instruction::of(0x2000 | operand, [self.memory.word(i.word(1))]),
+            _ => {
+                let value = self.memory.long(i.word(1)).cast_unsigned();
+                Instruction::of(0x2400 | operand, low_first(value))
+            }
+        };
+        self.order(to, &order)
+    }
+
+    /// 98xx: `[ag] V,mem = V` and `[ag] (P),mem = V`.
+    pub fn store_remote(&mut self, i: &Instruction) -> Done {
+        let (to, variable) = (addressee(i)?, i.word(1));
+        let opcode = 0x9000 | i.opcode & 0xEF;
+        let [low, high] = low_first(self.fetch(Space::Data, i.word(2), opcode & 1 != 0));
+        let order = match opcode & 1 {
+            0 => Instruction::of(opcode, [variable, low]),
+            _ => Instruction::of(opcode, [variable, low, high]),
+        };
+        self.order(to, &order)
+    }
+
+    /// 9Cxx: `V = [ag] V,mem`. Through a pointer (9Dxx) nobody knows what goes over the wire.
+    pub fn fetch_remote(&mut self, i: &Instruction) -> Done {
+        if i.opcode & 0x100 != 0 {
+            return Err(Refused::Unknown);
+        }
+        let (to, long) = (addressee(i)?, i.opcode & 1 != 0);
+        let memory = super::execute::space_of(i.opcode).ok_or(Refused::Unknown)?;
+        let cell = Cell { memory, address: i.word(1), long };
+        self.ask(to, &Online::GiveMeData { sender: self.own(), cell }, i.word(2), long)
+    }
+
+    /// E000, E400: `V = [ag] V`.
+    pub fn read_remote(&mut self, i: &Instruction) -> Done {
+        let (to, long) = (addressee(i)?, i.opcode & 0x400 != 0);
+        let address = operand_address(i.opcode);
+        self.ask(to, &Online::GetData { sender: self.own(), address, long }, i.word(1), long)
+    }
+
+    /// An instruction for others, or for this drive itself.
+    fn order(&mut self, to: IdCode, instruction: &Instruction) -> Done {
+        if !to.group && to.id == self.axis {
+            return self.obey(instruction);
+        }
+        self.send(to, *instruction);
+        Ok(())
+    }
+
+    fn ask(&mut self, to: IdCode, request: &Online, variable: u16, long: bool) -> Done {
+        self.send(to, request.emit());
+        self.wait_for_answer(variable, long);
+        Ok(())
+    }
+}
+
+fn addressee(i: &Instruction) -> Result<IdCode, Refused> {
+    IdCode::from_word(i.word(0)).ok_or(Refused::NotNow)
+}

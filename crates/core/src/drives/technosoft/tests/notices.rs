@@ -1,0 +1,91 @@
+//! Messages of type C.
+
+use super::Vec;
+use super::{Desk, NOTHING, messages};
+use crate::drives::bench::Act;
+use crate::proto::tml::online::Online;
+use crate::proto::tml::wire::IdCode;
+
+/// TML communication manual, chapter 3, example 3.
+#[test]
+fn motion_complete_is_told_as_printed() {
+    let mut desk = Desk::new();
+    desk.on();
+    desk.word(0x0962, 0x0400);
+    desk.go(2000);
+    assert_eq!(desk.told.len(), 1, "the start");
+    let mut told = Vec::new();
+    for _ in 0..1000 {
+        desk.wait(1);
+        told.extend(desk.sent());
+    }
+    let printed = [0x0A, 0x0F, 0xF1, 0xD5, 0xFF, 0x09, 0x0E, 0x84, 0x00, 0x02, 0x01, 0x7C];
+    assert_eq!(told, printed);
+}
+
+#[test]
+fn the_start_of_a_motion_is_told_too() {
+    let mut desk = Desk::new();
+    desk.on();
+    desk.word(0x0962, 0x0400);
+    desk.long(0x029E, 2000);
+    desk.mode_pp();
+    let answer = desk.send(IdCode::axis(255), 0x0108, &[]);
+    let told = messages(&answer[1..]);
+    assert_eq!(
+        Online::parse(&told[0].instruction),
+        Some(Online::TakeData2 { sender: 255, address: 0x090E, long: true, value: 0x0001_8000 })
+    );
+    assert_eq!(told[0].to, IdCode::host_at(255));
+}
+
+#[test]
+fn an_error_is_told_by_its_mask() {
+    let mut desk = Desk::new();
+    desk.on();
+    desk.word(0x0965, 1 << 12);
+    desk.act(Act::Supply(70.0));
+    let mut told = Vec::new();
+    for _ in 0..20 {
+        desk.wait(1);
+        told.extend(desk.sent());
+    }
+    let told = messages(&told);
+    assert_eq!(
+        Online::parse(&told[0].instruction),
+        Some(Online::TakeData2 { sender: 255, address: 0x08FC, long: false, value: 0x1000 })
+    );
+}
+
+#[test]
+fn on_rs485_nobody_speaks_unasked() {
+    let mut desk = Desk::at(Some(1), &[("wire", "rs485")]);
+    desk.tell(0x0020, &[]);
+    desk.tell(0x0102, &[]);
+    desk.word(0x0962, 0x0400);
+    desk.word(0x0927, 0x0FF1);
+    desk.go(2000);
+    for _ in 0..1000 {
+        desk.wait(1);
+        assert_eq!(desk.sent(), NOTHING);
+    }
+}
+
+#[test]
+fn a_drive_wakes_by_itself_to_tell() {
+    use crate::station::Timed;
+    let mut desk = Desk::new();
+    desk.on();
+    assert_eq!(desk.device.poll_timeout(), None);
+    desk.word(0x0962, 0x0400);
+    desk.go(2000);
+    for _ in 0..1000 {
+        let at = desk.device.poll_timeout().expect("there is something to tell");
+        desk.now = desk.now.max(at);
+        desk.device.handle_timeout(desk.now);
+        if !messages(&desk.sent()).is_empty() {
+            return;
+        }
+    }
+    panic!("the motion never ended");
+}
