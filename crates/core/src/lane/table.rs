@@ -156,7 +156,8 @@ impl<R: Request> Table<R> {
         if let Some(id) = asked {
             slot::told(now, slots, &part, (profile, id));
         }
-        Some(part)
+        // What the lane asks for itself is nobody else's business.
+        matches!(job.asked, Asked::Read(_) | Asked::Send(_)).then_some(part)
     }
 
     fn follow(&mut self, n: usize, next: Next) {

@@ -16,7 +16,7 @@ use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::pace::Pace;
 use crate::proto::{self, GROUP, HostOptions};
 use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
-use crate::time::{Instant, earliest};
+use crate::time::Instant;
 
 /// Time allowed for an answer when neither caller nor profile says one, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
@@ -173,16 +173,14 @@ fn free_id(wire: Wire, axes: &[u32]) -> u8 {
 
 impl Timed for SerialHost {
     fn handle_timeout(&mut self, now: Instant) {
-        if now >= self.last_byte.plus_ns(self.stale_ns) {
+        if self.session.lacks_ack(now) {
             self.look_again(now);
         }
         self.session.handle_timeout(now);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let stale = !self.deframer.pending().is_empty() && self.session.wants_ack();
-        let stale = stale.then(|| self.last_byte.plus_ns(self.stale_ns));
-        earliest(self.session.poll_timeout(), stale)
+        self.session.poll_timeout()
     }
 }
 

@@ -177,13 +177,26 @@ impl Deframer {
                 other => Piece::Stray(other),
             });
         };
-        let frame = self.pending().get(..whole)?;
-        let read = decode(frame);
+        let read = match self.pending().get(..whole) {
+            Some(frame) => decode(frame),
+            None => Err(self.impossible_head()?),
+        };
         match (read, self.recovery) {
             (Err(_), Recovery::Search) => self.consume(1),
             _ => self.consume(whole),
         }
         Some(read.map_or_else(Piece::Broken, Piece::Message))
+    }
+
+    /// What is wrong with the beginning of a frame already: its ID code. A host that searches need
+    /// not wait for the rest, behind a byte that only looked like a length.
+    fn impossible_head(&self) -> Option<WireError> {
+        let code = match (self.recovery, self.pending()) {
+            (Recovery::Search, [_, high, low, ..]) => u16::from_be_bytes([*high, *low]),
+            (Recovery::Search, [_, high]) => u16::from_be_bytes([*high, 0]),
+            _ => return None,
+        };
+        IdCode::from_word(code).is_none().then(|| odd_bits(code))
     }
 
     fn consume(&mut self, count: usize) {

@@ -101,8 +101,6 @@ struct Pending {
     attempts: u8,
     /// Something like an acknowledgement came before the message had left.
     early: bool,
-    /// A stop waits: no further attempt.
-    cut_short: bool,
 }
 
 /// Which of its messages a request is at.
@@ -133,7 +131,10 @@ pub struct Session {
     place: Place,
     waits: Waits,
     pending: Option<Pending>,
+    /// A stop that waits for the line.
     stop: Option<(Ticket, Ask)>,
+    /// A question that a stop overtook.
+    aside: Option<Pending>,
     doubts: Doubts,
     gather: Gather,
     events: [Event<Answer>; EVENTS_MAX],
@@ -159,6 +160,7 @@ impl Session {
             waits,
             pending: None,
             stop: None,
+            aside: None,
             doubts: Doubts::new(),
             gather: Gather::new(),
             events: [NOTHING; EVENTS_MAX],
@@ -242,9 +244,9 @@ impl Session {
         self.pending.is_some_and(|p| matches!(p.phase, Phase::Ready(_) | Phase::SyncDue(_)))
     }
 
-    /// True while an acknowledgement is waited for.
-    pub(super) fn wants_ack(&self) -> bool {
-        self.pending.is_some_and(|p| matches!(p.phase, Phase::Ack(_)))
+    /// True when an acknowledgement should have come by now.
+    pub(super) fn lacks_ack(&self, now: Instant) -> bool {
+        self.pending.is_some_and(|p| matches!(p.phase, Phase::Ack(at) if now >= at))
     }
 
     /// Takes an acknowledgement; `early` if it was on the line before the message had left.
@@ -321,9 +323,10 @@ impl Session {
             return;
         }
         self.gather.clear();
-        let pending = self.pending.take().and_then(|pending| pending.ticket);
+        let asked = [self.pending.take(), self.aside.take()];
+        let asked = asked.map(|pending| pending.and_then(|pending| pending.ticket));
         let stop = self.stop.take().map(|(ticket, _)| ticket);
-        for ticket in [pending, stop].into_iter().flatten() {
+        for ticket in asked.into_iter().chain([stop]).flatten() {
             self.push(To::Ticket(ticket), Err(Failure::LinkDown));
         }
     }
@@ -408,15 +411,7 @@ impl Session {
         let stage = if ask.with == With::Master { Stage::Master } else { Stage::Itself };
         let at = if ask.class == Class::Stop { now } else { now.max(self.paced) };
         let phase = Phase::Ready(at);
-        self.pending = Some(Pending {
-            ticket,
-            ask,
-            stage,
-            phase,
-            attempts: 0,
-            early: false,
-            cut_short: false,
-        });
+        self.pending = Some(Pending { ticket, ask, stage, phase, attempts: 0, early: false });
     }
 
     fn phase(&mut self, phase: Phase) {
@@ -437,6 +432,9 @@ impl Session {
     fn taken(&mut self, now: Instant) {
         let Some(pending) = self.pending else { return };
         if let Some(question) = self.question(&pending) {
+            if self.stop.is_some() && self.place.wire != Wire::Rs485 {
+                return self.give_way(now);
+            }
             if ask::gathers(&question) && is_for_many(&pending) {
                 self.gather.begin(pending.ticket);
             }
@@ -582,12 +580,15 @@ impl Session {
 
     fn synchronise(&mut self, now: Instant, sent: u8) -> Out {
         let byte = self.pending.map_or(SYNC, |p| harmless(&self.message(&p.ask, p.stage)));
-        let count = if self.place.wire == Wire::Rs485 { SYNCS_MAX } else { 1 };
-        let left = u64::from(count + 1) * self.waits.character_ns;
-        let until = now.plus_ns(left + self.waits.pause_ns);
-        self.phase(match self.place.wire {
-            Wire::Rs485 => Phase::Drain(until),
-            _ => Phase::Sync(sent + 1, until),
+        // A stop does not wait to be told that the drive listens again.
+        let blind = self.place.wire == Wire::Rs485 || self.stop.is_some();
+        let count = if blind { SYNCS_MAX - sent } else { 1 };
+        let left = now.plus_ns(u64::from(count + 1) * self.waits.character_ns);
+        let until = left.plus_ns(self.waits.pause_ns);
+        self.phase(match self.stop {
+            Some(_) => Phase::Drain(left),
+            None if blind => Phase::Drain(until),
+            None => Phase::Sync(sent + 1, until),
         });
         Out::Sync(byte, count)
     }
@@ -595,7 +596,9 @@ impl Session {
     /// The drive listens again: once more, if that can do no harm.
     fn recovered(&mut self, now: Instant) {
         let Some(pending) = self.pending else { return };
-        if self.may_repeat(&pending) {
+        if self.stop.is_some() {
+            self.give_way(now);
+        } else if self.may_repeat(&pending) {
             self.phase(Phase::Ready(now));
         } else {
             self.silent(now);
@@ -603,6 +606,9 @@ impl Session {
     }
 
     fn unanswered(&mut self, now: Instant, pending: &Pending) {
+        if self.stop.is_some() {
+            return self.give_way(now);
+        }
         if let Some(count) = self.gather.close() {
             // Nobody knows how many there are: silence is the end, not a failure, if some spoke.
             let result =
@@ -630,7 +636,7 @@ impl Session {
         let axis = pending.ask.message.to.id;
         let most = if self.knows(axis) { ATTEMPTS_MAX } else { ATTEMPTS_MAX - 1 };
         let probe = pending.ticket.is_none();
-        harmless && !pending.cut_short && !probe && pending.attempts < most
+        harmless && !probe && pending.attempts < most
     }
 
     fn silent(&mut self, now: Instant) {
@@ -647,14 +653,18 @@ impl Session {
         self.next(now);
     }
 
-    /// What comes next when nothing is outstanding: a stop that waits, then a question that ends a
-    /// doubt.
+    /// What comes next when nothing is outstanding: a stop that waits, what it overtook, then a
+    /// question that ends a doubt.
     fn next(&mut self, now: Instant) {
         if self.pending.is_some() || !self.up {
             return;
         }
         if let Some((ticket, ask)) = self.stop.take() {
             return self.start(now, Some(ticket), ask);
+        }
+        if let Some(pending) = self.aside.take() {
+            self.pending = Some(Pending { phase: Phase::Ready(now), ..pending });
+            return;
         }
         if let Some((axis, address)) = self.doubts.probe() {
             let instruction = give_me_data(address, false);
@@ -663,44 +673,42 @@ impl Session {
         }
     }
 
-    /// A stop, while something is outstanding. Where both may speak at once it goes at once; on
-    /// RS-485 what is out keeps its present chance, or answer and stop would collide.
+    /// A stop, while something is outstanding. Where both may speak at once it does not wait for
+    /// answers; on RS-485 it must, or they would collide. An acknowledgement that is on its way is
+    /// waited for, because it names nothing: it could be taken for the stop's.
     fn overtake(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
-        let Some(pending) = &mut self.pending else { return Err(ask) };
-        if self.stop.is_some() || pending.ask.class == Class::Stop {
+        let Some(pending) = self.pending.filter(|pending| pending.ask.class != Class::Stop) else {
+            return Err(ask);
+        };
+        if self.stop.is_some() {
             return Err(ask);
         }
-        let unsent = matches!(pending.phase, Phase::Ready(_)) && pending.attempts == 0;
-        if self.place.wire == Wire::Rs485 && !unsent && pending.ticket.is_some() {
-            pending.cut_short = true;
-            self.stop = Some((ticket, ask));
-            return Ok(());
+        self.stop = Some((ticket, ask));
+        match pending.phase {
+            Phase::Ready(_) => self.give_way(now),
+            Phase::Answer(_) if self.place.wire != Wire::Rs485 => self.give_way(now),
+            Phase::Sync(sent, _) => self.phase(Phase::SyncDue(sent)),
+            _ => {}
         }
-        let pending = *pending;
-        self.pending = None;
-        self.abandon(now, &pending, unsent);
-        self.start(now, Some(ticket), ask);
         Ok(())
     }
 
-    fn abandon(&mut self, now: Instant, pending: &Pending, unsent: bool) {
-        let untouched = unsent && pending.stage == Stage::Itself;
+    /// The stop that waits takes the line. A question is asked again when the stop is through.
+    fn give_way(&mut self, now: Instant) {
+        let (Some((ticket, ask)), Some(pending)) = (self.stop.take(), self.pending.take()) else {
+            return;
+        };
         self.gather.clear();
-        if !unsent {
-            let axis = pending.ask.message.to.id;
-            let answer = now.plus_ns(LATEST_TIMEOUTS * self.waits.answer_ns);
-            let ack = now.plus_ns(LATEST_TIMEOUTS * self.waits.ack_ns);
-            if let Some(question) = self.question(pending) {
-                self.doubts.add(axis, ask::tag(&question), answer, true);
-            }
-            if matches!(pending.phase, Phase::Ack(_)) {
-                self.doubts.add_ack(self.place.relay.unwrap_or(axis), ack);
+        match (pending.ticket, self.question(&pending)) {
+            (None, _) => self.doubts.again(pending.ask.message.to.id),
+            (Some(_), Some(_)) => self.aside = Some(pending),
+            (Some(waiting), None) => {
+                let sent = pending.attempts > 0 || pending.stage != Stage::Itself;
+                let failure = if sent { Failure::Silent } else { Failure::Cancelled };
+                self.push(To::Ticket(waiting), Err(failure));
             }
         }
-        if let Some(waiting) = pending.ticket {
-            let failure = if untouched { Failure::Cancelled } else { Failure::Silent };
-            self.push(To::Ticket(waiting), Err(failure));
-        }
+        self.start(now, Some(ticket), ask);
     }
 
     fn event(&mut self, from: u8, said: &Online) {

@@ -3,6 +3,7 @@
 mod codec;
 mod explain;
 mod online;
+mod pair;
 
 use super::wire::{IdCode, Instruction, low_first};
 

@@ -1,0 +1,267 @@
+//! TML from both ends, in virtual time: what the manual's chapters tell, and what goes wrong.
+
+use polepair_core::axis::{Axes, Command, Part, Verb};
+use polepair_core::drives::bench::Truth;
+use polepair_core::drives::technosoft::{Device, Technosoft};
+use polepair_core::drives::{DeviceOptions, Family};
+use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::medium::{CanLine, MediumKind};
+use polepair_core::profile::{Profile, Signal};
+use polepair_core::proto::{GROUP, HostOptions, Wire};
+use polepair_core::station::{AxisIndex, Counters, Ticket};
+use polepair_core::time::Instant;
+use polepair_sim::host;
+use polepair_sim::node::{CAN_PORT, Drive, SERIAL_PORT};
+use polepair_sim::serial_line::Serial;
+use polepair_sim::world::{NodeId, WireId, World};
+
+const BIT_RATE: u32 = 500_000;
+
+/// A world with one host and some drives.
+struct Bench {
+    world: World,
+    host: NodeId,
+    drives: Vec<NodeId>,
+    wire: WireId,
+    tickets: u32,
+    parts: Vec<(u32, i64)>,
+}
+
+fn profile() -> &'static Profile {
+    Technosoft::profiles()[0]
+}
+
+fn device(address: u32, extra: &[(&str, &str)]) -> Box<Drive<Device>> {
+    let wires = &["tml", "tmlcan"];
+    let options = DeviceOptions { address: Some(address), wires, untimed: false, seed: 1, extra };
+    Box::new(Drive(Technosoft::device(profile(), &options).unwrap()))
+}
+
+fn lane(protocol: &str, options: HostOptions, axes: &[u32]) -> Box<dyn polepair_sim::node::Node> {
+    let medium = if protocol == "tml" { MediumKind::Serial } else { MediumKind::Can };
+    let axes: Vec<_> = axes.iter().map(|axis| (profile(), *axis)).collect();
+    host::lane(protocol, medium, options, &axes).unwrap()
+}
+
+impl Bench {
+    /// A host on RS-232 with the first axis, the others behind it on a bus of that kind.
+    fn relay(bus: &str, axes: &[u32]) -> Self {
+        let mut world = World::new(1);
+        let (wire, can) = (world.serial(Serial::RS232), world.can(CanLine { bit_rate: BIT_RATE }));
+        let host = world.add(lane("tml", HostOptions::new(9600), axes));
+        world.plug_host(wire, host, 0);
+        let single: Vec<u32> = axes.iter().copied().filter(|axis| axis & GROUP == 0).collect();
+        let mut drives = Vec::new();
+        for (n, axis) in single.iter().enumerate() {
+            let drive = world.add(device(*axis, &[("can", bus)]));
+            if n == 0 {
+                world.plug_drive(wire, drive, SERIAL_PORT);
+            }
+            world.plug_drive(can, drive, CAN_PORT);
+            drives.push(drive);
+        }
+        Self::of(world, wire, host, drives)
+    }
+
+    /// A host on RS-485 with all axes.
+    fn rs485(options: HostOptions, axes: &[u32], on_line: &[u32]) -> Self {
+        let mut world = World::new(1);
+        let wire = world.serial(Serial::RS485);
+        let options = HostOptions { wire: Some(Wire::Rs485), ..options };
+        let host = world.add(lane("tml", options, axes));
+        world.plug_host(wire, host, 0);
+        let mut drives = Vec::new();
+        for axis in on_line {
+            let drive = world.add(device(*axis, &[("wire", "rs485")]));
+            world.plug_drive(wire, drive, SERIAL_PORT);
+            drives.push(drive);
+        }
+        Self::of(world, wire, host, drives)
+    }
+
+    /// A host on CAN.
+    fn can(bus: &str, options: HostOptions, axes: &[u32], on_bus: &[u32]) -> Self {
+        let mut world = World::new(1);
+        let wire = world.can(CanLine { bit_rate: BIT_RATE });
+        let host = world.add(lane(bus, options, axes));
+        world.plug_host(wire, host, 0);
+        let mut drives = Vec::new();
+        for axis in on_bus {
+            let drive = world.add(device(*axis, &[("can", bus)]));
+            world.plug_drive(wire, drive, CAN_PORT);
+            drives.push(drive);
+        }
+        Self::of(world, wire, host, drives)
+    }
+
+    fn of(world: World, wire: WireId, host: NodeId, drives: Vec<NodeId>) -> Self {
+        let mut bench = Self { world, host, drives, wire, tickets: 0, parts: Vec::new() };
+        bench.world.run_until(Instant::ZERO.plus_ms(50));
+        bench
+    }
+
+    fn axes<R>(&mut self, f: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
+        self.world.with(self.host, |node, now| f(node.axes().unwrap(), now))
+    }
+
+    /// Starts something and lives on until it ends.
+    fn run(
+        &mut self,
+        start: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+    ) -> Outcome {
+        self.tickets += 1;
+        let ticket = Ticket(self.tickets);
+        self.axes(|axes, now| start(axes, now, ticket)).unwrap();
+        let limit = self.world.now().plus_ms(700_000);
+        while self.world.now() < limit {
+            self.world.step();
+            let (outcome, parts) = self.axes(|axes, _| {
+                let outcome = axes.poll_outcome();
+                (outcome, std::iter::from_fn(|| axes.poll_part()).collect::<Vec<Part>>())
+            });
+            self.parts.extend(parts.iter().map(|part| (part.address, part.raw)));
+            match outcome {
+                Some((ended, outcome)) if ended == ticket => return outcome,
+                Some((ended, _)) => panic!("{ended:?} ended"),
+                None => {}
+            }
+        }
+        panic!("nothing ended")
+    }
+
+    fn read(&mut self, axis: u8, name: &str) -> Outcome {
+        let id = profile().find(name).unwrap();
+        self.run(|axes, now, ticket| axes.read(now, ticket, AxisIndex(axis), id))
+    }
+
+    fn write(&mut self, axis: u8, name: &str, raw: i64) -> Outcome {
+        let id = profile().find(name).unwrap();
+        self.axes(|axes, _| axes.arm(AxisIndex(axis), true));
+        self.run(|axes, now, ticket| axes.write(now, ticket, AxisIndex(axis), id, raw, false))
+    }
+
+    fn command(&mut self, axis: u8, command: Command) -> Outcome {
+        self.axes(|axes, _| axes.arm(AxisIndex(axis), true));
+        self.run(|axes, now, ticket| axes.command(now, ticket, AxisIndex(axis), command))
+    }
+
+    fn verb(&mut self, axis: u8, verb: Verb) -> Outcome {
+        self.command(axis, Command::new(verb))
+    }
+
+    fn truth(&mut self, drive: usize) -> Truth {
+        self.world.look(self.drives[drive], |node, now| node.bench().unwrap().truth(now))
+    }
+
+    fn counters(&mut self) -> Counters {
+        self.axes(|axes, _| axes.counters())
+    }
+}
+
+fn velocity(rad_per_s: f64) -> Command {
+    Command { velocity: Some(rad_per_s), ..Command::new(Verb::Velocity) }
+}
+
+const fn hint(outcome: Outcome) -> Option<&'static str> {
+    match outcome {
+        Outcome::NotDone(Failure::NotReady { hint }) => Some(hint),
+        _ => None,
+    }
+}
+
+#[test]
+fn a_host_reads_the_gain_of_an_axis_behind_the_relay() {
+    for bus in ["tmlcan", "technocan"] {
+        let mut bench = Bench::relay(bus, &[255, 1]);
+        assert_eq!(bench.write(1, "KPP", 999), Outcome::Done(999), "{bus}");
+        assert_eq!(bench.read(1, "KPP"), Outcome::Done(999), "{bus}");
+        assert_ne!(bench.read(0, "KPP"), Outcome::Done(999), "the relay's own is another");
+        let counters = bench.counters();
+        assert_eq!((counters.resent, counters.silent, counters.late), (0, 0, 0));
+    }
+}
+
+#[test]
+fn a_group_answers_in_the_order_of_its_ids() {
+    let options = HostOptions { host: Some(3), ..HostOptions::new(BIT_RATE) };
+    let mut bench = Bench::can("tmlcan", options, &[5, 7, GROUP | 1], &[7, 5]);
+    assert_eq!(bench.read(2, "axis address"), Outcome::NotDone(bench_differs()));
+    assert_eq!(bench.parts, [(5, 0x0105), (7, 0x0107)]);
+    bench.parts.clear();
+    assert_eq!(bench.read(2, "POSERR"), Outcome::Done(0));
+    assert_eq!(bench.parts.iter().map(|part| part.0).collect::<Vec<_>>(), [5, 7]);
+}
+
+fn bench_differs() -> Failure {
+    Failure::NotReady {
+        hint: "the drives of this group have different values of a parameter that is needed; \
+               command them one by one, or make them equal",
+    }
+}
+
+#[test]
+fn an_axis_tells_unasked_that_it_arrived() {
+    let mut bench = Bench::relay("tmlcan", &[255, 1]);
+    assert_eq!(bench.write(1, "SRL_MASK", 0x0400), Outcome::Done(0x0400));
+    assert!(matches!(bench.verb(1, Verb::Enable), Outcome::Done(_)));
+    let motion = Command {
+        target: Some(1.0),
+        velocity: Some(20.0),
+        acceleration: Some(500.0),
+        ..Command::new(Verb::MoveTo)
+    };
+    assert!(matches!(bench.command(1, motion), Outcome::Done(_)));
+    let reached = |bench: &mut Bench| {
+        bench.axes(|axes, _| axes.state(AxisIndex(1)).unwrap().reading(Signal::Reached))
+    };
+    assert_eq!(reached(&mut bench).raw, 0);
+    let until = bench.world.now().plus_ms(2000);
+    bench.world.run_until(until);
+    assert_eq!(reached(&mut bench).raw, 1, "nobody asked");
+    assert!((bench.truth(1).position - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn a_motor_turns_on_every_wire() {
+    let can = HostOptions::new(BIT_RATE);
+    let mut benches = [
+        Bench::relay("tmlcan", &[1]),
+        Bench::relay("tmlcan", &[255, 1]),
+        Bench::rs485(HostOptions::new(9600), &[1], &[1]),
+        Bench::can("tmlcan", can, &[1], &[1]),
+        Bench::can("technocan", can, &[1], &[1]),
+    ];
+    for (n, bench) in benches.iter_mut().enumerate() {
+        let (axis, drive) = if n == 1 { (1, 1) } else { (0, 0) };
+        assert!(matches!(bench.verb(axis, Verb::Enable), Outcome::Done(_)), "{n}");
+        assert!(matches!(bench.command(axis, velocity(30.0)), Outcome::Done(_)), "{n}");
+        let until = bench.world.now().plus_ms(2000);
+        bench.world.run_until(until);
+        assert!((bench.truth(drive).velocity - 30.0).abs() < 1.0, "{n}: {:?}", bench.truth(drive));
+        assert!(matches!(bench.verb(axis, Verb::Stop), Outcome::Done(_)), "{n}");
+        assert!(bench.truth(drive).velocity.abs() < 1.0, "{n}");
+        assert!(matches!(bench.verb(axis, Verb::Disable), Outcome::Done(_)), "{n}");
+        assert!(!bench.truth(drive).enabled, "{n}");
+        assert_eq!(bench.counters().silent, 0, "{n}");
+    }
+}
+
+#[test]
+fn a_question_to_a_group_on_rs485_is_refused_before_a_byte_is_sent() {
+    let mut bench = Bench::rs485(HostOptions::new(9600), &[5, 7, GROUP | 1], &[5, 7]);
+    let outcome = bench.read(2, "POSERR");
+    assert!(hint(outcome).is_some_and(|hint| hint.contains("would collide")), "{outcome:?}");
+    let outcome = bench.write(0, "SRL_MASK", 0x0400);
+    assert!(hint(outcome).is_some_and(|hint| hint.contains("no drive speaks unasked")));
+    assert_eq!(bench.counters().sent, 0);
+}
+
+#[test]
+fn the_wrong_host_id_is_refused_with_its_reason() {
+    let wrong = HostOptions { host: Some(5), ..HostOptions::new(BIT_RATE) };
+    let mut bench = Bench::can("tmlcan", wrong, &[5], &[5]);
+    let outcome = bench.read(0, "KPP");
+    assert!(hint(outcome).is_some_and(|hint| hint.contains("an axis ID that no drive has")));
+    assert_eq!(bench.counters().sent, 0);
+    let _ = bench.wire;
+}
