@@ -181,6 +181,18 @@ impl Decoder {
         self.take(&Line { time, link, direction, data: Data::Bytes(bytes) }, out);
     }
 
+    /// Takes a CAN frame as it was sent or received.
+    pub fn frame(
+        &mut self,
+        time: Option<Stamp>,
+        link: &str,
+        direction: Option<Direction>,
+        frame: &Frame,
+        out: Out<'_>,
+    ) {
+        self.take(&Line { time, link, direction, data: Data::Frame(*frame) }, out);
+    }
+
     /// Ends the capture: what waits for more is given out as it is.
     pub fn finish(&mut self, out: Out<'_>) {
         let mut lines = core::mem::take(&mut self.lines);
@@ -214,7 +226,7 @@ impl Decoder {
             return self.damage(BadLine("more links than are followed at once"));
         };
         match line.data {
-            Data::Frame(frame) => self.frame(at, line, &frame, out),
+            Data::Frame(frame) => self.take_frame(at, line, &frame, out),
             Data::Bytes(bytes) => self.bytes(at, line, bytes, out),
         }
     }
@@ -313,7 +325,7 @@ impl Decoder {
         });
     }
 
-    fn frame(&mut self, at: usize, line: &Line<'_>, frame: &Frame, out: Out<'_>) {
+    fn take_frame(&mut self, at: usize, line: &Line<'_>, frame: &Frame, out: Out<'_>) {
         let Wire { name, rules, conversation, .. } = &mut self.wires[at];
         let context = Context {
             direction: line.direction,

@@ -12,10 +12,11 @@ use polepair::{Axis, Connector};
 use polepair_capture::{Decoder, Rules, Stamp, text};
 use polepair_core::axis::{Command, RehearsedStep, Verb};
 use polepair_core::explain::Direction as Said;
+use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
 use polepair_link::clock;
-use polepair_link::tap::{Direction, SerialLog, Tap};
+use polepair_link::tap::{Direction, Log, Tap};
 
 use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
@@ -88,7 +89,7 @@ impl Target {
         let trace = trace.transpose()?;
         if self.verbose || trace.is_some() {
             let name = link_name(&self.url);
-            let trace = trace.map(|file| SerialLog::new(BufWriter::new(file), &name));
+            let trace = trace.map(|file| Log::new(BufWriter::new(file), &name));
             let shown = self.verbose.then(|| Shown::new(&self.url, name, self.naming.clone()));
             connector = connector.with_tap(Frames { trace, shown });
         }
@@ -154,21 +155,31 @@ fn rehearsed(axis: &Axis, step: &Rehearsal) -> String {
             format!("read {} and write it to {}", name(from), name(to))
         }
         RehearsedStep::Keep(id) => format!("keep {} over power-off", name(id)),
-        RehearsedStep::Send => format!("send {}", said(axis, &step.bytes)),
+        RehearsedStep::Send => format!("send {}", said(axis, step)),
         RehearsedStep::Wait(ms) => format!("wait {ms} ms"),
     };
-    let mut bytes = Vec::new();
-    text::spaced_hex(&mut bytes, &step.bytes);
-    format!("{:<26}  {does}", String::from_utf8_lossy(&bytes))
+    let shown = match &step.frame {
+        Some(frame) => frame.to_string(),
+        None => {
+            let mut bytes = Vec::new();
+            text::spaced_hex(&mut bytes, &step.bytes);
+            String::from_utf8_lossy(&bytes).into_owned()
+        }
+    };
+    format!("{shown:<26}  {does}")
 }
 
 /// What a frame says in its protocol's own words; empty where nobody can tell.
-fn said(axis: &Axis, bytes: &[u8]) -> String {
+fn said(axis: &Axis, step: &Rehearsal) -> String {
     let rules = Rules::parse(axis.protocol()).unwrap_or_default();
     let mut decoder = Decoder::new(rules).with_profile(Some(axis.profile()));
     let mut text = String::new();
     let mut keep = |event: &polepair_capture::Event<'_>| text = event.explained.text.to_owned();
-    decoder.chunk(None, "link", Some(Said::ToDrive), bytes, &mut |event| keep(event));
+    let by = Some(Said::ToDrive);
+    match &step.frame {
+        Some(frame) => decoder.frame(None, "link", by, frame, &mut |event| keep(event)),
+        None => decoder.chunk(None, "link", by, &step.bytes, &mut |event| keep(event)),
+    }
     text
 }
 
@@ -181,17 +192,59 @@ fn link_name(url: &str) -> String {
 
 /// What `-v` and `--trace` do with the frames.
 struct Frames {
-    trace: Option<SerialLog<BufWriter<File>>>,
+    trace: Option<Log<BufWriter<File>>>,
     shown: Option<Shown>,
 }
 
-impl Tap for Frames {
+impl Tap<Stream> for Frames {
     fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
         if let Some(trace) = &mut self.trace {
-            trace.unit(at, direction, bytes);
+            trace.bytes(at, direction, bytes);
         }
         if let Some(shown) = &mut self.shown {
-            shown.unit(at, direction, bytes);
+            shown.show(at, direction, Unit::Bytes(bytes));
+        }
+    }
+}
+
+impl Tap<Can> for Frames {
+    fn unit(&mut self, at: Instant, direction: Direction, frame: &Frame) {
+        if let Some(trace) = &mut self.trace {
+            trace.frame(at, direction, frame);
+        }
+        if let Some(shown) = &mut self.shown {
+            shown.show(at, direction, Unit::Frame(frame));
+        }
+    }
+}
+
+/// What passed on a link.
+#[derive(Clone, Copy, Debug)]
+pub enum Unit<'a> {
+    /// Bytes of a serial line.
+    Bytes(&'a [u8]),
+    /// A CAN frame.
+    Frame(&'a Frame),
+}
+
+impl Unit<'_> {
+    /// Has a decoder look at it.
+    pub fn decode(
+        &self,
+        decoder: &mut Decoder,
+        at: Instant,
+        link: &str,
+        direction: Direction,
+        out: &mut dyn FnMut(&polepair_capture::Event<'_>),
+    ) {
+        let said = match direction {
+            Direction::ToDrive => Said::ToDrive,
+            Direction::ToHost => Said::ToHost,
+        };
+        let time = Some(Stamp(clock::wall_ns(at)));
+        match self {
+            Self::Bytes(bytes) => decoder.chunk(time, link, Some(said), bytes, out),
+            Self::Frame(frame) => decoder.frame(time, link, Some(said), frame, out),
         }
     }
 }
@@ -216,19 +269,14 @@ impl Shown {
     }
 }
 
-impl Tap for Shown {
-    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
-        let said = match direction {
-            Direction::ToDrive => Said::ToDrive,
-            Direction::ToHost => Said::ToHost,
-        };
+impl Shown {
+    fn show(&mut self, at: Instant, direction: Direction, unit: Unit<'_>) {
         let Self { decoder, text, name, naming } = self;
         if let Some(profile) = naming.get() {
             decoder.name_by(profile);
         }
         let mut lines = Vec::new();
-        let time = Some(Stamp(clock::wall_ns(at)));
-        decoder.chunk(time, name, Some(said), bytes, &mut |event| text.write(event, &mut lines));
+        unit.decode(decoder, at, name, direction, &mut |event| text.write(event, &mut lines));
         eprint!("{}", String::from_utf8_lossy(&lines));
     }
 }

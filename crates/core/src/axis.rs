@@ -1,6 +1,7 @@
 //! The unified vocabulary: what any axis can be told, what it tells, and who translates.
 
 use crate::error::{Failure, Outcome, Unsupported};
+use crate::medium::Frame;
 use crate::plan::Argument;
 use crate::profile::{Parameter, ParameterId, Profile, Signal};
 use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
@@ -269,10 +270,10 @@ pub trait Driver {
 pub struct Rehearsed<'a> {
     /// What the step does, and to which parameter.
     pub step: RehearsedStep,
-    /// The bytes on the wire; a CAN frame's data, with its id in `id`.
+    /// The bytes on the wire; a CAN frame's data.
     pub bytes: &'a [u8],
-    /// CAN identifier, for frames.
-    pub id: Option<u32>,
+    /// The frame that carries them, on CAN.
+    pub frame: Option<&'a Frame>,
 }
 
 /// What a rehearsed step does.

@@ -339,12 +339,12 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 (RehearsedStep::Keep(id), slot.driver.keep(parameter)?)
             }
             Step::Wait { ms } => {
-                show(Rehearsed { step: RehearsedStep::Wait(ms), bytes: &[], id: None });
+                show(Rehearsed { step: RehearsedStep::Wait(ms), bytes: &[], frame: None });
                 return Ok(());
             }
         };
-        M::render(&mut |out| self.host.emit(&request, out), &mut |id, bytes| {
-            show(Rehearsed { step, bytes, id });
+        M::render(&mut |out| self.host.emit(&request, out), &mut |frame, bytes| {
+            show(Rehearsed { step, bytes, frame });
         });
         Ok(())
     }

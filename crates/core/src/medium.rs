@@ -18,11 +18,11 @@ pub trait Medium: 'static {
     fn buffer() -> Self::Buffer;
     /// What stands in `out` after something of that length was written there.
     fn unit(out: &Self::Out, len: usize) -> &Self::Unit;
-    /// Lends `emit` something to write into and `show` what came of it: the bytes, with the
-    /// identifier if the medium has one.
+    /// Lends `emit` something to write into and `show` what came of it: the bytes, and the frame
+    /// that carries them if the medium has frames.
     fn render(
         emit: &mut dyn FnMut(&mut Self::Out) -> usize,
-        show: &mut dyn FnMut(Option<u32>, &[u8]),
+        show: &mut dyn FnMut(Option<&Frame>, &[u8]),
     );
 }
 
@@ -55,7 +55,10 @@ impl Medium for Stream {
     fn unit(out: &[u8], len: usize) -> &[u8] {
         &out[..len.min(out.len())]
     }
-    fn render(emit: &mut dyn FnMut(&mut [u8]) -> usize, show: &mut dyn FnMut(Option<u32>, &[u8])) {
+    fn render(
+        emit: &mut dyn FnMut(&mut [u8]) -> usize,
+        show: &mut dyn FnMut(Option<&Frame>, &[u8]),
+    ) {
         let mut buffer = Self::buffer();
         let len = emit(&mut buffer);
         show(None, Self::unit(&buffer, len));
@@ -74,10 +77,13 @@ impl Medium for Can {
     fn unit(out: &Frame, _len: usize) -> &Frame {
         out
     }
-    fn render(emit: &mut dyn FnMut(&mut Frame) -> usize, show: &mut dyn FnMut(Option<u32>, &[u8])) {
+    fn render(
+        emit: &mut dyn FnMut(&mut Frame) -> usize,
+        show: &mut dyn FnMut(Option<&Frame>, &[u8]),
+    ) {
         let mut frame = Self::buffer();
         emit(&mut frame);
-        show(Some(frame.id), frame.bytes());
+        show(Some(&frame), frame.bytes());
     }
 }
 
@@ -154,6 +160,18 @@ pub struct Frame {
     pub len: u8,
     /// Data; bytes from `len` on are zero.
     pub data: [u8; 8],
+}
+
+impl core::fmt::Display for Frame {
+    /// As candump's log has it: `30B#5443`, eight digits for 29 bits, `#R4` for a remote request.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let digits = if self.extended { 8 } else { 3 };
+        write!(f, "{:0digits$X}#", self.id)?;
+        if self.remote {
+            return write!(f, "R{}", self.len);
+        }
+        self.bytes().iter().try_for_each(|byte| write!(f, "{byte:02X}"))
+    }
 }
 
 impl Frame {

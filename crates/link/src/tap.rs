@@ -1,9 +1,10 @@
 //! A wire tapped: every unit with its time and direction, for `-v` and `--trace`.
 
-use std::io::Write;
+use std::fmt::Write as _;
+use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use polepair_core::medium::{Medium, Stream};
+use polepair_core::medium::{Frame, Medium, Stream};
 use polepair_core::time::Instant;
 
 use crate::clock;
@@ -93,34 +94,49 @@ impl<M: Medium> Link<M> for Tapped<M> {
     }
 }
 
-/// Writes the serial capture format: `(1700000000.000500) ttyUSB0 > 01 01 00 …`, `>` host to
-/// drive, `<` drive to host, a line a unit.
+/// Writes captures, a line a unit. Serial lines: `(1700000000.000500) ttyUSB0 > 01 01 00 …`, `>`
+/// host to drive, `<` drive to host. CAN is candump's log with its flag for the direction, T to the
+/// drive and R from it: `(1700000000.000500) can0 30B#5443000000000005 T`.
 #[derive(Debug)]
-pub struct SerialLog<W> {
+pub struct Log<W> {
     to: W,
     link: String,
     line: String,
 }
 
-impl<W: Write + Send> SerialLog<W> {
+impl<W: io::Write> Log<W> {
     /// Writes to `to`; `link` is shortened to its last part (`/dev/ttyUSB0` to `ttyUSB0`).
     pub fn new(to: W, link: &str) -> Self {
         let link = link.rsplit('/').next().unwrap_or(link).replace(char::is_whitespace, "_");
         Self { to, link, line: String::new() }
     }
-}
 
-impl<W: Write + Send> Tap for SerialLog<W> {
-    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
-        use std::fmt::Write as _;
-        let wall_us = clock::wall_ns(at) / 1000;
-        let arrow = if direction == Direction::ToDrive { '>' } else { '<' };
-        self.line.clear();
-        let (seconds, micros) = (wall_us / 1_000_000, wall_us % 1_000_000);
-        let _ = write!(self.line, "({seconds}.{micros:06}) {} {arrow}", self.link);
+    /// Bytes as they were written or read at once.
+    pub fn bytes(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
+        self.begin(at);
+        self.line.push_str(if direction == Direction::ToDrive { " >" } else { " <" });
         for byte in bytes {
             let _ = write!(self.line, " {byte:02X}");
         }
+        self.end();
+    }
+
+    /// A frame.
+    pub fn frame(&mut self, at: Instant, direction: Direction, frame: &Frame) {
+        self.begin(at);
+        let flag = if direction == Direction::ToDrive { 'T' } else { 'R' };
+        let _ = write!(self.line, " {frame} {flag}");
+        self.end();
+    }
+
+    fn begin(&mut self, at: Instant) {
+        let wall_us = clock::wall_ns(at) / 1000;
+        let (seconds, micros) = (wall_us / 1_000_000, wall_us % 1_000_000);
+        self.line.clear();
+        let _ = write!(self.line, "({seconds}.{micros:06}) {}", self.link);
+    }
+
+    fn end(&mut self) {
         self.line.push('\n');
         // A full disk must not stop a motor's host: the trace is then short, the session goes on.
         let _ = self.to.write_all(self.line.as_bytes());

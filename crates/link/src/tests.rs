@@ -514,15 +514,20 @@ fn an_alias_never_replaces_a_file() {
 
 #[test]
 fn a_log_is_in_the_capture_format() {
-    use crate::tap::{SerialLog, Tap};
+    use crate::tap::Log;
+    use polepair_core::medium::Frame;
     let mut text = Vec::new();
-    let mut log = SerialLog::new(&mut text, "/dev/ttyUSB0");
-    log.unit(clock::now(), Direction::ToDrive, &[1, 0x5E]);
-    log.unit(clock::now(), Direction::ToHost, &[2]);
-    drop(log);
+    let mut log = Log::new(&mut text, "/dev/ttyUSB0");
+    log.bytes(clock::now(), Direction::ToDrive, &[1, 0x5E]);
+    log.bytes(clock::now(), Direction::ToHost, &[2]);
+    let frame = Frame::standard(0x12, &[0xAB, 1]);
+    log.frame(clock::now(), Direction::ToDrive, &frame);
+    log.frame(clock::now(), Direction::ToHost, &Frame { extended: true, ..frame });
+    log.frame(clock::now(), Direction::ToHost, &Frame { remote: true, len: 4, ..frame });
     let text = String::from_utf8(text).unwrap();
     let lines: Vec<_> = text.lines().map(|line| line.split_once(") ").unwrap().1).collect();
-    assert_eq!(lines, ["ttyUSB0 > 01 5E", "ttyUSB0 < 02"]);
+    let can = ["ttyUSB0 012#AB01 T", "ttyUSB0 00000012#AB01 R", "ttyUSB0 012#R4 R"];
+    assert_eq!(lines, [&["ttyUSB0 > 01 5E", "ttyUSB0 < 02"][..], &can].concat());
     let seconds: f64 = text[1..].split_once(')').unwrap().0.parse().unwrap();
     assert!(seconds > 1.7e9);
 }

@@ -27,9 +27,11 @@ use crate::amount::{Amount, Meant, Value};
 use crate::error::Error;
 use crate::identify::Identified;
 use crate::simulate::Simulation;
+use crate::url::Number;
 use crate::words;
 use polepair_core::axis::{Command, Reading, Rehearsed, RehearsedStep, State, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::medium::{Frame, MediumKind};
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{Parameter, ParameterId, Profile, Signal};
 use polepair_core::station::{AxisIndex, Ticket};
@@ -47,6 +49,7 @@ pub struct Axis {
     pub(crate) number: u32,
     pub(crate) name: String,
     pub(crate) protocol: &'static str,
+    pub(crate) medium: MediumKind,
     pub(crate) profile: &'static Profile,
     pub(crate) identified: Identified,
     pub(crate) simulation: Option<Simulation>,
@@ -59,12 +62,13 @@ pub struct Rehearsal {
     pub step: RehearsedStep,
     /// The bytes on the wire.
     pub bytes: Vec<u8>,
-    /// CAN identifier, for frames.
-    pub id: Option<u32>,
+    /// The frame that carries them, on CAN.
+    pub frame: Option<Frame>,
 }
 
 impl Axis {
-    /// Its number: the drive's address on the wire.
+    /// Its number: the drive's address on the wire, or the groups that it stands for, as
+    /// [`Number`] has them.
     #[must_use]
     pub fn number(&self) -> u32 {
         self.number
@@ -76,12 +80,14 @@ impl Axis {
         &self.name
     }
 
-    /// `axis 1`, or `axis 1 (x)` where it has a name.
+    /// `axis 1`, or `axis 1 (x)` where it has a name; `axes g3` for a group.
     #[must_use]
     pub fn label(&self) -> String {
+        let number = Number(self.number);
         match self.name.as_str() {
-            "" => format!("axis {}", self.number),
-            name => format!("axis {} ({name})", self.number),
+            "" if number.is_group() => format!("axes {number}"),
+            "" => format!("axis {number}"),
+            name => format!("axis {number} ({name})"),
         }
     }
 
@@ -95,6 +101,12 @@ impl Axis {
     #[must_use]
     pub fn protocol(&self) -> &'static str {
         self.protocol
+    }
+
+    /// What its wire carries.
+    #[must_use]
+    pub fn medium(&self) -> MediumKind {
+        self.medium
     }
 
     /// How it came to its profile.
@@ -474,7 +486,8 @@ impl Axis {
     fn rehearsed(&self, command: Command) -> Result<Vec<Rehearsal>, Unsupported> {
         let mut steps = Vec::new();
         let mut show = |r: Rehearsed<'_>| {
-            steps.push(Rehearsal { step: r.step, bytes: r.bytes.to_vec(), id: r.id });
+            let (bytes, frame) = (r.bytes.to_vec(), r.frame.copied());
+            steps.push(Rehearsal { step: r.step, bytes, frame });
         };
         self.connection.with(|axes, _| axes.rehearse(self.index, command, &mut show))?;
         Ok(steps)

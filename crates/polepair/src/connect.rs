@@ -15,12 +15,15 @@ use crate::error::Error;
 use crate::identify::{Identified, Prober};
 use crate::registry::{self, Spoken};
 use crate::simulate::{self, Description, Pace, Simulation};
-use crate::url::{Target, Url};
+use crate::url::{Number, Target, Url};
+use crate::wire::{AnyLink, SharedLink};
 use crate::words;
-use polepair_core::medium::{Parity, SerialLine, Stream};
-use polepair_core::proto::HostOptions;
+use polepair_core::medium::{Can, CanLine, Frame, MediumKind, Parity, SerialLine, Stream};
+use polepair_core::proto::{self, HostOptions};
 use polepair_core::station::{AxisIndex, Counters};
-use polepair_link::{Connection, Interrupter, LinkError, Received, Tap, Tapped, Waker, clock};
+use polepair_core::time::Instant;
+use polepair_link::{Connection, Direction, Interrupter, Tap, clock};
+use polepair_sim::rack::RackDrive;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -34,6 +37,9 @@ pub fn connect(url: &str) -> Result<Link, Error> {
     Connector::discover()?.connect(url)
 }
 
+/// What a serial server and the network may take for each step of bringing a line back into step, ms.
+const TCP_PAUSE_MS: u32 = 100;
+
 /// How links are opened: with which names, profiles and taps.
 #[derive(Clone, Debug, Default)]
 pub struct Connector {
@@ -42,10 +48,27 @@ pub struct Connector {
     tap: Option<SharedTap>,
 }
 
-type AnyTap = dyn Tap + Send;
+/// What sees the units of any link: runs of bytes on serial lines, frames on CAN.
+pub trait AnyTap: Tap<Stream> + Tap<Can> {}
+
+impl<T: Tap<Stream> + Tap<Can>> AnyTap for T {}
 
 #[derive(Clone)]
-struct SharedTap(Arc<Mutex<AnyTap>>);
+pub(crate) struct SharedTap(Arc<Mutex<dyn AnyTap>>);
+
+impl Tap<Stream> for SharedTap {
+    fn unit(&mut self, at: Instant, direction: Direction, unit: &[u8]) {
+        let mut tap = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        Tap::<Stream>::unit(&mut *tap, at, direction, unit);
+    }
+}
+
+impl Tap<Can> for SharedTap {
+    fn unit(&mut self, at: Instant, direction: Direction, unit: &Frame) {
+        let mut tap = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        Tap::<Can>::unit(&mut *tap, at, direction, unit);
+    }
+}
 
 impl std::fmt::Debug for SharedTap {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -73,7 +96,7 @@ impl Connector {
 
     /// With a tap that sees every unit on every link that is opened from now on.
     #[must_use]
-    pub fn with_tap(mut self, tap: impl Tap + 'static) -> Self {
+    pub fn with_tap(mut self, tap: impl AnyTap + 'static) -> Self {
         self.tap = Some(SharedTap(Arc::new(Mutex::new(tap))));
         self
     }
@@ -105,7 +128,10 @@ impl Connector {
         match &url.target {
             Target::Sim { what } => {
                 let simulation = simulated(url, what)?;
-                let lines = (0..simulation.links()).map(|n| self.sim_line(url, &simulation, n));
+                // What a relay brings its host to needs no host of its own.
+                let own = |n: &usize| simulation.description().relay_to(*n).is_none();
+                let lines = (0..simulation.links()).filter(own);
+                let lines = lines.map(|n| self.sim_line(url, &simulation, n));
                 Ok((lines.collect::<Result<_, _>>()?, Some(simulation)))
             }
             _ => Ok((vec![self.wire_line(url)?], None)),
@@ -113,57 +139,48 @@ impl Connector {
     }
 
     fn wire_line(&self, url: &Url) -> Result<Line, Error> {
-        let spoken = spoken(&url.protocol)?;
-        let (baud, untimed) = match &url.target {
-            Target::Serial { path, baud } => (baud.unwrap_or(spoken.baud), is_pty(path)),
-            _ => (0, true),
-        };
+        let spoken = url.spoken()?;
         url.axes.iter().try_for_each(|axis| spoken.check(*axis))?;
-        let mut options = options(url, if untimed { 0 } else { baud })?;
+        let mut options = wire_options(url, &spoken)?;
         options.host = options.host.or_else(|| spoken.other_host(&url.axes));
-        let link: Box<dyn polepair_link::Link<Stream>> = match &url.target {
-            Target::Serial { path, .. } => {
-                let line = line_of(url, &spoken, options, baud)?;
-                Box::new(polepair_link::serial::open(path, line)?)
-            }
-            Target::Tcp { address } => Box::new(polepair_link::tcp::TcpLink::connect(address)?),
-            Target::Sim { .. } => return Err(Error::usage("E210", "this is simulated", "")),
-        };
+        let link = open(url, &spoken, &options)?;
         let numbers =
             if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
         let names = vec![String::new(); numbers.len()];
-        Ok(Line { link: self.shared(link), spoken, options, numbers, names })
+        let link = SharedLink::new(link, self.tap.clone());
+        Ok(Line { link, spoken, options, numbers, names })
     }
 
     fn sim_line(&self, url: &Url, simulation: &Simulation, n: usize) -> Result<Line, Error> {
-        let wire = &simulation.description().wires[n];
-        let drives = &simulation.description().rack.links[n].drives;
-        let spoken = spoken(wire.protocol)?;
-        let address =
-            |d: &polepair_sim::rack::RackDrive| d.address.unwrap_or(*spoken.addresses.start());
-        let all = drives.iter().map(address).zip(wire.names.iter().cloned());
+        let description = simulation.description();
+        let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
+        let spoken = spoken(wire.protocol, rack.wire.medium())?;
+        let first = *spoken.addresses.start();
+        let address = |drive: &RackDrive| drive.address.unwrap_or(first);
+        let mut all: Vec<(u32, String)> =
+            rack.drives.iter().map(address).zip(wire.names.iter().cloned()).collect();
+        for behind in description.behind(n) {
+            let drives = description.rack.links[behind].drives.iter().map(address);
+            all.extend(drives.zip(description.wires[behind].names.iter().cloned()));
+        }
+        let groups = url.axes.iter().filter(|axis| Number(**axis).is_group());
+        groups.clone().try_for_each(|axis| spoken.check(*axis))?;
         let wanted = |(number, _): &(u32, String)| url.axes.is_empty() || url.axes.contains(number);
-        let (numbers, names) = all.filter(wanted).unzip();
+        let addresses: Vec<u32> = all.iter().map(|(number, _)| *number).collect();
+        let groups = groups.map(|axis| (*axis, String::new()));
+        let (numbers, names) = all.into_iter().filter(wanted).chain(groups).unzip();
         let mut options = options(url, wire.baud)?;
-        let addresses: Vec<u32> = drives.iter().map(address).collect();
+        options.bit_rate = wire.baud;
+        options.wire = options.wire.or(rack.wire.standard());
         options.host = options.host.or_else(|| spoken.other_host(&addresses));
         let link = simulation.open(n)?;
-        let line = registry::lane(spoken.name, options, &[]).map(|lane| lane.line());
-        if let Some(line) = line {
-            link.set_line(line)?;
+        if let AnyLink::Serial(link) = &link
+            && let Some(lane) = registry::lane::<Stream>(spoken.name, options, &[])
+        {
+            link.set_line(lane.line())?;
         }
-        Ok(Line { link: self.shared(link), spoken, options, numbers, names })
-    }
-
-    fn shared(&self, link: Box<dyn polepair_link::Link<Stream>>) -> SharedLink {
-        let link = match self.tap.clone() {
-            None => link,
-            Some(tap) => Box::new(Tapped::new(link, move |at, direction, bytes: &[u8]| {
-                let mut tap = tap.0.lock().unwrap_or_else(PoisonError::into_inner);
-                tap.unit(at, direction, bytes);
-            })),
-        };
-        SharedLink(Arc::from(link))
+        let link = SharedLink::new(link, self.tap.clone());
+        Ok(Line { link, spoken, options, numbers, names })
     }
 
     fn axes(
@@ -177,8 +194,15 @@ impl Connector {
         for &number in &line.numbers {
             found.push(match named {
                 Some(profile) => (profile, Identified::Named),
+                None if Number(number).is_group() => (line.spoken.generic, Identified::Group),
                 None => Prober::new(line, &self.config).identify(number)?,
             });
+        }
+        // Drives of a group cannot all be asked: they are taken for what the first axis is.
+        if let Some((profile, _)) = found.iter().find(|(_, how)| *how != Identified::Group).cloned()
+        {
+            let groups = found.iter_mut().filter(|(_, how)| *how == Identified::Group);
+            groups.for_each(|(of_group, _)| *of_group = profile);
         }
         let profiles: Vec<_> =
             found.iter().zip(&line.numbers).map(|((profile, _), n)| (*profile, *n)).collect();
@@ -189,6 +213,7 @@ impl Connector {
             number: line.numbers[n],
             name: line.names[n].clone(),
             protocol: line.spoken.name,
+            medium: line.spoken.medium,
             profile: profiles[n].0,
             identified,
             simulation: simulation.cloned(),
@@ -215,6 +240,7 @@ impl Connector {
             number,
             name: String::new(),
             protocol: line.spoken.name,
+            medium: line.spoken.medium,
             profile,
             identified,
             simulation: None,
@@ -241,16 +267,42 @@ impl Connector {
     }
 }
 
-fn spoken(word: &str) -> Result<Spoken, Error> {
-    registry::protocol(word)
+fn spoken(word: &str, medium: MediumKind) -> Result<Spoken, Error> {
+    registry::protocol(word, medium)
         .ok_or_else(|| Error::usage("E203", format!("no protocol is called `{word}`"), ""))
+}
+
+/// Opens what the string names. The link is set as the protocol's host wants it.
+fn open(url: &Url, spoken: &Spoken, options: &HostOptions) -> Result<AnyLink, Error> {
+    let bus = CanLine { bit_rate: options.bit_rate };
+    Ok(match &url.target {
+        Target::Serial { path, baud } => {
+            let line = line_of(url, spoken, *options, baud.unwrap_or(spoken.baud))?;
+            AnyLink::Serial(Box::new(polepair_link::serial::open(path, line)?))
+        }
+        Target::Tcp { address } => {
+            AnyLink::Serial(Box::new(polepair_link::tcp::TcpLink::connect(address)?))
+        }
+        Target::Udp { group } => AnyLink::Can(Box::new(polepair_link::udp::open(group.parse()?)?)),
+        Target::Slcan { path, baud } => {
+            let baud = baud.unwrap_or(polepair_link::slcan::BAUD);
+            AnyLink::Can(Box::new(polepair_link::slcan::open_serial(path, baud, bus)?))
+        }
+        Target::SlcanTcp { address } => {
+            AnyLink::Can(Box::new(polepair_link::slcan::open_tcp(address, bus)?))
+        }
+        Target::Socketcand { .. } | Target::Socketcan { .. } | Target::Sim { .. } => {
+            return Err(Error::usage("E210", "this kind of link cannot be opened", ""));
+        }
+    })
 }
 
 fn simulated(url: &Url, what: &str) -> Result<Simulation, Error> {
     let seed = url.number("seed")?.unwrap_or(1);
     let mut description = describe(url, what, seed)?;
-    if let Some(baud) = url.number("baud")? {
-        description.set_baud(u32::try_from(baud).unwrap_or(u32::MAX));
+    description.set_rates(rate(url, "baud")?, rate(url, "bitrate")?);
+    if let Some(standard) = standard(url)? {
+        description.set_standard(standard);
     }
     if url.key("echo").is_some() {
         description.set_echo(url.flag("echo")?);
@@ -278,7 +330,8 @@ fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
         return simulate::rack_of_file(file, seed);
     }
     let count = url.number("axes")?.unwrap_or(1);
-    let most = url.axes.iter().copied().map(u64::from).max().unwrap_or(0);
+    let drives = url.axes.iter().filter(|axis| !Number(**axis).is_group());
+    let most = drives.copied().map(u64::from).max().unwrap_or(0);
     let count = count.max(most);
     if count == 0 || count > 32 {
         let what = format!("`axes={count}` is not 1 to 32");
@@ -304,13 +357,49 @@ fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         _ => url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0)),
     };
     Ok(HostOptions {
+        wire: standard(url)?,
         reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
+        ack_timeout_ms: url.milliseconds("ack")?.map(whole),
+        pause_ms: url.milliseconds("pause")?.map(whole),
         // Nothing on a pty or TCP tells frames apart by silence.
         gap_us: gap_us.or((baud == 0).then_some(0)),
         host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
         echo: url.flag("echo")?,
         ..HostOptions::new(baud)
     })
+}
+
+/// The host's settings on a link of the operating system.
+fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Error> {
+    let rate = rate(url, "bitrate")?;
+    let (baud, bit_rate) = match &url.target {
+        Target::Serial { path, .. } if is_pty(path) => (0, 0),
+        Target::Serial { baud, .. } => (baud.unwrap_or(spoken.baud), 0),
+        // An adapter must be told; the other buses have their bit rate already, or none.
+        Target::Slcan { .. } | Target::SlcanTcp { .. } => (0, rate.unwrap_or(spoken.baud)),
+        _ => (0, rate.unwrap_or(0)),
+    };
+    let mut options = HostOptions { bit_rate, ..options(url, baud)? };
+    if matches!(url.target, Target::Tcp { .. }) {
+        options.pause_ms = options.pause_ms.or(Some(TCP_PAUSE_MS));
+    }
+    Ok(options)
+}
+
+fn rate(url: &Url, key: &str) -> Result<Option<u32>, Error> {
+    Ok(url.number(key)?.map(|rate| u32::try_from(rate).unwrap_or(u32::MAX)))
+}
+
+fn standard(url: &Url) -> Result<Option<proto::Wire>, Error> {
+    match url.key("wire") {
+        None => Ok(None),
+        Some("rs232") => Ok(Some(proto::Wire::Rs232)),
+        Some("rs485") => Ok(Some(proto::Wire::Rs485)),
+        Some(other) => {
+            let what = format!("`wire={other}` is neither rs232 nor rs485");
+            Err(Error::usage("E210", what, ""))
+        }
+    }
 }
 
 /// How the port is set: as the protocol's host wants it, unless the string says otherwise.
@@ -320,7 +409,7 @@ fn line_of(
     options: HostOptions,
     baud: u32,
 ) -> Result<SerialLine, Error> {
-    let lane = registry::lane(spoken.name, options, &[]);
+    let lane = registry::lane::<Stream>(spoken.name, options, &[]);
     let mut line = lane.map_or(SerialLine::n81(baud), |lane| lane.line());
     line.baud = baud;
     match url.key("parity") {
@@ -362,41 +451,18 @@ impl Line {
         &self,
         axes: &[(&'static polepair_core::profile::Profile, u32)],
     ) -> Result<Connection, Error> {
-        let lane = registry::lane(self.spoken.name, self.options, axes)
-            .ok_or_else(|| Error::usage("E203", "the protocol has no host", ""))?;
-        Ok(Connection::new(Box::new(self.link.clone()), lane))
-    }
-}
-
-/// A link that outlives the connection it is lent to.
-#[derive(Clone)]
-pub(crate) struct SharedLink(Arc<dyn polepair_link::Link<Stream>>);
-
-impl polepair_link::Link<Stream> for SharedLink {
-    fn now(&self) -> polepair_core::time::Instant {
-        self.0.now()
-    }
-    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
-        self.0.send(unit)
-    }
-    fn receive(
-        &self,
-        buffer: &mut [u8],
-        until: polepair_core::time::Instant,
-    ) -> Result<Received, LinkError> {
-        self.0.receive(buffer, until)
-    }
-    fn set_line(&self, line: SerialLine) -> Result<(), LinkError> {
-        self.0.set_line(line)
-    }
-    fn waker(&self) -> Waker {
-        self.0.waker()
-    }
-    fn describe(&self) -> String {
-        self.0.describe()
-    }
-    fn reopen(&self) -> Result<Box<dyn polepair_link::Link<Stream>>, LinkError> {
-        self.0.reopen()
+        let missing = || Error::usage("E203", "the protocol has no host", "");
+        let (name, options) = (self.spoken.name, self.options);
+        Ok(match &self.link {
+            SharedLink::Serial(link) => {
+                let lane = registry::lane(name, options, axes).ok_or_else(missing)?;
+                Connection::new::<Stream>(Box::new(link.clone()), lane)
+            }
+            SharedLink::Can(link) => {
+                let lane = registry::lane(name, options, axes).ok_or_else(missing)?;
+                Connection::new::<Can>(Box::new(link.clone()), lane)
+            }
+        })
     }
 }
 

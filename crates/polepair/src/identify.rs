@@ -23,6 +23,8 @@ pub enum Identified {
         /// The firmware's version, where the answer tells it.
         firmware: Option<String>,
     },
+    /// A group: it cannot be asked and is taken for what the link's first axis is.
+    Group,
     /// Something answers, and no profile that is known fits: the protocol's generic one serves.
     Generic,
 }
@@ -33,6 +35,7 @@ impl fmt::Display for Identified {
             Self::Named => f.write_str("named in the connection string"),
             Self::Asked { firmware: Some(firmware) } => write!(f, "firmware {firmware}"),
             Self::Asked { firmware: None } => f.write_str("told by its answer"),
+            Self::Group => f.write_str("a group: taken for what the link's first axis is"),
             Self::Generic => f.write_str("not known: served by the protocol's generic profile"),
         }
     }
@@ -82,7 +85,7 @@ impl<'a> Prober<'a> {
     }
 
     fn describe(&self) -> String {
-        polepair_link::Link::describe(&self.line.link)
+        self.line.link.describe()
     }
 
     /// Asks every question that some profile has, once.

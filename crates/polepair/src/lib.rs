@@ -28,14 +28,16 @@ mod registry;
 pub mod scan;
 pub mod simulate;
 pub mod url;
+pub mod wire;
 mod words;
 
 pub use amount::{Amount, Value};
 pub use axis::{Armed, Axis, Running};
-pub use connect::{Connector, Link, connect};
+pub use connect::{AnyTap, Connector, Link, connect};
 pub use error::Error;
 pub use file::FileError;
 pub use identify::Identified;
+pub use wire::AnyLink;
 pub use words::nearest;
 
 /// The programs that the README shows are run.

@@ -10,14 +10,25 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-use crate::connect::Connector;
+use crate::connect::{Connector, Line};
 use crate::error::Error;
 use crate::identify::{Identified, Probe, Prober};
+use crate::registry::Listener;
+use crate::url::Number;
+use crate::wire::{Shared, SharedLink};
+use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::Profile;
+use polepair_link::{Link, Received};
 use std::ops::RangeInclusive;
 
 /// Addresses that one scan tries at most on one wire.
 const ADDRESSES_MAX: usize = 256;
+/// How long a scan listens on a CAN bus before it asks, and for how long drives may answer the
+/// question that goes to all of them, after the last that did.
+const LISTEN_MS: u32 = 150;
+const ANSWERS_MS: u32 = 250;
+/// Frames that a scan listens to at most.
+const FRAMES_MAX: usize = 20_000;
 
 /// What a scan tried and found.
 #[derive(Clone, Debug)]
@@ -55,6 +66,9 @@ pub struct Progress {
 /// Asks every address of the link's protocol, or those of `numbers` if that is not empty, who is
 /// there. Only reads are sent. `progress` hears of every address before it is asked.
 ///
+/// On a CAN bus it first listens who speaks by himself, and where the protocol has a question that
+/// every drive answers, that one question stands for asking each address.
+///
 /// # Errors
 /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened or
 /// goes away meanwhile. That nobody answers is no error.
@@ -73,18 +87,13 @@ pub fn scan(
     for line in &lines {
         let wanted = match (&numbers.0, axes.is_empty()) {
             (Some(range), _) => range.clone().take(ADDRESSES_MAX).collect(),
-            (None, false) => axes.clone(),
+            (None, false) => {
+                axes.iter().copied().filter(|axis| !Number(*axis).is_group()).collect()
+            }
             (None, true) => line.spoken.addresses.clone().take(ADDRESSES_MAX).collect::<Vec<_>>(),
         };
-        let baud = match line.options.baud {
-            0 => String::new(),
-            baud => format!(" at {baud} baud"),
-        };
-        let name = polepair_link::Link::describe(&line.link);
-        let (first, last) = (wanted.first().copied(), wanted.last().copied());
-        let (first, last) = (first.unwrap_or(0), last.unwrap_or(0));
-        let said = format!("{} on {name}{baud}, addresses {first} to {last}", line.spoken.name);
-        scan.tried.push(said);
+        let every = numbers.0.is_none() && axes.is_empty();
+        let wanted = candidates(line, wanted, every, &mut scan.tried)?;
         let prober = Prober::new(line, &connector.config);
         for (done, &number) in wanted.iter().enumerate() {
             progress(Progress { number, done, of: wanted.len() });
@@ -118,7 +127,8 @@ pub fn each(
     let mut found = 0;
     for line in &lines {
         let prober = Prober::new(line, &connector.config);
-        for number in line.spoken.addresses.clone().take(ADDRESSES_MAX) {
+        let every = line.spoken.addresses.clone().take(ADDRESSES_MAX).collect();
+        for number in candidates(line, every, true, &mut Vec::new())? {
             if let Probe::Found { profile, identified, .. } = prober.probe(number)? {
                 found += 1;
                 visit(&connector.axis_found(&url, line, number, profile, identified)?);
@@ -126,6 +136,59 @@ pub fn each(
         }
     }
     Ok(found)
+}
+
+/// Those of the addresses that are worth asking, with others that were heard if `every` may be,
+/// and in words what was tried.
+fn candidates(
+    line: &Line,
+    mut wanted: Vec<u32>,
+    every: bool,
+    tried: &mut Vec<String>,
+) -> Result<Vec<u32>, Error> {
+    let (name, protocol) = (line.link.describe(), line.spoken.name);
+    let rate = match (&line.link, line.options.baud, line.options.bit_rate) {
+        (SharedLink::Serial(_), 0, _) | (SharedLink::Can(_), _, 0) => String::new(),
+        (SharedLink::Serial(_), baud, _) => format!(" at {baud} baud"),
+        (SharedLink::Can(_), _, rate) => format!(" at {rate} bit/s"),
+    };
+    let (first, last) = (wanted.first().copied(), wanted.last().copied());
+    let mut said = format!("addresses {} to {}", first.unwrap_or(0), last.unwrap_or(0));
+    if let SharedLink::Can(link) = &line.link {
+        let listener = Listener::new(protocol, line.options);
+        let mut heard = listen(link, &listener, LISTEN_MS)?;
+        if let Some(question) = &listener.question {
+            link.send(question)?;
+            heard.extend(listen(link, &listener, ANSWERS_MS)?);
+            wanted.retain(|number| heard.contains(number));
+            said.push_str(", all with one question");
+        }
+        heard.retain(|number| every && !wanted.contains(number));
+        wanted.extend(heard);
+        wanted.sort_unstable();
+        wanted.dedup();
+    }
+    tried.push(format!("{protocol} on {name}{rate}, {said}"));
+    Ok(wanted)
+}
+
+/// Whoever speaks, until for so long nobody new did.
+fn listen(link: &Shared<Can>, listener: &Listener, ms: u32) -> Result<Vec<u32>, Error> {
+    let (mut heard, mut frame) = (Vec::new(), Frame::default());
+    let mut until = link.now().plus_ms(ms);
+    for _ in 0..FRAMES_MAX {
+        match link.receive(&mut frame, until)? {
+            Received::TimedOut => break,
+            Received::Bytes { at, .. } => {
+                if let Some(number) = listener.sender(&frame).filter(|n| !heard.contains(n)) {
+                    heard.push(number);
+                    until = until.max(at.plus_ms(ms));
+                }
+            }
+            Received::Line { .. } | Received::Woken => {}
+        }
+    }
+    Ok(heard)
 }
 
 /// Which addresses a scan asks.

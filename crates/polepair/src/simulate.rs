@@ -16,15 +16,17 @@ mod line;
 
 use crate::error::Error;
 use crate::registry;
+use crate::wire::AnyLink;
 use crate::words;
 use end::Shared;
 pub use file::{rack_of_file, rack_of_text};
-pub use line::{DriveLine, FaultyLine};
+pub use line::{DriveLine, lines};
 use polepair_core::drives::bench::{Act, Truth};
-use polepair_core::medium::Stream;
+use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
+use polepair_core::proto;
 use polepair_core::time::Instant;
-use polepair_link::Link;
+use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::Faults;
 use polepair_sim::rack::{Built, Rack, RackDrive, RackLink, RackWire};
 use polepair_sim::serial_line::{Duplex, Serial};
@@ -58,15 +60,19 @@ pub struct Description {
 pub struct Wire {
     /// The protocol's word in connection strings.
     pub protocol: &'static str,
-    /// What goes wrong on it.
+    /// What goes wrong on it, if it is serial.
     pub faults: Faults,
+    /// What goes wrong on it, if it is a CAN bus.
+    pub can_faults: CanFaults,
     /// Bits per second; 0 on a wire without timing.
     pub baud: u32,
+    /// Its drives hear each other even on a wire without timing, because the rack says so.
+    pub shared: bool,
     /// What each drive is called; empty for no name.
     pub names: Vec<String>,
 }
 
-/// A rack from words such as `tmcl`, `tmcl:1,2` or `tmcm-171:3`: each word is a link.
+/// A rack from words such as `tmcl`, `tmcl:1,2`, `tmcm-171:3` or `tmcl+can`: each word is a link.
 ///
 /// # Errors
 /// [`Error::Usage`] `E203` for a word that is neither protocol, family nor product.
@@ -98,25 +104,37 @@ fn address_of(text: &str, word: &str) -> Result<u32, Error> {
     })
 }
 
-/// The product meant by a protocol's, family's or product's word, and the protocol of its wire.
+/// Whether a word of [`rack_of_words`], without addresses, means a drive.
+#[must_use]
+pub fn is_drive(word: &str) -> bool {
+    drive_of(word).is_ok()
+}
+
+/// The product meant by a protocol's, family's or product's word, and the protocol of its wire: its
+/// usual one, or after `+can` the one on that medium.
 pub(crate) fn drive_of(word: &str) -> Result<(&'static Profile, registry::Spoken), Error> {
     let profiles = polepair_core::drives::profiles();
-    let spoken = registry::protocols();
-    for protocol in &spoken {
-        let speaks = |p: &&&'static Profile| p.protocol == protocol.profile;
-        if let Some(profile) = profiles.iter().filter(speaks).find(|_| protocol.name == word) {
-            return Ok((profile, protocol.clone()));
-        }
+    if let Some(protocol) = registry::by_word(word)
+        && let Some(profile) = profiles.iter().find(|p| p.protocol == protocol.profile)
+    {
+        return Ok((profile, protocol));
     }
-    let named = profiles.iter().find(|p| p.name == word);
-    let named = named.or_else(|| profiles.iter().find(|p| p.family == word));
+    let (name, medium) = word.split_once('+').map_or((word, ""), |(name, medium)| (name, medium));
+    let named = profiles.iter().find(|p| p.name == name);
+    let named = named.or_else(|| profiles.iter().find(|p| p.family == name));
+    let spoken = registry::protocols();
+    let meant = |protocol: &&registry::Spoken| match medium {
+        "" => true,
+        medium => protocol.word() == format!("{}+{medium}", protocol.name),
+    };
     let found = named.and_then(|profile| {
-        let protocol = spoken.iter().find(|protocol| protocol.profile == profile.protocol)?;
-        Some((*profile, protocol.clone()))
+        let fits = |protocol: &&registry::Spoken| protocol.profile == profile.protocol;
+        Some((*profile, spoken.iter().filter(fits).find(meant)?.clone()))
     });
     found.ok_or_else(|| {
-        let known: Vec<&str> =
-            spoken.iter().map(|p| p.name).chain(profiles.iter().map(|p| p.name)).collect();
+        let words: Vec<String> = spoken.iter().map(registry::Spoken::word).collect();
+        let products = profiles.iter().map(|p| p.name);
+        let known: Vec<&str> = words.iter().map(String::as_str).chain(products).collect();
         let near = words::hint(word, known.iter().copied());
         let what = format!("nothing called `{word}` can be simulated{near}");
         Error::usage("E203", what, format!("it can be {}", known.join(", ")))
@@ -124,12 +142,16 @@ pub(crate) fn drive_of(word: &str) -> Result<(&'static Profile, registry::Spoken
 }
 
 impl Description {
-    /// Whether bytes arrive on that link as they were sent.
+    /// The link on which a drive relays to this one.
     #[must_use]
-    pub fn is_faultless(&self, link: usize) -> bool {
-        let echo =
-            matches!(self.rack.links[link].wire, RackWire::Serial(Serial { echo: true, .. }));
-        self.wires[link].faults == Faults::NONE && !echo
+    pub fn relay_to(&self, link: usize) -> Option<usize> {
+        let relays = |drives: &[RackDrive]| drives.iter().any(|d| d.also_on == Some(link));
+        self.rack.links.iter().position(|other| relays(&other.drives))
+    }
+
+    /// The links that drives of this one relay to.
+    pub(crate) fn behind(&self, link: usize) -> impl Iterator<Item = usize> {
+        self.rack.links[link].drives.iter().filter_map(|drive| drive.also_on)
     }
 
     fn add(
@@ -140,8 +162,13 @@ impl Description {
         addresses: &[Option<u32>],
         seed: u64,
     ) {
+        let wire = match protocol.medium {
+            MediumKind::Serial => RackWire::Serial(Serial::RS485),
+            MediumKind::Can => RackWire::Can(CanLine { bit_rate: protocol.baud }),
+        };
         let drive = |(n, address): (usize, &Option<u32>)| {
             let mut drive = RackDrive::new(profile, protocol.name);
+            drive.standard = wire.standard();
             drive.address = *address;
             drive.seed = seed.wrapping_add(n as u64);
             drive
@@ -150,10 +177,11 @@ impl Description {
         self.wires.push(Wire {
             protocol: protocol.name,
             faults: Faults::NONE,
+            can_faults: CanFaults::default(),
             baud: protocol.baud,
+            shared: false,
             names: vec![String::new(); drives.len()],
         });
-        let wire = RackWire::Serial(Serial::RS485);
         self.rack.links.push(RackLink { name: name.to_owned(), wire, drives });
         self.settle_host(self.wires.len() - 1);
     }
@@ -162,11 +190,28 @@ impl Description {
     /// from the factory.
     #[must_use]
     pub fn host(&self, link: usize) -> Option<u32> {
-        let spoken = registry::protocol(self.wires[link].protocol)?;
+        let spoken = self.spoken(link)?;
         let first = *spoken.addresses.start();
         let drives = &self.rack.links[link].drives;
         let addresses: Vec<u32> = drives.iter().map(|d| d.address.unwrap_or(first)).collect();
         spoken.other_host(&addresses)
+    }
+
+    fn spoken(&self, link: usize) -> Option<registry::Spoken> {
+        registry::protocol(self.wires[link].protocol, self.rack.links[link].wire.medium())
+    }
+
+    /// The connection string of a link, to be opened at `place`: `serial:///dev/pts/3`.
+    #[must_use]
+    pub fn url(&self, link: usize, place: &str) -> String {
+        let protocol = self.wires[link].protocol;
+        let first = self.spoken(link).map_or(1, |spoken| *spoken.addresses.start());
+        let address = |drive: &RackDrive| drive.address.unwrap_or(first).to_string();
+        let behind = self.behind(link).flat_map(|other| &self.rack.links[other].drives);
+        let drives = self.rack.links[link].drives.iter().chain(behind);
+        let host = self.host(link).map(|host| format!("?host={host}")).unwrap_or_default();
+        let addresses: Vec<String> = drives.map(address).collect();
+        format!("{protocol}+{place}{host}#{}", addresses.join(","))
     }
 
     /// Has the drives of a link answer to a host that none of them can be mistaken for.
@@ -179,22 +224,55 @@ impl Description {
 
     /// Has every drive on a wire whose hosts have addresses answer to this one.
     pub(crate) fn answer_to(&mut self, host: &str) {
-        for (link, wire) in self.rack.links.iter_mut().zip(&self.wires) {
-            if registry::protocol(wire.protocol).is_some_and(|spoken| spoken.host.is_some()) {
-                for drive in &mut link.drives {
+        for link in 0..self.wires.len() {
+            if self.spoken(link).is_some_and(|spoken| spoken.host.is_some()) {
+                for drive in &mut self.rack.links[link].drives {
                     drive.extra.push(("host".to_owned(), host.to_owned()));
                 }
             }
         }
     }
 
-    /// The same with another baud rate everywhere; 0 takes byte timing away.
-    pub(crate) fn set_baud(&mut self, baud: u32) {
+    /// The same with another baud rate on every serial line, and another bit rate on every CAN bus;
+    /// 0 takes the timing away.
+    pub(crate) fn set_rates(&mut self, baud: Option<u32>, bit_rate: Option<u32>) {
         for (link, wire) in self.rack.links.iter_mut().zip(&mut self.wires) {
+            let new = match link.wire {
+                RackWire::Serial(_) => baud,
+                RackWire::Can(_) => bit_rate,
+            };
+            let Some(rate) = new else { continue };
+            wire.baud = rate;
+            match &mut link.wire {
+                RackWire::Serial(serial) => {
+                    serial.timed = rate > 0;
+                    serial.baud = Some(rate).filter(|rate| *rate > 0);
+                }
+                RackWire::Can(line) => line.bit_rate = rate,
+            }
+        }
+    }
+
+    /// The same with every serial line of that standard.
+    pub(crate) fn set_standard(&mut self, standard: proto::Wire) {
+        for link in &mut self.rack.links {
             if let RackWire::Serial(serial) = &mut link.wire {
-                serial.timed = baud > 0;
-                serial.baud = Some(baud).filter(|baud| *baud > 0);
-                wire.baud = baud;
+                serial.duplex = match standard {
+                    proto::Wire::Rs232 => Duplex::Full,
+                    proto::Wire::Rs485 => Duplex::Half,
+                };
+                link.drives.iter_mut().for_each(|drive| drive.standard = Some(standard));
+            }
+        }
+    }
+
+    fn set_faults(&self, world: &mut World, built: &Built) {
+        for ((wire, _), spec) in built.links.iter().zip(&self.wires) {
+            if let Some(faults) = world.faults(*wire) {
+                *faults = spec.faults;
+            }
+            if let Some(faults) = world.can_faults(*wire) {
+                *faults = spec.can_faults;
             }
         }
     }
@@ -228,11 +306,7 @@ impl Simulation {
         let mut world = World::new(seed);
         let built = description.rack.build(&mut world);
         let built = built.map_err(|error| Error::usage("E231", error.to_string(), ""))?;
-        for ((wire, _), spec) in built.links.iter().zip(&description.wires) {
-            if let Some(faults) = world.faults(*wire) {
-                *faults = spec.faults;
-            }
-        }
+        description.set_faults(&mut world, &built);
         Ok(Self {
             shared: Arc::new(Shared::new(world, pace)),
             built: Arc::new(built),
@@ -257,12 +331,16 @@ impl Simulation {
     /// # Errors
     /// [`Error::Usage`] `E212` when there is no such link; [`Error::Link`] when the system has no
     /// descriptors left.
-    pub fn open(&self, link: usize) -> Result<Box<dyn Link<Stream>>, Error> {
+    pub fn open(&self, link: usize) -> Result<AnyLink, Error> {
         let (wire, _) = self.built.links.get(link).ok_or_else(|| {
             Error::usage("E212", format!("the rack has no link {link}"), "links count from 0")
         })?;
         let name = format!("sim:{}", self.description.rack.links[link].name);
-        Ok(Box::new(end::SimEnd::new(Arc::clone(&self.shared), *wire, &name)?))
+        let end = end::SimEnd::new(Arc::clone(&self.shared), *wire, &name)?;
+        Ok(match self.description.rack.links[link].wire.medium() {
+            MediumKind::Serial => AnyLink::Serial(Box::new(end)),
+            MediumKind::Can => AnyLink::Can(Box::new(end)),
+        })
     }
 
     /// The simulation's time.

@@ -15,6 +15,8 @@
 use crate::error::Error;
 use crate::registry;
 use crate::words;
+use polepair_core::medium::MediumKind;
+use polepair_core::proto::GROUP;
 use std::fmt;
 use std::str::FromStr;
 
@@ -23,10 +25,14 @@ pub const AXES_MAX: usize = 256;
 /// Keys that one connection string has at most.
 const KEYS_MAX: usize = 32;
 
-const LINKS: [&str; 2] = ["serial", "tcp"];
-const KEYS: [&str; 7] = ["profile", "timeout", "gap", "host", "echo", "parity", "stop"];
-const SIM_KEYS: [&str; 9] =
-    ["axes", "seed", "time", "profile", "timeout", "gap", "host", "echo", "baud"];
+const LINKS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
+const SERIAL_KEYS: [&str; 10] =
+    ["profile", "timeout", "gap", "host", "echo", "parity", "stop", "wire", "ack", "pause"];
+const CAN_KEYS: [&str; 5] = ["profile", "timeout", "host", "bitrate", "ack"];
+const SIM_KEYS: [&str; 13] = [
+    "axes", "seed", "time", "profile", "timeout", "gap", "host", "echo", "baud", "bitrate", "wire",
+    "ack", "pause",
+];
 
 /// A connection string, taken apart.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -37,8 +43,39 @@ pub struct Url {
     pub target: Target,
     /// Keys and their values, in order.
     pub keys: Vec<(String, String)>,
-    /// The axes named, in order; empty when none is.
+    /// The axes named, in order, as [`Number`] has them; empty when none is.
     pub axes: Vec<u32>,
+}
+
+/// The number of an axis as connection strings write it: an address, or groups of drives where it
+/// has the flag [`GROUP`]: `g3`, `g1+2+4`, and `g*` for all.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Number(pub u32);
+
+impl Number {
+    /// Whether it means several drives, which are told and not asked.
+    #[must_use]
+    pub const fn is_group(self) -> bool {
+        self.0 & GROUP != 0
+    }
+}
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.is_group() {
+            return write!(f, "{}", self.0);
+        }
+        let mask = self.0 & !GROUP;
+        if mask == 0 {
+            return f.write_str("g*");
+        }
+        let mut mark = 'g';
+        for group in (1..=31_u32).filter(|group| mask >> (group - 1) & 1 == 1) {
+            write!(f, "{mark}{group}")?;
+            mark = '+';
+        }
+        Ok(())
+    }
 }
 
 /// What to open.
@@ -56,11 +93,60 @@ pub enum Target {
         /// Host name and port: `10.0.0.5:4001`, `[::1]:502`.
         address: String,
     },
+    /// A CAN bus over UDP multicast, in python-can's `udp_multicast` format.
+    Udp {
+        /// Group and port: `239.74.163.2:43113`.
+        group: String,
+    },
+    /// A CAN bus behind a serial adapter that speaks slcan.
+    Slcan {
+        /// `/dev/ttyACM0`, `COM3`.
+        path: String,
+        /// The port's bits per second, where the adapter has a real serial line.
+        baud: Option<u32>,
+    },
+    /// The same behind a serial server.
+    SlcanTcp {
+        /// Host name and port.
+        address: String,
+    },
+    /// A CAN bus of another computer that runs socketcand.
+    Socketcand {
+        /// Host name and port.
+        address: String,
+        /// The bus' name there: `can0`.
+        bus: String,
+    },
+    /// A CAN bus of this computer, on Linux.
+    Socketcan {
+        /// The interface: `can0`.
+        interface: String,
+    },
     /// Simulated drives in this process: a protocol's or product's word, or a rack file.
     Sim {
         /// `tmcl`, `tmcm-171`, `rack.toml`.
         what: String,
     },
+}
+
+impl Target {
+    /// What its wire carries; a simulation's links say it themselves.
+    #[must_use]
+    pub const fn medium(&self) -> Option<MediumKind> {
+        match self {
+            Self::Serial { .. } | Self::Tcp { .. } => Some(MediumKind::Serial),
+            Self::Sim { .. } => None,
+            _ => Some(MediumKind::Can),
+        }
+    }
+
+    const fn keys(&self) -> &'static [&'static str] {
+        match self.medium() {
+            None => &SIM_KEYS,
+            Some(MediumKind::Serial) => &SERIAL_KEYS,
+            Some(MediumKind::Can) => &CAN_KEYS,
+        }
+    }
 }
 
 impl Url {
@@ -157,25 +243,45 @@ fn wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, 
     if address.is_empty() {
         return Err(wrong(format!("`{head}` names nothing to open"), ""));
     }
-    let target = match link.unwrap_or_else(|| guessed(address)) {
-        "serial" => serial(address)?,
-        "tcp" => tcp(address)?,
+    let target = match link.unwrap_or_else(|| guessed(protocol, address)) {
+        "serial" => port(address).map(|(path, baud)| Target::Serial { path, baud })?,
+        "tcp" => Target::Tcp { address: tcp(address)? },
+        "udp" => Target::Udp { group: tcp(address)? },
+        "slcan" if is_port(address) => {
+            port(address).map(|(path, baud)| Target::Slcan { path, baud })?
+        }
+        "slcan" => Target::SlcanTcp { address: tcp(address)? },
+        "socketcand" => socketcand(address)?,
+        "socketcan" => Target::Socketcan { interface: decoded(address)? },
         other => {
             let near = words::hint(other, LINKS);
             let what = format!("`{other}` is no kind of link{near}");
-            return Err(wrong(what, "it can be serial or tcp"));
+            return Err(wrong(what, &format!("it can be {}", LINKS.join(", "))));
         }
     };
-    Ok(Url { protocol: protocol.to_owned(), target, keys, axes })
+    let url = Url { protocol: protocol.to_owned(), target, keys, axes };
+    url.spoken().map(|_| url)
 }
 
-/// A path is a port; what else ends in a number is a host.
-fn guessed(address: &str) -> &'static str {
-    let windows = address.len() > 3 && address[..3].eq_ignore_ascii_case("com");
-    if address.starts_with('/') || windows && !address.contains('.') { "serial" } else { "tcp" }
+/// What a string without a kind of link means: a path is a port, what else ends in a number is a
+/// host, and a protocol on CAN alone is on a bus of this computer.
+fn guessed(protocol: &str, address: &str) -> &'static str {
+    let on_serial = registry::protocol(protocol, MediumKind::Serial).is_some();
+    match (on_serial, is_port(address)) {
+        (true, true) => "serial",
+        (true, false) => "tcp",
+        (false, true) => "slcan",
+        (false, false) => "socketcan",
+    }
 }
 
-fn serial(address: &str) -> Result<Target, Error> {
+/// Whether it names a serial port.
+fn is_port(address: &str) -> bool {
+    let windows = address.get(..3).is_some_and(|word| word.eq_ignore_ascii_case("com"));
+    address.starts_with('/') || windows && address.len() > 3 && !address.contains('.')
+}
+
+fn port(address: &str) -> Result<(String, Option<u32>), Error> {
     let split = address.rsplit_once(':').and_then(|(path, baud)| {
         baud.bytes().all(|c| c.is_ascii_digit()).then(|| (path, baud.parse::<u32>().ok()))
     });
@@ -184,10 +290,10 @@ fn serial(address: &str) -> Result<Target, Error> {
         Some((path, Some(baud))) if baud > 0 => (path, Some(baud)),
         Some(_) => return Err(wrong(format!("`{address}` has no possible baud rate"), "")),
     };
-    Ok(Target::Serial { path: decoded(path)?, baud })
+    Ok((decoded(path)?, baud))
 }
 
-fn tcp(address: &str) -> Result<Target, Error> {
+fn tcp(address: &str) -> Result<String, Error> {
     let port = address.rsplit_once(':').and_then(|(host, port)| {
         (!host.is_empty()).then(|| port.parse::<u16>().ok().filter(|port| *port > 0)).flatten()
     });
@@ -195,7 +301,15 @@ fn tcp(address: &str) -> Result<Target, Error> {
         let what = format!("`{address}` has no port number");
         return Err(wrong(what, "write HOST:PORT, such as `10.0.0.5:4001`"));
     }
-    Ok(Target::Tcp { address: address.to_owned() })
+    Ok(address.to_owned())
+}
+
+fn socketcand(address: &str) -> Result<Target, Error> {
+    let Some((server, bus)) = address.split_once('/').filter(|(_, bus)| !bus.is_empty()) else {
+        let what = format!("`{address}` names no bus");
+        return Err(wrong(what, "write HOST:PORT/BUS, such as `10.0.0.5:29536/can0`"));
+    };
+    Ok(Target::Socketcand { address: tcp(server)?, bus: decoded(bus)? })
 }
 
 fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
@@ -213,25 +327,21 @@ fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
     Ok(keys)
 }
 
-/// `1,2` or `1-4`.
+/// `1,2`, `1-4`, `g3`, `g1+2`, `g*`.
 fn axes(fragment: &str) -> Result<Vec<u32>, Error> {
     let mut axes = Vec::new();
     for piece in fragment.split(',').filter(|_| !fragment.is_empty()) {
-        let number = |text: &str| {
-            let number = crate::file::number(text.trim()).and_then(|n| u32::try_from(n).ok());
-            let what = || format!("`#{fragment}`: `{piece}` is no axis number");
-            number.ok_or_else(|| wrong(what(), "write `#1`, `#1,2` or `#1-4`"))
-        };
-        let (first, last) = match piece.split_once('-') {
-            Some((first, last)) => (number(first)?, number(last)?),
-            None => (number(piece)?, number(piece)?),
+        let (first, last) = match piece.trim().strip_prefix('g') {
+            Some(groups) => (group(fragment, groups)?, group(fragment, groups)?),
+            None => range(fragment, piece)?,
         };
         if first > last || (last - first) as usize >= AXES_MAX - axes.len() {
             return Err(wrong(format!("`#{fragment}`: at most {AXES_MAX} axes, upwards"), ""));
         }
         for axis in first..=last {
             if axes.contains(&axis) {
-                return Err(wrong(format!("`#{fragment}` names axis {axis} twice"), ""));
+                let number = Number(axis);
+                return Err(wrong(format!("`#{fragment}` names axis {number} twice"), ""));
             }
             axes.push(axis);
         }
@@ -239,10 +349,53 @@ fn axes(fragment: &str) -> Result<Vec<u32>, Error> {
     Ok(axes)
 }
 
+fn range(fragment: &str, piece: &str) -> Result<(u32, u32), Error> {
+    let number = |text: &str| {
+        let number = crate::file::number(text.trim()).and_then(|n| u32::try_from(n).ok());
+        let number = number.filter(|number| number & GROUP == 0);
+        let what = || format!("`#{fragment}`: `{piece}` is no axis number");
+        number.ok_or_else(|| wrong(what(), "write `#1`, `#1,2` or `#1-4`"))
+    };
+    match piece.split_once('-') {
+        Some((first, last)) => Ok((number(first)?, number(last)?)),
+        None => number(piece).map(|axis| (axis, axis)),
+    }
+}
+
+/// What follows the `g`: group numbers from 1, or a star.
+fn group(fragment: &str, groups: &str) -> Result<u32, Error> {
+    if groups == "*" {
+        return Ok(GROUP);
+    }
+    groups.split('+').try_fold(GROUP, |mask, text| {
+        let number = text.parse::<u32>().ok().filter(|number| (1..=31).contains(number));
+        let what = || format!("`#{fragment}`: `g{groups}` is no group");
+        let number = number.ok_or_else(|| wrong(what(), "write `#g3`, `#g1+2` or `#g*`"))?;
+        Ok(mask | 1 << (number - 1))
+    })
+}
+
 impl Url {
+    /// The protocol on the target's medium.
+    pub(crate) fn spoken(&self) -> Result<registry::Spoken, Error> {
+        let on = |medium| registry::protocol(&self.protocol, medium);
+        let Some(medium) = self.target.medium() else {
+            return Err(wrong("a simulation's links say their protocols themselves".into(), ""));
+        };
+        on(medium).ok_or_else(|| {
+            let (not, hint) = match medium {
+                MediumKind::Serial => {
+                    ("a serial line", "it is spoken on CAN: udp, slcan, socketcand, socketcan")
+                }
+                MediumKind::Can => ("CAN", "it is spoken on serial lines: serial, tcp"),
+            };
+            wrong(format!("`{}` is not spoken on {not}", self.protocol), hint)
+        })
+    }
+
     fn check_keys(&self) -> Result<(), Error> {
         let sim = matches!(self.target, Target::Sim { .. });
-        let known: &[&str] = if sim { &SIM_KEYS } else { &KEYS };
+        let known = self.target.keys();
         for (key, _) in &self.keys {
             if known.contains(&key.as_str()) {
                 continue;
@@ -253,10 +406,12 @@ impl Url {
                 continue;
             }
             let near = words::hint(key, known.iter().copied());
-            return Err(wrong(
-                format!("unknown key `{key}`{near}"),
-                &format!("keys are {}", known.join(", ")),
-            ));
+            let elsewhere = SERIAL_KEYS.contains(&key.as_str()) || CAN_KEYS.contains(&key.as_str());
+            let what = match elsewhere {
+                true => format!("the key `{key}` means nothing on this kind of link"),
+                false => format!("unknown key `{key}`{near}"),
+            };
+            return Err(wrong(what, &format!("keys are {}", known.join(", "))));
         }
         Ok(())
     }
@@ -277,6 +432,18 @@ impl fmt::Display for Url {
                 baud.map_or(Ok(()), |baud| write!(f, ":{baud}"))?;
             }
             Target::Tcp { address } => write!(f, "{}+tcp://{address}", self.protocol)?,
+            Target::Udp { group } => write!(f, "{}+udp://{group}", self.protocol)?,
+            Target::Slcan { path, baud } => {
+                write!(f, "{}+slcan://{}", self.protocol, encoded(path, ""))?;
+                baud.map_or(Ok(()), |baud| write!(f, ":{baud}"))?;
+            }
+            Target::SlcanTcp { address } => write!(f, "{}+slcan://{address}", self.protocol)?,
+            Target::Socketcand { address, bus } => {
+                write!(f, "{}+socketcand://{address}/{}", self.protocol, encoded(bus, ""))?;
+            }
+            Target::Socketcan { interface } => {
+                write!(f, "{}+socketcan://{}", self.protocol, encoded(interface, ""))?;
+            }
             Target::Sim { what } => write!(f, "sim:{}", encoded(what, ""))?,
         }
         for (n, (key, value)) in self.keys.iter().enumerate() {
@@ -284,7 +451,7 @@ impl fmt::Display for Url {
             write!(f, "{mark}{}={}", encoded(key, "=&"), encoded(value, "=&"))?;
         }
         for (n, axis) in self.axes.iter().enumerate() {
-            write!(f, "{}{axis}", if n == 0 { '#' } else { ',' })?;
+            write!(f, "{}{}", if n == 0 { '#' } else { ',' }, Number(*axis))?;
         }
         Ok(())
     }

@@ -57,7 +57,7 @@ fn mistakes_are_told_with_the_nearest_word() {
         ("tmcl+serial:///dev/ttyUSB0#x", "E210", "`x` is no axis number"),
         ("tmcl+serial:///dev/ttyUSB0#1,1", "E210", "axis 1 twice"),
         ("tmcl+serial:///dev/ttyUSB0#3-1", "E210", "upwards"),
-        ("tmcl+serial:///dev/ttyUSB0#0-4294967295", "E210", "at most 256 axes"),
+        ("tmcl+serial:///dev/ttyUSB0#0-256", "E210", "at most 256 axes"),
         ("tmcl+serial:///dev/tty%2", "E210", "two hex digits"),
     ] {
         let error = text.parse::<Url>().unwrap_err();

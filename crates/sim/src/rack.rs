@@ -7,10 +7,11 @@ use polepair_core::drives::bench::Act;
 use polepair_core::drives::{self, DeviceOptions, Family};
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
+use polepair_core::proto;
 use polepair_core::time::Instant;
 
 use crate::node::{CAN_PORT, Drive, Node, SERIAL_PORT};
-use crate::serial_line::Serial;
+use crate::serial_line::{Duplex, Serial};
 use crate::world::{NodeId, WireId, World};
 
 /// Links with drives on them.
@@ -50,6 +51,16 @@ impl RackWire {
         }
     }
 
+    /// The standard that a serial wire follows: who hears whom.
+    #[must_use]
+    pub const fn standard(&self) -> Option<proto::Wire> {
+        match self {
+            Self::Serial(Serial { duplex: Duplex::Half, .. }) => Some(proto::Wire::Rs485),
+            Self::Serial(Serial { duplex: Duplex::Full, .. }) => Some(proto::Wire::Rs232),
+            Self::Can(_) => None,
+        }
+    }
+
     /// Bytes arrive at once: the wire has no baud rate.
     #[must_use]
     pub const fn is_untimed(&self) -> bool {
@@ -73,6 +84,8 @@ pub struct RackDrive {
     /// The protocol words of its wires, that of the link it is listed on first: `tmcl`,
     /// `modbus-rtu`.
     pub wires: Vec<String>,
+    /// The standard that its serial wire follows, where it speaks differently on each.
+    pub standard: Option<proto::Wire>,
     /// The link of another medium that it is plugged into besides, by its place in the rack.
     pub also_on: Option<usize>,
     /// Address on the wire; the factory's if `None`.
@@ -185,7 +198,7 @@ impl RackDrive {
     pub fn new(profile: &'static Profile, wire: &str) -> Self {
         let (wires, address) = (vec![wire.to_owned()], None);
         let (extra, acts) = (Vec::new(), Vec::new());
-        Self { profile, wires, also_on: None, address, seed: 0, extra, acts }
+        Self { profile, wires, standard: None, also_on: None, address, seed: 0, extra, acts }
     }
 
     /// Puts the drive on a wire of `world`.
@@ -214,6 +227,7 @@ impl RackDrive {
         let options = DeviceOptions {
             address: self.address,
             wires: &wires,
+            standard: self.standard,
             untimed,
             seed: self.seed,
             extra: &extra,

@@ -6,21 +6,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use clap::Args;
-use polepair::simulate::{self, Description, DriveLine};
+use polepair::simulate::{self, DriveLine};
 use polepair::{Axis, Connector, Link};
-use polepair_capture::{Decoder, Rules, Stamp, text};
+use polepair_capture::{Decoder, Rules, text};
 use polepair_core::drives::bench::Act;
-use polepair_core::explain::Direction as Said;
+use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use polepair_link::serve::Served;
-use polepair_link::tap::Direction;
+use polepair_link::tap::{Direction, Tap};
 use polepair_link::{Stop, clock, pty::Pty};
 
 use crate::cmd::info;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::signal;
+use crate::target::Unit;
 use crate::terminal::{self, Table, say};
 
 /// Frames of a step that are shown.
@@ -84,7 +85,7 @@ struct Part {
 /// A served drive and its open link.
 struct Actor {
     part: &'static Part,
-    line: Arc<Mutex<DriveLine>>,
+    line: DriveLine,
     stop: Stop,
     link: Link,
     frames: Frames,
@@ -122,10 +123,14 @@ impl Actor {
     /// Serves the drive, finds it by a scan, and opens its link.
     fn enter(part: &'static Part) -> Result<Self> {
         let description = simulate::rack_of_words(&[part.drive], 1).map_err(outcome::error)?;
-        let line = Arc::new(Mutex::new(DriveLine::new(&description, 0).map_err(outcome::error)?));
+        let lines = simulate::lines(&description, 1).map_err(outcome::error)?;
+        let Some(line) = lines.into_iter().next() else {
+            return Err(Problem::usage("E244", "the demo's rack has no link."));
+        };
         let pty = Pty::open(None).map_err(|error| outcome::link_error(&error))?;
-        let url = base(&description, pty.path());
-        let served = Served::new(Box::new(pty), Arc::clone(&line));
+        let url = description.url(0, &format!("serial://{}", pty.path()));
+        let url = url.split('#').next().unwrap_or(&url).to_owned();
+        let served = line.clone().serve(Box::new(pty));
         say(&format!("scanning {url}"));
         let frames = Frames::default();
         let connector = connector(&url, &frames);
@@ -257,11 +262,7 @@ impl Actor {
 
     /// Does something to the drive from outside.
     fn act(&self, act: Act) {
-        let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bench) = line.bench(0) {
-            bench.act(clock::now(), act);
-        }
-        drop(line);
+        self.line.bench(0, |bench| bench.act(clock::now(), act));
         self.stop.look();
     }
 
@@ -329,25 +330,26 @@ fn pause(ms: u32) {
     clock::sleep_until(clock::now().plus_ms(ms));
 }
 
-/// The connection string of the served drive, without its axis.
-fn base(description: &Description, path: &str) -> String {
-    format!("{}+serial://{path}", description.wires[0].protocol)
-}
-
 /// A connector whose frames are explained into `frames`.
 fn connector(url: &str, frames: &Frames) -> Connector {
     let protocol = url.split('+').next().unwrap_or(url).to_owned();
     let rules = Rules::parse(&protocol).unwrap_or_default();
-    let mut decoder = Decoder::new(rules);
-    let mut text = text::Text::new(text::Style { colour: terminal::colour_err() });
-    let frames = Arc::clone(frames);
-    Connector::default().with_tap(move |at: Instant, direction: Direction, bytes: &[u8]| {
-        let said = match direction {
-            Direction::ToDrive => Said::ToDrive,
-            Direction::ToHost => Said::ToHost,
-        };
-        let time = Some(Stamp(clock::wall_ns(at)));
-        decoder.chunk(time, "pty", Some(said), bytes, &mut |event| {
+    let decoder = Decoder::new(rules);
+    let text = text::Text::new(text::Style { colour: terminal::colour_err() });
+    Connector::default().with_tap(Watcher { decoder, text, frames: Arc::clone(frames) })
+}
+
+/// Keeps the first frames of a step, explained.
+struct Watcher {
+    decoder: Decoder,
+    text: text::Text,
+    frames: Frames,
+}
+
+impl Watcher {
+    fn see(&mut self, at: Instant, direction: Direction, unit: Unit<'_>) {
+        let Self { decoder, text, frames } = self;
+        unit.decode(decoder, at, "link", direction, &mut |event| {
             let mut line = Vec::new();
             text.write(event, &mut line);
             let mut frames = frames.lock().unwrap_or_else(PoisonError::into_inner);
@@ -355,7 +357,19 @@ fn connector(url: &str, frames: &Frames) -> Connector {
                 frames.push_back(String::from_utf8_lossy(&line).trim().to_owned());
             }
         });
-    })
+    }
+}
+
+impl Tap<Stream> for Watcher {
+    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
+        self.see(at, direction, Unit::Bytes(bytes));
+    }
+}
+
+impl Tap<Can> for Watcher {
+    fn unit(&mut self, at: Instant, direction: Direction, frame: &Frame) {
+        self.see(at, direction, Unit::Frame(frame));
+    }
 }
 
 fn errors(actor: &Actor) -> u64 {

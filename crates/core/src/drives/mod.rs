@@ -8,6 +8,7 @@ pub mod tmcm17x;
 use crate::explain::Dissector;
 use crate::medium::{Can, Stream};
 use crate::profile::Profile;
+use crate::proto;
 use crate::station::{Station, Timed};
 
 /// Settings of a simulated drive, as a rack file or a command line gives them.
@@ -15,9 +16,11 @@ use crate::station::{Station, Timed};
 pub struct DeviceOptions<'a> {
     /// Address on the wire; the factory's if `None`.
     pub address: Option<u32>,
-    /// The protocol words of the wires it is on, where a family speaks several: `modbus-rtu`, or
-    /// `tml` and `tmlcan` for one that relays between both.
+    /// The protocol words of the wires it is on, where a family speaks several: one, or one for each
+    /// wire of a drive that relays between two.
     pub wires: &'a [&'a str],
+    /// Which standard its serial wire follows; the family's usual one if `None`.
+    pub standard: Option<proto::Wire>,
     /// Its serial wire has no byte timing (pty, TCP): frames are told apart by length, not by silence.
     pub untimed: bool,
     /// Seed of whatever is random in the drive (sensor noise).

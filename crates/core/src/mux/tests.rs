@@ -27,8 +27,14 @@ fn lane(address: u32, host: u32) -> BoxedLane {
 
 /// A module told, over its serial end, to use other identifiers.
 fn device(can_id: i32, reply_id: i32) -> Device {
-    let options =
-        DeviceOptions { address: None, wires: &["tmcl"], untimed: true, seed: 1, extra: &[] };
+    let options = DeviceOptions {
+        address: None,
+        wires: &["tmcl"],
+        standard: None,
+        untimed: true,
+        seed: 1,
+        extra: &[],
+    };
     let mut device = Tmcm17x::device(Tmcm17x::profiles()[0], &options).unwrap();
     for (parameter, value) in [(71, can_id), (70, reply_id)] {
         let text = std::format!("SGP {parameter}, 0, {value}");

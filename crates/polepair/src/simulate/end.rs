@@ -1,7 +1,7 @@
 //! The host's end of a simulated wire as a link, and the world behind it, shared by all ends.
 
 use polepair_core::drives::bench::Bench;
-use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use polepair_core::time::Instant;
 use polepair_link::{Link, LinkError, Received, Waker, clock};
 use polepair_sim::world::{EndId, NodeId, WireId, World};
@@ -88,7 +88,7 @@ impl SimEnd {
 
     /// Lets the world run until something arrived here, `until` came, or it is time to look
     /// around. `Err` is how long nothing will happen.
-    fn look(&self, buffer: &mut [u8], until: Instant) -> Result<Received, Instant> {
+    fn look(&self, take: &mut Take<'_>, until: Instant) -> Result<Received, Instant> {
         let mut world = self.shared.lock();
         let horizon = match self.shared.pace {
             Pace::Virtual if until == Instant::FAR => world.now(),
@@ -96,7 +96,7 @@ impl SimEnd {
             Pace::Real => self.shared.real(),
         };
         for _ in 0..EVENTS_MAX {
-            if let Some((at, len)) = world.receive(self.end, buffer) {
+            if let Some((at, len)) = take(&mut world, self.end) {
                 return Ok(Received::Bytes { len, at });
             }
             if world.next_event().is_none_or(|at| at > horizon) {
@@ -115,36 +115,84 @@ impl SimEnd {
             Pace::Real => Err(next.map_or(until, |next| next.min(until))),
         }
     }
-}
 
-impl Link<Stream> for SimEnd {
     fn now(&self) -> Instant {
         self.shared.now()
     }
 
-    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+    fn send(&self, send: impl FnOnce(&mut World, Instant)) {
         let mut world = self.shared.lock();
         let now = self.shared.time(&world);
-        world.send(self.end, now, unit);
-        Ok(())
+        send(&mut world, now);
     }
 
-    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+    fn receive(&self, take: &mut Take<'_>, until: Instant) -> Received {
         loop {
-            let wait = match self.look(buffer, until) {
-                Ok(received) => return Ok(received),
+            let wait = match self.look(take, until) {
+                Ok(received) => return received,
                 // The simulation's clock is behind the system's by when it began.
                 Err(Instant::FAR) => Instant::FAR,
                 Err(until) => self.shared.started + until.since(Instant::ZERO),
             };
             if self.waker.wait(wait) {
-                return Ok(Received::Woken);
+                return Received::Woken;
             }
         }
+    }
+}
+
+/// Takes what arrived at an end: when, and how much.
+type Take<'a> = dyn FnMut(&mut World, EndId) -> Option<(Instant, usize)> + 'a;
+
+impl Link<Stream> for SimEnd {
+    fn now(&self) -> Instant {
+        self.now()
+    }
+
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        self.send(|world, now| world.send(self.end, now, unit));
+        Ok(())
+    }
+
+    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        Ok(self.receive(&mut |world, end| world.receive(end, buffer), until))
     }
 
     fn set_line(&self, line: SerialLine) -> Result<(), LinkError> {
         self.shared.lock().set_line(self.end, line);
+        Ok(())
+    }
+
+    fn waker(&self) -> Waker {
+        self.waker.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.name.clone()
+    }
+}
+
+impl Link<Can> for SimEnd {
+    fn now(&self) -> Instant {
+        self.now()
+    }
+
+    fn send(&self, frame: &Frame) -> Result<(), LinkError> {
+        self.send(|world, now| world.send_frame(self.end, now, frame));
+        Ok(())
+    }
+
+    fn receive(&self, out: &mut Frame, until: Instant) -> Result<Received, LinkError> {
+        let mut take = |world: &mut World, end| {
+            let (at, frame) = world.receive_frame(end)?;
+            *out = frame;
+            Some((at, 1))
+        };
+        Ok(self.receive(&mut take, until))
+    }
+
+    /// A simulated bus has the bit rate that its rack says.
+    fn set_line(&self, _line: CanLine) -> Result<(), LinkError> {
         Ok(())
     }
 

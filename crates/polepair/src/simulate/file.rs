@@ -3,6 +3,7 @@
 //! ```toml
 //! [[link]]
 //! name = "left"
+//! kind = "serial"                 # or can; optional where the protocol has one kind only
 //! protocol = "tmcl"               # optional where the drives' profiles say it
 //! baud = 9600                     # optional: the factory's; 0 for a wire without byte timing
 //! duplex = "half"                 # half (RS-485) or full (RS-232)
@@ -17,7 +18,14 @@
 //! load = 0.02                     # N·m, positive drives the shaft forward
 //! supply = 24.0                   # V
 //! home = 3.1                      # rad: where a reference switch closes
+//! on = ["left", "bus"]            # a drive on two links: this one and another of the other kind
 //! options = { variant = "position" }   # what the family knows beyond these
+//!
+//! [[link]]
+//! name = "bus"
+//! kind = "can"
+//! bitrate = 500000                # optional: the factory's; 0 for a bus without bit timing
+//! faults = { error = 1e-3, twice = 0, lose = 0 }   # chances for each frame
 //! ```
 
 use super::{DRIVES_MAX, Description, Wire, drive_of};
@@ -26,14 +34,19 @@ use crate::file::{FileError, Node, Text};
 use crate::profile::text_of;
 use crate::registry;
 use polepair_core::drives::bench::Act;
+use polepair_core::medium::{CanLine, MediumKind};
+use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::Faults;
 use polepair_sim::rack::{RackDrive, RackLink, RackWire};
 use polepair_sim::random::{Ppm, Random};
 use polepair_sim::serial_line::{Duplex, Serial};
 use std::path::Path;
 
-const LINK_KEYS: [&str; 7] = ["name", "protocol", "baud", "duplex", "echo", "faults", "drive"];
-const DRIVE_KEYS: [&str; 7] = ["name", "profile", "address", "load", "supply", "home", "options"];
+const LINK_KEYS: [&str; 9] =
+    ["name", "kind", "protocol", "baud", "bitrate", "duplex", "echo", "faults", "drive"];
+const DRIVE_KEYS: [&str; 8] =
+    ["name", "profile", "address", "on", "load", "supply", "home", "options"];
+const CAN_FAULT_KEYS: [&str; 3] = ["error", "twice", "lose"];
 const FAULT_KEYS: [&str; 15] = [
     "seed",
     "flip",
@@ -68,10 +81,14 @@ pub fn rack_of_text(file: &str, text: &str, seed: u64) -> Result<Description, Er
     let description = Text::new(file, text).read(&["link", "seed"], |node| {
         let seed = node.between("seed", 0, i64::MAX)?.map_or(seed, i64::cast_unsigned);
         let mut description = Description::default();
-        for (n, link) in node.tables("link", &LINK_KEYS)?.iter().enumerate() {
+        let links = node.tables("link", &LINK_KEYS)?;
+        for (n, link) in links.iter().enumerate() {
             let (rack, wire) = link_of(link, n, seed.wrapping_add(n as u64 * 1000))?;
             description.rack.links.push(rack);
             description.wires.push(wire);
+        }
+        for (n, link) in links.iter().enumerate() {
+            second_links(link, n, &mut description)?;
             description.settle_host(n);
         }
         if description.wires.is_empty() {
@@ -84,15 +101,16 @@ pub fn rack_of_text(file: &str, text: &str, seed: u64) -> Result<Description, Er
 
 fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire), FileError> {
     let name = node.text("name")?.map_or_else(|| format!("link{}", n + 1), |found| found.value);
-    let asked = node.text("protocol")?;
-    let mut protocol = match asked {
-        Some(word) => Some(word.check(|word| {
-            registry::protocol(&word).ok_or_else(|| {
-                let known = registry::names();
-                let near = crate::words::hint(&word, known.iter().copied());
-                format!("`{word}` is no protocol{near}")
-            })
+    let kind = match node.text("kind")? {
+        None => None,
+        Some(found) => Some(found.check(|word| match word.as_str() {
+            "serial" => Ok(MediumKind::Serial),
+            "can" => Ok(MediumKind::Can),
+            other => Err(format!("`{other}` is neither serial nor can")),
         })?),
+    };
+    let mut protocol = match node.text("protocol")? {
+        Some(word) => Some(word.check(|word| protocol_of(&word, kind))?),
         None => None,
     };
     let (mut drives, mut names) = (Vec::new(), Vec::new());
@@ -101,37 +119,127 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
             return Err(drive.place().error(format!("more than {DRIVES_MAX} drives on a link")));
         }
         let seed = seed.wrapping_add(at as u64);
-        drives.push(drive_of_table(drive, &mut protocol, seed)?);
+        drives.push(drive_of_table(drive, &mut protocol, kind, seed)?);
         names.push(drive.text("name")?.map(|found| found.value).unwrap_or_default());
     }
-    let Some(protocol) = protocol.filter(|_| !drives.is_empty()) else {
-        return Err(node.place().error("a link needs a [[link.drive]]"));
+    // A bus on which a relay alone sits has its drives on the other link.
+    let Some(protocol) = protocol else {
+        return Err(node.place().error("a link needs a [[link.drive]], or a protocol"));
     };
-    let baud = node.between("baud", 0, 4_000_000)?.and_then(|baud| u32::try_from(baud).ok());
-    let asked = baud.filter(|baud| *baud > 0);
-    let baud = baud.unwrap_or(protocol.baud);
-    let echo = node.flag("echo")?;
-    let duplex = match node.text("duplex")? {
-        None => Duplex::Half,
-        Some(found) => found.check(|word| match word.as_str() {
+    let rates =
+        |key| node.between(key, 0, 4_000_000).map(|n| n.and_then(|n| u32::try_from(n).ok()));
+    let (asked, wire, shared) = match protocol.medium {
+        MediumKind::Serial => {
+            let (serial, shared) = serial_of(node, rates("baud")?)?;
+            (rates("baud")?, RackWire::Serial(serial), shared)
+        }
+        MediumKind::Can => {
+            let bit_rate = rates("bitrate")?;
+            let line = CanLine { bit_rate: bit_rate.unwrap_or(protocol.baud) };
+            (bit_rate, RackWire::Can(line), false)
+        }
+    };
+    let mine: &[&str] = match protocol.medium {
+        MediumKind::Serial => &["bitrate"],
+        MediumKind::Can => &["baud", "duplex", "echo"],
+    };
+    if let Some(key) = mine.iter().find(|key| node.has(key)) {
+        return Err(node.place().error(format!("`{key}` means nothing on this kind of link")));
+    }
+    drives.iter_mut().for_each(|drive| drive.standard = wire.standard());
+    let (faults, can_faults) = match protocol.medium {
+        MediumKind::Serial => (faults(node)?, CanFaults::default()),
+        MediumKind::Can => (Faults::NONE, can_faults(node)?),
+    };
+    let baud = asked.unwrap_or(protocol.baud);
+    let wire_of = Wire { protocol: protocol.name, faults, can_faults, baud, shared, names };
+    Ok((RackLink { name, wire, drives }, wire_of))
+}
+
+/// How a serial wire is built, and whether its drives hear each other because the file says so.
+fn serial_of(node: &Node<'_, '_>, baud: Option<u32>) -> Result<(Serial, bool), FileError> {
+    let asked = match node.text("duplex")? {
+        None => None,
+        Some(found) => Some(found.check(|word| match word.as_str() {
             "half" => Ok(Duplex::Half),
             "full" => Ok(Duplex::Full),
             other => Err(format!("`{other}` is neither half nor full")),
-        })?,
+        })?),
     };
-    let serial = Serial { duplex, timed: baud > 0, echo, baud: asked };
-    let wire = Wire { protocol: protocol.name, faults: faults(node)?, baud, names };
-    Ok((RackLink { name, wire: RackWire::Serial(serial), drives }, wire))
+    let duplex = asked.unwrap_or(Duplex::Half);
+    let timed = baud != Some(0);
+    let serial = Serial { duplex, timed, echo: node.flag("echo")?, baud: baud.filter(|_| timed) };
+    Ok((serial, asked == Some(Duplex::Half)))
+}
+
+fn protocol_of(word: &str, kind: Option<MediumKind>) -> Result<registry::Spoken, String> {
+    let found = match kind {
+        None => registry::by_word(word),
+        Some(kind) => registry::protocol(word, kind),
+    };
+    found.ok_or_else(|| {
+        let known = registry::names();
+        match kind {
+            Some(MediumKind::Can) if known.contains(&word) => {
+                format!("`{word}` is not spoken on CAN")
+            }
+            Some(_) if known.contains(&word) => format!("`{word}` is not spoken on serial lines"),
+            _ => format!(
+                "`{word}` is no protocol{}",
+                crate::words::hint(word, known.iter().copied())
+            ),
+        }
+    })
+}
+
+/// Finds the links that drives of link `n` are plugged into besides.
+fn second_links(
+    node: &Node<'_, '_>,
+    n: usize,
+    description: &mut Description,
+) -> Result<(), FileError> {
+    for (at, drive) in node.tables("drive", &DRIVE_KEYS)?.iter().enumerate() {
+        for name in drive.texts("on")? {
+            let place = name.place.clone();
+            let links = &description.rack.links;
+            let Some(other) = links.iter().position(|link| link.name == name.value) else {
+                let near = crate::words::hint(&name.value, links.iter().map(|l| l.name.as_str()));
+                return Err(place.error(format!("`{}` is no link of this rack{near}", name.value)));
+            };
+            if other == n {
+                continue;
+            }
+            let of_this_kind = links[other].wire.medium() == links[n].wire.medium();
+            if of_this_kind || links[n].drives[at].also_on.is_some() {
+                return Err(place.error("a drive is on one serial link and one CAN bus at most"));
+            }
+            let word = description.wires[other].protocol.to_owned();
+            let drive = &mut description.rack.links[n].drives[at];
+            drive.also_on = Some(other);
+            drive.wires.push(word);
+        }
+    }
+    Ok(())
 }
 
 fn drive_of_table(
     node: &Node<'_, '_>,
     protocol: &mut Option<registry::Spoken>,
+    kind: Option<MediumKind>,
     seed: u64,
 ) -> Result<RackDrive, FileError> {
     let word = node.needed_text("profile")?;
     let place = word.place.clone();
-    let (profile, spoken) = word.check(|word| drive_of(&word).map_err(|e| e.to_string()))?;
+    let word = word.check(|word| match kind {
+        Some(MediumKind::Can) if !word.contains('+') => {
+            drive_of(&format!("{word}+can")).or_else(|_| drive_of(&word)).map_err(|e| e.to_string())
+        }
+        _ => drive_of(&word).map_err(|e| e.to_string()),
+    })?;
+    let (profile, spoken) = word;
+    if kind.is_some_and(|kind| kind != spoken.medium) {
+        return Err(place.error(format!("`{}` has no such connector", profile.name)));
+    }
     let wire = protocol.get_or_insert(spoken);
     if wire.profile != profile.protocol {
         let reason = format!("`{}` does not speak {}", profile.name, wire.name);
@@ -156,6 +264,25 @@ fn drive_of_table(
     Ok(drive)
 }
 
+fn can_faults(node: &Node<'_, '_>) -> Result<CanFaults, FileError> {
+    let Some(table) = node.table("faults", &CAN_FAULT_KEYS)? else {
+        return Ok(CanFaults::default());
+    };
+    let chance = |key| chance(&table, key);
+    Ok(CanFaults { error: chance("error")?, twice: chance("twice")?, lose: chance("lose")? })
+}
+
+fn chance(table: &Node<'_, '_>, key: &str) -> Result<Ppm, FileError> {
+    table.real(key)?.map_or(Ok(Ppm::NEVER), |found| {
+        found.check(|chance| {
+            if !(0.0..=1.0).contains(&chance) {
+                return Err(format!("`{key}` is {chance}; it must be 0 to 1"));
+            }
+            Ok(Ppm((chance * 1e6).round() as u32))
+        })
+    })
+}
+
 fn faults(node: &Node<'_, '_>) -> Result<Faults, FileError> {
     let Some(table) = node.table("faults", &FAULT_KEYS)? else { return Ok(Faults::NONE) };
     let small = |key, most| table.between(key, 0, most);
@@ -164,17 +291,7 @@ fn faults(node: &Node<'_, '_>) -> Result<Faults, FileError> {
     if let Some(seed) = small("seed", i64::MAX)? {
         return Ok(Faults::random(&mut Random::new(seed.cast_unsigned()), patience, latest));
     }
-    let chance = |key| {
-        let found = table.real(key)?;
-        found.map_or(Ok(Ppm(0)), |found| {
-            found.check(|chance| {
-                if !(0.0..=1.0).contains(&chance) {
-                    return Err(format!("`{key}` is {chance}; it must be 0 to 1"));
-                }
-                Ok(Ppm((chance * 1e6).round() as u32))
-            })
-        })
-    };
+    let chance = |key| chance(&table, key);
     Ok(Faults {
         flip: chance("flip")?,
         burst: chance("burst")?,

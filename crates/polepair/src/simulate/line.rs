@@ -1,18 +1,78 @@
-//! Several simulated drives as one station: what `serve` puts on a real wire.
+//! The drives of a rack as stations that `serve` puts on real wires: one world, an end for each link.
 
 use super::Description;
 use crate::error::Error;
 use polepair_core::drives::bench::Bench;
-use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
-use polepair_core::time::{Instant, earliest};
-use polepair_sim::node::Node;
-use polepair_sim::rack::{Rack, RackWire};
-use polepair_sim::world::{EndId, World};
+use polepair_core::time::Instant;
+use polepair_link::{Link, Served, Waker};
+use polepair_sim::fault::Faults;
+use polepair_sim::rack::RackWire;
+use polepair_sim::serial_line::Duplex;
+use polepair_sim::world::{EndId, NodeId, World};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The drives of one link of a rack. Each hears the host, none hears another.
+/// The drives of a rack, a line for each of its links, in order. Real wires have their own timing,
+/// or none: bytes and frames arrive here as they come. Which faults come when follows from `seed`.
+///
+/// # Errors
+/// [`Error::Usage`] `E231` when a drive cannot be built as described.
+pub fn lines(description: &Description, seed: u64) -> Result<Vec<DriveLine>, Error> {
+    let mut rack = description.rack.clone();
+    for (link, wire) in rack.links.iter_mut().zip(&description.wires) {
+        match &mut link.wire {
+            RackWire::Serial(serial) => {
+                serial.timed = false;
+                // Without timing a drive cannot tell a neighbour's reply from a request.
+                if wire.faults == Faults::NONE && !serial.echo && !wire.shared {
+                    serial.duplex = Duplex::Full;
+                }
+            }
+            RackWire::Can(line) => line.bit_rate = 0,
+        }
+    }
+    let mut world = World::new(seed);
+    let built = rack.build(&mut world);
+    let built = built.map_err(|error| Error::usage("E231", error.to_string(), ""))?;
+    description.set_faults(&mut world, &built);
+    let ends: Vec<EndId> = built.links.iter().map(|(wire, _)| world.open(*wire)).collect();
+    let doors = ends.iter().map(|end| Door { end: *end, waker: None }).collect();
+    let shared = Arc::new(Mutex::new(Shared { world, doors }));
+    let line = |((_, nodes), end)| DriveLine { shared: Arc::clone(&shared), end, nodes };
+    Ok(built.links.into_iter().zip(ends).map(line).collect())
+}
+
+/// The drives of one link of a rack, behind a wire that does to what they say what the rack says.
+/// Clones are the same drives.
+#[derive(Clone)]
 pub struct DriveLine {
-    nodes: Vec<Box<dyn Node>>,
+    shared: Arc<Mutex<Shared>>,
+    end: EndId,
+    nodes: Vec<NodeId>,
+}
+
+struct Shared {
+    world: World,
+    doors: Vec<Door>,
+}
+
+/// Where a line leaves the world, and what makes its server look there.
+struct Door {
+    end: EndId,
+    waker: Option<Waker>,
+}
+
+impl Shared {
+    /// Brings the world up to `now`, and calls the servers of other lines where something arrived.
+    fn advance(&mut self, now: Instant, mine: EndId) {
+        self.world.run_until(now);
+        for door in self.doors.iter().filter(|door| door.end != mine) {
+            if let Some(waker) = door.waker.as_ref().filter(|_| self.world.has_mail(door.end)) {
+                waker.wake();
+            }
+        }
+    }
 }
 
 impl std::fmt::Debug for DriveLine {
@@ -22,24 +82,17 @@ impl std::fmt::Debug for DriveLine {
 }
 
 impl DriveLine {
-    /// The drives of the link of that number, counted from 0, for a pty or TCP: no byte timing.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] when there is no such link (`E212`), or a drive cannot be built as
-    /// described (`E231`).
-    pub fn new(description: &Description, link: usize) -> Result<Self, Error> {
-        let spec = description.rack.links.get(link).ok_or_else(|| {
-            Error::usage("E212", format!("the rack has no link {link}"), "links count from 0")
-        })?;
-        let mut nodes = Vec::with_capacity(spec.drives.len());
-        for drive in &spec.drives {
-            let unbuildable =
-                |error: polepair_sim::rack::RackError| Error::usage("E231", error.to_string(), "");
-            let mut node = drive.device(true).map_err(unbuildable)?;
-            drive.prepare(&mut *node, Instant::ZERO).map_err(unbuildable)?;
-            nodes.push(node);
+    /// Serves the drives on a real wire, on a thread of its own.
+    pub fn serve<M: Medium>(self, wire: Box<dyn Link<M>>) -> Served
+    where
+        Self: Station<M>,
+    {
+        let waker = wire.waker();
+        let door = |door: &&mut Door| door.end == self.end;
+        if let Some(door) = self.lock().doors.iter_mut().find(door) {
+            door.waker = Some(waker);
         }
-        Ok(Self { nodes })
+        Served::new(wire, Box::new(self))
     }
 
     /// How many drives there are.
@@ -48,112 +101,65 @@ impl DriveLine {
         self.nodes.len()
     }
 
-    /// The bench of the drive of that number, counted from 0.
-    pub fn bench(&mut self, drive: usize) -> Option<&mut dyn Bench> {
-        self.nodes.get_mut(drive)?.bench()
+    /// Lends the bench of the drive of that number, counted from 0.
+    pub fn bench<R>(&self, drive: usize, f: impl FnOnce(&mut dyn Bench) -> R) -> Option<R> {
+        let node = *self.nodes.get(drive)?;
+        self.lock().world.with(node, |node, _| node.bench().map(f))
     }
 
-    fn stations(&mut self) -> impl Iterator<Item = &mut dyn Station<Stream>> {
-        self.nodes.iter_mut().filter_map(|node| node.stream(0))
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Timed for DriveLine {
     fn handle_timeout(&mut self, now: Instant) {
-        for node in &mut self.nodes {
-            if node.poll_timeout().is_some_and(|due| due <= now) {
-                node.handle_timeout(now);
-            }
-        }
+        self.lock().advance(now, self.end);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        self.nodes.iter().fold(None, |soonest, node| earliest(soonest, node.poll_timeout()))
+        self.lock().world.next_event()
     }
 }
 
 impl Station<Stream> for DriveLine {
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
-        self.stations().for_each(|station| station.handle_input(now, unit));
-    }
-
-    fn handle_line(&mut self, now: Instant, event: LineEvent) {
-        self.stations().for_each(|station| station.handle_line(now, event));
-    }
-
-    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
-        self.stations().find_map(|station| station.poll_transmit(now, out))
-    }
-
-    fn line(&self) -> SerialLine {
-        // A pty and TCP have none.
-        SerialLine::n81(0)
-    }
-}
-
-/// The drives of one link of a rack behind a wire that does to their bytes what the rack says:
-/// noise, losses, late replies, an echo. No byte timing.
-pub struct FaultyLine {
-    world: World,
-    end: EndId,
-}
-
-impl std::fmt::Debug for FaultyLine {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("FaultyLine")
-    }
-}
-
-impl FaultyLine {
-    /// The link of that number, counted from 0. Which faults come when follows from `seed`.
-    ///
-    /// # Errors
-    /// As [`DriveLine::new`].
-    pub fn new(description: &Description, link: usize, seed: u64) -> Result<Self, Error> {
-        let spec = description.rack.links.get(link).ok_or_else(|| {
-            Error::usage("E212", format!("the rack has no link {link}"), "links count from 0")
-        })?;
-        let mut spec = spec.clone();
-        if let RackWire::Serial(serial) = &mut spec.wire {
-            serial.timed = false;
-        }
-        let mut world = World::new(seed.wrapping_add(link as u64));
-        let built = Rack { links: vec![spec] }.build(&mut world);
-        let built = built.map_err(|error| Error::usage("E231", error.to_string(), ""))?;
-        let (wire, _) = built.links[0];
-        if let Some(faults) = world.faults(wire) {
-            *faults = description.wires[link].faults;
-        }
-        let end = world.open(wire);
-        Ok(Self { world, end })
-    }
-}
-
-impl Timed for FaultyLine {
-    fn handle_timeout(&mut self, now: Instant) {
-        self.world.run_until(now);
-    }
-
-    fn poll_timeout(&self) -> Option<Instant> {
-        self.world.next_event()
-    }
-}
-
-impl Station<Stream> for FaultyLine {
-    fn handle_input(&mut self, now: Instant, unit: &[u8]) {
-        self.world.send(self.end, now, unit);
-        // Without byte timing what was sent arrives at once.
-        self.world.run_until(now);
+        let mut shared = self.lock();
+        shared.world.send(self.end, now, unit);
+        // What was sent arrives at once.
+        shared.advance(now, self.end);
     }
 
     fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}
 
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
-        self.world.run_until(now);
-        self.world.receive(self.end, out).map(|(_, count)| count)
+        let mut shared = self.lock();
+        shared.advance(now, self.end);
+        shared.world.receive(self.end, out).map(|(_, count)| count)
     }
 
     fn line(&self) -> SerialLine {
         SerialLine::n81(0)
+    }
+}
+
+impl Station<Can> for DriveLine {
+    fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        let mut shared = self.lock();
+        shared.world.send_frame(self.end, now, frame);
+        shared.advance(now, self.end);
+    }
+
+    fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        let mut shared = self.lock();
+        shared.advance(now, self.end);
+        *out = shared.world.receive_frame(self.end)?.1;
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        CanLine { bit_rate: 0 }
     }
 }

@@ -24,8 +24,14 @@ mod wire;
 
 type Device = <SyntronTs as Family>::Device;
 
-const OPTIONS: DeviceOptions<'static> =
-    DeviceOptions { address: None, wires: &["modbus-rtu"], untimed: true, seed: 1, extra: &[] };
+const OPTIONS: DeviceOptions<'static> = DeviceOptions {
+    address: None,
+    wires: &["modbus-rtu"],
+    standard: None,
+    untimed: true,
+    seed: 1,
+    extra: &[],
+};
 
 /// A drive on a test's desk.
 struct Desk {

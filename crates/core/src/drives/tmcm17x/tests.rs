@@ -18,7 +18,7 @@ struct Rig {
 }
 
 fn options<'a>(extra: &'a [(&'a str, &'a str)]) -> DeviceOptions<'a> {
-    DeviceOptions { address: None, wires: &["tmcl"], untimed: true, seed: 1, extra }
+    DeviceOptions { address: None, wires: &["tmcl"], standard: None, untimed: true, seed: 1, extra }
 }
 
 impl Rig {

@@ -1,0 +1,108 @@
+//! Links of either medium, as the layers above the protocols hold them.
+
+use crate::connect::SharedTap;
+use polepair_core::medium::{Can, Medium, MediumKind, Stream};
+use polepair_core::time::Instant;
+use polepair_link::{Link, LinkError, Losses, Received, Tap, Tapped, Waker};
+use std::sync::Arc;
+
+/// An opened link, whatever it carries.
+pub enum AnyLink {
+    /// Bytes.
+    Serial(Box<dyn Link<Stream>>),
+    /// Frames.
+    Can(Box<dyn Link<Can>>),
+}
+
+impl AnyLink {
+    /// What it carries.
+    #[must_use]
+    pub const fn medium(&self) -> MediumKind {
+        match self {
+            Self::Serial(_) => MediumKind::Serial,
+            Self::Can(_) => MediumKind::Can,
+        }
+    }
+
+    /// What it is called: `/dev/ttyUSB0`, `10.0.0.5:4001`.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Serial(link) => link.describe(),
+            Self::Can(link) => link.describe(),
+        }
+    }
+}
+
+impl std::fmt::Debug for AnyLink {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("AnyLink").field(&self.describe()).finish()
+    }
+}
+
+/// A link that outlives the connection it is lent to.
+#[derive(Clone)]
+pub(crate) enum SharedLink {
+    Serial(Shared<Stream>),
+    Can(Shared<Can>),
+}
+
+impl SharedLink {
+    pub(crate) fn new(link: AnyLink, tap: Option<SharedTap>) -> Self {
+        match link {
+            AnyLink::Serial(link) => Self::Serial(Shared::new(link, tap)),
+            AnyLink::Can(link) => Self::Can(Shared::new(link, tap)),
+        }
+    }
+
+    pub(crate) fn describe(&self) -> String {
+        match self {
+            Self::Serial(link) => link.describe(),
+            Self::Can(link) => link.describe(),
+        }
+    }
+}
+
+pub(crate) struct Shared<M: Medium>(Arc<dyn Link<M>>);
+
+impl<M: Medium> Clone for Shared<M> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<M: Medium> Shared<M> {
+    fn new(link: Box<dyn Link<M>>, tap: Option<impl Tap<M> + 'static>) -> Self {
+        match tap {
+            None => Self(Arc::from(link)),
+            Some(tap) => Self(Arc::new(Tapped::new(link, tap))),
+        }
+    }
+}
+
+impl<M: Medium> Link<M> for Shared<M> {
+    fn now(&self) -> Instant {
+        self.0.now()
+    }
+    fn send(&self, unit: &M::Unit) -> Result<(), LinkError> {
+        self.0.send(unit)
+    }
+    fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError> {
+        self.0.receive(buffer, until)
+    }
+    fn set_line(&self, line: M::Line) -> Result<(), LinkError> {
+        self.0.set_line(line)
+    }
+    fn waker(&self) -> Waker {
+        self.0.waker()
+    }
+    fn describe(&self) -> String {
+        self.0.describe()
+    }
+    fn losses(&self) -> Losses {
+        self.0.losses()
+    }
+    fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
+        self.0.reopen()
+    }
+}
