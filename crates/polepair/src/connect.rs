@@ -171,7 +171,7 @@ impl Connector {
         let (numbers, names) = all.into_iter().filter(wanted).chain(groups).unzip();
         let mut options = options(url, wire.baud)?;
         options.bit_rate = wire.baud;
-        options.wire = options.wire.or(rack.wire.standard());
+        options.wire = options.wire.or(description.standard(n));
         options.host = options.host.or_else(|| spoken.other_host(&addresses));
         let link = simulation.open(n)?;
         if let AnyLink::Serial(link) = &link

@@ -4,9 +4,11 @@ use crate::error::Error;
 use crate::url::Number;
 use polepair_core::axis::AnyLane;
 use polepair_core::lane::{BoxedDriver, Lane};
-use polepair_core::medium::{Frame, Medium, MediumKind};
+use polepair_core::medium::{CanLine, Frame, Medium, MediumKind};
 use polepair_core::profile::Profile;
 use polepair_core::proto::{self, GROUP, HostOptions, Protocol};
+use polepair_sim::rack::RackWire;
+use polepair_sim::serial_line::Serial;
 use std::any::Any;
 use std::ops::RangeInclusive;
 
@@ -23,6 +25,8 @@ pub(crate) struct Spoken {
     pub(crate) addresses: RangeInclusive<u32>,
     /// Every address that a drive can have.
     pub(crate) every: RangeInclusive<u32>,
+    /// It speaks differently on RS-232 and on RS-485.
+    pub(crate) standards: bool,
     /// Groups of drives that can be told something at once, by number from 1.
     pub(crate) groups: u8,
     /// The host's own address, which no axis can have.
@@ -66,6 +70,16 @@ impl Spoken {
             last => format!("groups are g1 to g{last}, several g1+2, all g*"),
         };
         Err(Error::usage("E212", what, hint))
+    }
+
+    /// The standard that a serial line follows by default, and how it is built: one drive alone is
+    /// on RS-232 where that makes a difference.
+    pub(crate) fn usual_wire(&self, drives: usize) -> RackWire {
+        match self.medium {
+            MediumKind::Can => RackWire::Can(CanLine { bit_rate: self.baud }),
+            MediumKind::Serial if self.standards && drives == 1 => RackWire::Serial(Serial::RS232),
+            MediumKind::Serial => RackWire::Serial(Serial::RS485),
+        }
     }
 
     /// The word that means this protocol and no other of its name: `tmcl`, `tmcl+can`.
@@ -136,6 +150,7 @@ impl proto::Visitor for Lister {
             profile: P::PROFILE,
             addresses: P::ADDRESSES,
             every: P::EVERY_ADDRESS,
+            standards: P::STANDARDS,
             groups: P::GROUPS,
             host: P::HOST,
             baud: P::BAUD,

@@ -22,14 +22,14 @@ use end::Shared;
 pub use file::{rack_of_file, rack_of_text};
 pub use line::{DriveLine, lines};
 use polepair_core::drives::bench::{Act, Truth};
-use polepair_core::medium::{CanLine, MediumKind};
+use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 use polepair_core::proto;
 use polepair_core::time::Instant;
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::Faults;
 use polepair_sim::rack::{Built, Rack, RackDrive, RackLink, RackWire};
-use polepair_sim::serial_line::{Duplex, Serial};
+use polepair_sim::serial_line::Duplex;
 use polepair_sim::world::World;
 use std::sync::Arc;
 use std::time::Duration;
@@ -162,13 +162,10 @@ impl Description {
         addresses: &[Option<u32>],
         seed: u64,
     ) {
-        let wire = match protocol.medium {
-            MediumKind::Serial => RackWire::Serial(Serial::RS485),
-            MediumKind::Can => RackWire::Can(CanLine { bit_rate: protocol.baud }),
-        };
+        let wire = protocol.usual_wire(addresses.len());
         let drive = |(n, address): (usize, &Option<u32>)| {
             let mut drive = RackDrive::new(profile, protocol.name);
-            drive.standard = wire.standard();
+            drive.standard = wire.standard().filter(|_| protocol.standards);
             drive.address = *address;
             drive.seed = seed.wrapping_add(n as u64);
             drive
@@ -197,6 +194,12 @@ impl Description {
         spoken.other_host(&addresses)
     }
 
+    /// The standard that a link's line follows, where its protocol makes a difference.
+    pub(crate) fn standard(&self, link: usize) -> Option<proto::Wire> {
+        let makes_a_difference = self.spoken(link).is_some_and(|spoken| spoken.standards);
+        self.rack.links[link].wire.standard().filter(|_| makes_a_difference)
+    }
+
     fn spoken(&self, link: usize) -> Option<registry::Spoken> {
         registry::protocol(self.wires[link].protocol, self.rack.links[link].wire.medium())
     }
@@ -209,9 +212,13 @@ impl Description {
         let address = |drive: &RackDrive| drive.address.unwrap_or(first).to_string();
         let behind = self.behind(link).flat_map(|other| &self.rack.links[other].drives);
         let drives = self.rack.links[link].drives.iter().chain(behind);
-        let host = self.host(link).map(|host| format!("?host={host}")).unwrap_or_default();
+        let rs485 = self.standard(link) == Some(proto::Wire::Rs485);
+        let wire = rs485.then(|| "wire=rs485".to_owned());
+        let host = self.host(link).map(|host| format!("host={host}"));
+        let keys: Vec<String> = wire.into_iter().chain(host).collect();
+        let mark = if keys.is_empty() { "" } else { "?" };
         let addresses: Vec<String> = drives.map(address).collect();
-        format!("{protocol}+{place}{host}#{}", addresses.join(","))
+        format!("{protocol}+{place}{mark}{}#{}", keys.join("&"), addresses.join(","))
     }
 
     /// Has the drives of a link answer to a host that none of them can be mistaken for.

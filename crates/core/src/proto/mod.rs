@@ -113,6 +113,8 @@ pub trait Protocol {
     const HOST: Option<u32> = None;
     /// Every address that a drive can have.
     const EVERY_ADDRESS: core::ops::RangeInclusive<u32>;
+    /// It speaks differently on RS-232 and on RS-485.
+    const STANDARDS: bool = false;
     /// Groups of drives that an address can name by [`GROUP`]: numbers 1 to this.
     const GROUPS: u8 = 0;
     /// The baud or bit rate from the factory.

@@ -130,7 +130,7 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
         |key| node.between(key, 0, 4_000_000).map(|n| n.and_then(|n| u32::try_from(n).ok()));
     let (asked, wire, shared) = match protocol.medium {
         MediumKind::Serial => {
-            let (serial, shared) = serial_of(node, rates("baud")?)?;
+            let (serial, shared) = serial_of(node, rates("baud")?, &protocol, drives.len())?;
             (rates("baud")?, RackWire::Serial(serial), shared)
         }
         MediumKind::Can => {
@@ -146,7 +146,8 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
     if let Some(key) = mine.iter().find(|key| node.has(key)) {
         return Err(node.place().error(format!("`{key}` means nothing on this kind of link")));
     }
-    drives.iter_mut().for_each(|drive| drive.standard = wire.standard());
+    let standard = wire.standard().filter(|_| protocol.standards);
+    drives.iter_mut().for_each(|drive| drive.standard = standard);
     let (faults, can_faults) = match protocol.medium {
         MediumKind::Serial => (faults(node)?, CanFaults::default()),
         MediumKind::Can => (Faults::NONE, can_faults(node)?),
@@ -157,7 +158,12 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
 }
 
 /// How a serial wire is built, and whether its drives hear each other because the file says so.
-fn serial_of(node: &Node<'_, '_>, baud: Option<u32>) -> Result<(Serial, bool), FileError> {
+fn serial_of(
+    node: &Node<'_, '_>,
+    baud: Option<u32>,
+    protocol: &registry::Spoken,
+    drives: usize,
+) -> Result<(Serial, bool), FileError> {
     let asked = match node.text("duplex")? {
         None => None,
         Some(found) => Some(found.check(|word| match word.as_str() {
@@ -166,7 +172,11 @@ fn serial_of(node: &Node<'_, '_>, baud: Option<u32>) -> Result<(Serial, bool), F
             other => Err(format!("`{other}` is neither half nor full")),
         })?),
     };
-    let duplex = asked.unwrap_or(Duplex::Half);
+    let usual = match protocol.usual_wire(drives) {
+        RackWire::Serial(serial) => serial.duplex,
+        RackWire::Can(_) => Duplex::Half,
+    };
+    let duplex = asked.unwrap_or(usual);
     let timed = baud != Some(0);
     let serial = Serial { duplex, timed, echo: node.flag("echo")?, baud: baud.filter(|_| timed) };
     Ok((serial, asked == Some(Duplex::Half)))

@@ -2,6 +2,7 @@
 
 use crate::drives::DeviceOptions;
 use crate::profile::Profile;
+use crate::proto;
 use crate::proto::tml::device::Quirks;
 use crate::proto::tml::rules::Wire;
 
@@ -42,6 +43,11 @@ impl Options {
         if options.wires.contains(&"technocan") {
             read.quirks.can = Wire::TechnoCan;
         }
+        match options.standard {
+            Some(proto::Wire::Rs232) => read.quirks.wire = Wire::Rs232,
+            Some(proto::Wire::Rs485) => read.quirks.wire = Wire::Rs485,
+            None => {}
+        }
         if let Some(address) = options.address {
             read.axis = u8::try_from(address).unwrap_or(u8::MAX);
         }
@@ -72,6 +78,8 @@ impl Options {
             ("wire", "rs485") => self.quirks.wire = Wire::Rs485,
             ("can", "tmlcan") => self.quirks.can = Wire::TmlCan,
             ("can", "technocan") => self.quirks.can = Wire::TechnoCan,
+            // It answers whoever asks.
+            ("host", _) => {}
             ("setup", "valid" | "invalid") => self.setup = value == "valid",
             ("switches", _) => self.switches = Some(number(value, 1, 255)?),
             ("counts", _) => self.counts = number(value, 4, 16_777_216)?,

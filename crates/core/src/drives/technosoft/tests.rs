@@ -24,8 +24,14 @@ mod setup;
 mod sync;
 mod wire;
 
-const OPTIONS: DeviceOptions<'static> =
-    DeviceOptions { address: None, wires: &["tml"], untimed: true, seed: 1, extra: &[] };
+const OPTIONS: DeviceOptions<'static> = DeviceOptions {
+    address: None,
+    wires: &["tml"],
+    standard: None,
+    untimed: true,
+    seed: 1,
+    extra: &[],
+};
 
 const NOTHING: [u8; 0] = [];
 

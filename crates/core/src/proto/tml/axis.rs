@@ -223,6 +223,7 @@ impl Protocol for Tml {
     type Medium = Stream;
     type Host = SerialHost;
     const NAME: &'static str = "tml";
+    const STANDARDS: bool = true;
     const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
     const GROUPS: u8 = 8;
     const BAUD: u32 = 9600;
