@@ -33,7 +33,14 @@ fn profile() -> &'static Profile {
 
 fn device(address: u32, extra: &[(&str, &str)]) -> Box<Drive<Device>> {
     let wires = &["tml", "tmlcan"];
-    let options = DeviceOptions { address: Some(address), wires, untimed: false, seed: 1, extra };
+    let options = DeviceOptions {
+        address: Some(address),
+        wires,
+        standard: None,
+        untimed: false,
+        seed: 1,
+        extra,
+    };
     Box::new(Drive(Technosoft::device(profile(), &options).unwrap()))
 }
 
