@@ -169,6 +169,12 @@ fn velocity(rad_per_s: f64) -> Command {
     Command { velocity: Some(rad_per_s), ..Command::new(Verb::Velocity) }
 }
 
+#[track_caller]
+fn done(outcome: Outcome) -> bool {
+    assert!(matches!(outcome, Outcome::Done(_)), "{outcome:?}");
+    true
+}
+
 const fn hint(outcome: Outcome) -> Option<&'static str> {
     match outcome {
         Outcome::NotDone(Failure::NotReady { hint }) => Some(hint),
@@ -210,14 +216,14 @@ fn bench_differs() -> Failure {
 fn an_axis_tells_unasked_that_it_arrived() {
     let mut bench = Bench::relay("tmlcan", &[255, 1]);
     assert_eq!(bench.write(1, "SRL_MASK", 0x0400), Outcome::Done(0x0400));
-    assert!(matches!(bench.verb(1, Verb::Enable), Outcome::Done(_)));
+    assert!(done(bench.verb(1, Verb::Enable)));
     let motion = Command {
         target: Some(1.0),
         velocity: Some(20.0),
         acceleration: Some(500.0),
         ..Command::new(Verb::MoveTo)
     };
-    assert!(matches!(bench.command(1, motion), Outcome::Done(_)));
+    assert!(done(bench.command(1, motion)));
     let reached = |bench: &mut Bench| {
         bench.axes(|axes, _| axes.state(AxisIndex(1)).unwrap().reading(Signal::Reached))
     };
@@ -240,14 +246,14 @@ fn a_motor_turns_on_every_wire() {
     ];
     for (n, bench) in benches.iter_mut().enumerate() {
         let (axis, drive) = if n == 1 { (1, 1) } else { (0, 0) };
-        assert!(matches!(bench.verb(axis, Verb::Enable), Outcome::Done(_)), "{n}");
-        assert!(matches!(bench.command(axis, velocity(30.0)), Outcome::Done(_)), "{n}");
+        assert!(done(bench.verb(axis, Verb::Enable)), "{n}");
+        assert!(done(bench.command(axis, velocity(30.0))), "{n}");
         let until = bench.world.now().plus_ms(2000);
         bench.world.run_until(until);
         assert!((bench.truth(drive).velocity - 30.0).abs() < 1.0, "{n}: {:?}", bench.truth(drive));
-        assert!(matches!(bench.verb(axis, Verb::Stop), Outcome::Done(_)), "{n}");
+        assert!(done(bench.verb(axis, Verb::Stop)), "{n}");
         assert!(bench.truth(drive).velocity.abs() < 1.0, "{n}");
-        assert!(matches!(bench.verb(axis, Verb::Disable), Outcome::Done(_)), "{n}");
+        assert!(done(bench.verb(axis, Verb::Disable)), "{n}");
         assert!(!bench.truth(drive).enabled, "{n}");
         assert_eq!(bench.counters().silent, 0, "{n}");
     }

@@ -218,7 +218,10 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         };
         let id = like.ok_or(Unsupported::BadArgument)?;
         let parameter = self.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-        let raw = self.to_raw(id, si).ok_or(Unsupported::BadArgument)?;
+        let raw = self.to_raw(id, si).ok_or(match self.si(id) {
+            Some(_) => Unsupported::BadArgument,
+            None => Unsupported::Forbidden(NO_SCALE),
+        })?;
         in_range(parameter, id, raw)?;
         Ok(Some(raw))
     }
@@ -281,6 +284,10 @@ pub fn told<R: crate::station::Request, A: Copy + 'static>(
         }
     }
 }
+
+const NO_SCALE: &str = "the drive's own setting on which this unit depends (counts of a turn, for \
+                        instance) reads zero or cannot be read: set it, or give a profile whose \
+                        scale does not need it";
 
 fn constant_si(parameter: &Parameter) -> Option<f64> {
     let scale = parameter.scale;

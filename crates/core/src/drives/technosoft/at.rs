@@ -67,6 +67,7 @@ addresses! {
     I2TINTLIM_M = 0x0814;
     I2TINT_M = 0x0816;
     II2TPROT_M = 0x0818;
+    ENCRESLONG = 0x084C;
     UPGRADE = 0x0857;
     CDEC = 0x0858;
     PVTSTS = 0x0863;

@@ -54,7 +54,7 @@ impl Drive {
     /// A drive as from the factory, powered.
     pub fn new(options: Options) -> Self {
         let mut memory = Memory::new();
-        setup::deliver(&mut memory, options.axis, (options.slow_ns / 1000) as u16);
+        setup::deliver(&mut memory, &options);
         if options.axis != 0 {
             memory.keep_last_axis(options.axis);
             memory.writes = 0;

@@ -5,10 +5,11 @@
 
 use super::at;
 use super::memory::Memory;
+use super::options::Options;
 use super::units;
 
 /// Fills the data pages and makes a valid table of them.
-pub(super) fn deliver(memory: &mut Memory, axis: u8, slow_us: u16) {
+pub(super) fn deliver(memory: &mut Memory, options: &Options) {
     for (address, value) in WORDS {
         memory.put(address, value);
     }
@@ -18,8 +19,9 @@ pub(super) fn deliver(memory: &mut Memory, axis: u8, slow_us: u16) {
     memory.put_long(at::TJERK, 50);
     memory.put_long(at::I2TINTLIM_M, units::I2T_LIMIT);
     memory.put_fixed(at::GEAR, 1.0);
-    memory.put(at::AAR_TABLE, axis.into());
-    memory.put(at::SLPER, slow_us);
+    memory.put(at::AAR_TABLE, options.axis.into());
+    memory.put(at::SLPER, (options.slow_ns / 1000) as u16);
+    memory.put_long(at::ENCRESLONG, options.counts.cast_signed());
     let kept = memory.save_table();
     debug_assert!(kept.is_ok());
     memory.writes = 0;

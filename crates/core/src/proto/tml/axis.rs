@@ -3,9 +3,10 @@
 //! Parameters are variables in the drive's memory: space 0 is data memory, 1 program memory, 2 the
 //! EEPROM. Which address a name has depends on the firmware, so it is the profile's.
 
-use super::ask::{Answer, Ask, With, assignment};
+use super::ask::{Answer, Ask, With, assigned, assignment};
 use super::generic::GENERIC;
 use super::host::{CanHost, Encapsulation, Extended, HOST_ID, SerialHost, Standard};
+use super::instruction::{Scope, assemble};
 use super::online::Online;
 use super::session::discovery;
 use super::wire::{IdCode, Instruction, Message, low_first};
@@ -38,6 +39,16 @@ impl Axis {
             _ => IdCode::groups(address as u8),
         };
         Self { profile, address, to }
+    }
+
+    /// Whether an assignment makes the drive speak unasked.
+    fn is_loud(&self, address: u16, value: u32) -> bool {
+        let at_address = |parameter: &&Parameter| parameter.index == address;
+        let mut symbols = self.profile.parameters.iter().filter(at_address).map(|p| p.symbol);
+        symbols.any(|symbol| match symbol {
+            PVT_SILENCE => value == 0,
+            _ => value != 0 && MASKS.contains(&symbol),
+        })
     }
 
     const fn ask(&self, instruction: Instruction) -> Ask {
@@ -117,8 +128,7 @@ impl Driver for Axis {
             ));
         }
         let value = wire_value(raw, long)?;
-        let loud = MASKS.contains(&parameter.symbol) && value != 0;
-        let loud = loud || parameter.symbol == PVT_SILENCE && value == 0;
+        let loud = self.is_loud(parameter.index, value);
         let with = if loud { With::Master } else { With::Proof };
         Ok(self.ask(assignment(parameter.index, value, long)).held_to(class).with(with))
     }
@@ -129,9 +139,18 @@ impl Driver for Axis {
         Ok(self.ask(form.instruction(index, wire_value(value, true)?)))
     }
 
+    /// A question to a group asks each of its drives.
     fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
-        let _ = text;
-        Err(Unsupported::BadText)
+        let scope = Scope { profile: Some(self.profile), ..Scope::default() };
+        let mut instruction = assemble(text, &scope).map_err(|_| Unsupported::BadText)?;
+        if let (true, Some(Online::GiveMeData { sender, cell })) =
+            (self.to.group, Online::parse(&instruction))
+        {
+            instruction = Online::GiveMeData2 { sender, cell }.emit();
+        }
+        let loud =
+            assigned(&instruction).is_some_and(|(address, value, _)| self.is_loud(address, value));
+        Ok(self.ask(instruction).with(if loud { With::Master } else { With::Proof }))
     }
 
     fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
