@@ -29,7 +29,7 @@ check:
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: $(VENV)/ready
 	$(CARGO) build --release --locked --quiet -p polepair-cli
-	$(CARGO) build --release --locked --quiet -p polepair --examples
+	$(CARGO) build --release --locked --quiet -p polepair -p polepair-link --examples
 	$(PYTHON) -m pytest interop
 
 $(VENV)/ready: interop/requirements.txt interop/debian-packages.txt
