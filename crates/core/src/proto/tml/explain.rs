@@ -107,7 +107,11 @@ impl Dissector for TmlDissector {
         let wire = self.wire(addressing.via)?;
         let to = destination(addressing)?;
         let host = host(wire, to, addressing)?;
-        let instruction = names::assemble(text)?;
+        let sender = match wire {
+            Wire::Rs232 => IdCode::host_at(host),
+            _ => IdCode::axis(host),
+        };
+        let instruction = names::assemble(text, addressing.profile, sender)?;
         let message = Message { to, instruction };
         wire.check(&message).map_err(forbidden)?;
         let answered = rules::is_request(instruction.opcode);

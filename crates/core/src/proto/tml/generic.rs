@@ -21,8 +21,8 @@ pub static GENERIC: Profile = Profile {
     faults: &[],
     signals: &[
         number(Signal::Position, 0),
-        number(Signal::TargetPosition, 1),
-        number(Signal::Fault, 3),
+        number(Signal::TargetPosition, 2),
+        number(Signal::Fault, 5),
         flag(Signal::Enabled, 0x8000, 0x8000),
         flag(Signal::Moving, 0x0400, 0),
         flag(Signal::Reached, 0x0400, 0x0400),
@@ -40,8 +40,10 @@ pub static GENERIC: Profile = Profile {
               profile=NAME.",
 };
 
+/// In the order of addresses, as every memory.
 const PARAMETERS: &[Parameter] = &[
     variable(0x0228, "APOS", "actual position", "Where the load is, in counts.", Encoding::I32),
+    variable(0x022A, "POSERR", "position error", "In counts.", Encoding::I16),
     variable(
         0x02B2,
         "TPOS",
@@ -49,12 +51,11 @@ const PARAMETERS: &[Parameter] = &[
         "Where the trajectory is, in counts.",
         Encoding::I32,
     ),
-    variable(0x090E, "SRL", "status low", "State of the axis.", Encoding::U16),
-    variable(0x08FC, "MER", "motion error", "Errors, one bit each.", Encoding::U16),
-    variable(0x090F, "SRH", "status high", "State of the drive.", Encoding::U16),
-    variable(0x022A, "POSERR", "position error", "In counts.", Encoding::I16),
-    variable(0x030C, "AAR", "axis address", "Groups in the high byte, axis ID.", Encoding::U16),
     variable(0x0309, "MCR", "motion command", "Mode of motion.", Encoding::U16),
+    variable(0x030C, "AAR", "axis address", "Groups in the high byte, axis ID.", Encoding::U16),
+    variable(0x08FC, "MER", "motion error", "Errors, one bit each.", Encoding::U16),
+    variable(0x090E, "SRL", "status low", "State of the axis.", Encoding::U16),
+    variable(0x090F, "SRH", "status high", "State of the drive.", Encoding::U16),
 ];
 
 const fn number(signal: Signal, at: u16) -> SignalSource {
@@ -62,7 +63,7 @@ const fn number(signal: Signal, at: u16) -> SignalSource {
 }
 
 const fn flag(signal: Signal, mask: i64, equals: i64) -> SignalSource {
-    SignalSource { signal, parameter: ParameterId(2), mask, equals: Some(equals), values: &[] }
+    SignalSource { signal, parameter: ParameterId(6), mask, equals: Some(equals), values: &[] }
 }
 
 const fn variable(

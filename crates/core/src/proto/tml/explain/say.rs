@@ -361,7 +361,7 @@ impl Say<'_> {
                 let asked = cell_of(online).unwrap_or_default();
                 let _ = write!(Text(self.sink), "{} {}", word(online), place(asked, self.profile));
             }
-            _ => names::disassemble(&self.said.instruction, self.sink),
+            _ => names::disassemble(&self.said.instruction, self.profile, self.sink),
         }
     }
 

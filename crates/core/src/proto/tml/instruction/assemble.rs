@@ -35,9 +35,10 @@ fn statement(reader: &mut Reader<'_>, scope: &Scope, depth: u8) -> Result<Instru
     if reader.sign(RAW).is_ok() {
         return raw(reader, depth);
     }
+    let first = first_name(begin, scope);
     let mut worst = begin.missing(NOTHING);
     for form in forms() {
-        let mut draft = Draft { reader: begin, scope, depth, ..Draft::of(form, begin, scope) };
+        let mut draft = Draft { depth, first, ..Draft::of(form, begin, scope) };
         match draft.attempt(form) {
             Ok(instruction) => {
                 *reader = draft.reader;
@@ -48,6 +49,11 @@ fn statement(reader: &mut Reader<'_>, scope: &Scope, depth: u8) -> Result<Instru
         }
     }
     Err(worst)
+}
+
+/// The variable whose name an instruction begins with: most forms ask for it.
+fn first_name(mut begin: Reader<'_>, scope: &Scope) -> (usize, Option<Variable>) {
+    (begin.at, variable::named(scope.profile, begin.name()))
 }
 
 /// `.word 0x1234, …`: an opcode and its data words as they are.
@@ -85,6 +91,8 @@ struct Draft<'a, 's> {
     opcode: u16,
     words: [u16; 4],
     count: u8,
+    /// The variable that stands at a place, looked up once for all forms.
+    first: (usize, Option<Variable>),
     /// What the variable before holds: numbers are read as it needs them.
     kind: Kind,
 }
@@ -94,7 +102,8 @@ impl<'a, 's> Draft<'a, 's> {
         let mut words = [0; 4];
         words[..form.fixed.len()].copy_from_slice(form.fixed);
         let (opcode, count) = (form.opcode, form.words);
-        Self { reader, scope, depth: 0, opcode, words, count, kind: Kind::Double }
+        let (depth, first, kind) = (0, (usize::MAX, None), Kind::Double);
+        Self { reader, scope, depth, opcode, words, count, first, kind }
     }
 
     fn attempt(&mut self, form: &Form) -> Result<Instruction> {
@@ -191,8 +200,11 @@ impl<'a, 's> Draft<'a, 's> {
             return Ok(Variable { address, kind });
         }
         let name = self.reader.name();
-        let found = variable::named(self.scope.profile, name).ok_or(begin.missing(EXPECTED))?;
-        Ok(self.half(found))
+        let found = match self.first {
+            (at, known) if at == begin.at => known,
+            _ => variable::named(self.scope.profile, name),
+        };
+        Ok(self.half(found.ok_or(begin.missing(EXPECTED))?))
     }
 
     /// `(H)` or `(L)` behind a 32-bit variable.

@@ -172,16 +172,16 @@ fn what_a_wire_forbids_is_refused_in_a_sentence() {
     let to = |axis| Addressing { axis: Some(axis), ..Addressing::default() };
     let group = Addressing { groups: true, via: Via::Rs485, ..to(1) };
     let forbidden = |rule: Rule| EncodeError::Forbidden(rule.sentence());
-    let ask_2 = "B204 0FF0 022A";
+    let ask_2 = ".word 0xB204, 0x0FF0, 0x022A";
     assert_eq!(refusal(&SERIAL, ask_2, group), forbidden(Rule::Rs485AnswersFromGroup));
-    assert_eq!(refusal(&TECHNOCAN, "0002", to(64)), forbidden(Rule::TechnoCanAxis));
+    assert_eq!(refusal(&TECHNOCAN, ".word 0x0002", to(64)), forbidden(Rule::TechnoCanAxis));
     let sixth = Addressing { groups: true, ..to(0x20) };
-    assert_eq!(refusal(&TECHNOCAN, "0002", sixth), forbidden(Rule::TechnoCanGroups));
+    assert_eq!(refusal(&TECHNOCAN, ".word 0x0002", sixth), forbidden(Rule::TechnoCanGroups));
     let same = Addressing { host: Some(5), ..to(5) };
-    assert_eq!(refusal(&TMLCAN, "B004 0050 022A", same), forbidden(Rule::OwnHostId));
+    assert_eq!(refusal(&TMLCAN, ".word 0xB004, 0x0050, 0x022A", same), forbidden(Rule::OwnHostId));
     assert!(matches!(refusal(&SERIAL, "not TML", to(1)), EncodeError::Text(_)));
     let via_can = Addressing { via: Via::Can, ..to(1) };
-    assert!(matches!(refusal(&SERIAL, "0002", via_can), EncodeError::Forbidden(_)));
+    assert!(matches!(refusal(&SERIAL, ".word 0x0002", via_can), EncodeError::Forbidden(_)));
 }
 
 #[test]
@@ -196,16 +196,16 @@ fn the_answer_is_told_as_far_as_it_is_known() {
         (encoded.answer, seen)
     };
     let to = |axis| Addressing { axis: Some(axis), ..Addressing::default() };
-    let (bytes, seen) = expected(&SERIAL, "205E 0005", to(255));
+    let (bytes, seen) = expected(&SERIAL, ".word 0x205E, 0x0005", to(255));
     assert_eq!((bytes, seen.kind.as_str(), seen.text.as_str()), (Some(1), "ack", "4F"));
-    let (bytes, seen) = expected(&SERIAL, "B004 0FF1 025E", to(255));
+    let (bytes, seen) = expected(&SERIAL, ".word 0xB004, 0x0FF1, 0x025E", to(255));
     assert_eq!((bytes, seen.kind.as_str()), (Some(13), "TakeData"));
     assert_eq!(seen.field("frame"), "0A 0F F1 B4 04 0F F0 02 5E ?? ?? ??");
-    let (bytes, seen) = expected(&TECHNOCAN, "B005 0030 0228", to(5));
+    let (bytes, seen) = expected(&TECHNOCAN, ".word 0xB005, 0x0030, 0x0228", to(5));
     assert_eq!((bytes, seen.field("frame")), (Some(8), "163#05282802????????"));
     let group = Addressing { groups: true, ..to(1) };
-    let (bytes, seen) = expected(&TMLCAN, "B204 0030 022A", group);
+    let (bytes, seen) = expected(&TMLCAN, ".word 0xB204, 0x0030, 0x022A", group);
     assert_eq!((bytes, seen.field("frame")), (None, "2A 02 ?? ??"));
-    let (bytes, seen) = expected(&TMLCAN, "205E 0005", to(5));
+    let (bytes, seen) = expected(&TMLCAN, ".word 0x205E, 0x0005", to(5));
     assert_eq!((bytes, seen.kind.as_str()), (None, ""), "nothing answers it on CAN");
 }
