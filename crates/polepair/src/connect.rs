@@ -283,6 +283,7 @@ fn open(url: &Url, spoken: &Spoken, options: &HostOptions) -> Result<AnyLink, Er
         Target::Tcp { address } => {
             AnyLink::Serial(Box::new(polepair_link::tcp::TcpLink::connect(address)?))
         }
+        #[cfg(unix)]
         Target::Udp { group } => AnyLink::Can(Box::new(polepair_link::udp::open(group.parse()?)?)),
         Target::Slcan { path, baud } => {
             let baud = baud.unwrap_or(polepair_link::slcan::BAUD);
@@ -291,8 +292,20 @@ fn open(url: &Url, spoken: &Spoken, options: &HostOptions) -> Result<AnyLink, Er
         Target::SlcanTcp { address } => {
             AnyLink::Can(Box::new(polepair_link::slcan::open_tcp(address, bus)?))
         }
-        Target::Socketcand { .. } | Target::Socketcan { .. } | Target::Sim { .. } => {
-            return Err(Error::usage("E210", "this kind of link cannot be opened", ""));
+        Target::Socketcand { address, bus } => {
+            AnyLink::Can(Box::new(polepair_link::socketcand::connect(address, bus)?))
+        }
+        #[cfg(target_os = "linux")]
+        Target::Socketcan { interface } => {
+            AnyLink::Can(Box::new(polepair_link::socketcan::open(interface, bus)?))
+        }
+        _ => {
+            let what = format!("this operating system cannot open {url}");
+            return Err(Error::usage(
+                "E210",
+                what,
+                "slcan adapters and socketcand work everywhere",
+            ));
         }
     })
 }

@@ -215,7 +215,11 @@ impl Description {
         let rs485 = self.standard(link) == Some(proto::Wire::Rs485);
         let wire = rs485.then(|| "wire=rs485".to_owned());
         let host = self.host(link).map(|host| format!("host={host}"));
-        let keys: Vec<String> = wire.into_iter().chain(host).collect();
+        // An adapter is told the bit rate; any other bus has it.
+        let rate = (self.wires[link].baud, self.spoken(link).map_or(0, |spoken| spoken.baud));
+        let told = place.starts_with("slcan") && rate.0 != rate.1;
+        let bit_rate = told.then(|| format!("bitrate={}", rate.0));
+        let keys: Vec<String> = wire.into_iter().chain(bit_rate).chain(host).collect();
         let mark = if keys.is_empty() { "" } else { "?" };
         let addresses: Vec<String> = drives.map(address).collect();
         format!("{protocol}+{place}{mark}{}#{}", keys.join("&"), addresses.join(","))

@@ -1,16 +1,18 @@
 //! `polepair sim RACK.toml | PROTO[:ADDRESS…] [--pty PATH] [--tcp ADDR] [--udp GROUP] …`
 
 use std::collections::VecDeque;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use polepair::AnyLink;
 use polepair::simulate::{self, Description, DriveLine};
-use polepair_core::medium::{Can, Medium, MediumKind, Stream};
+use polepair_core::medium::{Can, CanLine, Medium, MediumKind, Stream};
 use polepair_core::time::Instant;
 use polepair_link::serve::Served;
 use polepair_link::udp::Group;
-use polepair_link::{Link, LinkError, Received, Waker, pty::Pty, tcp::TcpServer, udp};
+use polepair_link::{Link, LinkError, Received, Waker};
+use polepair_link::{pty::Pty, slcan, socketcand, tcp::TcpServer, udp};
 
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
@@ -19,22 +21,24 @@ use crate::terminal::Output;
 /// Simulates drives that any program can talk to, until Ctrl-C.
 ///
 /// One line `ready URL` is printed for each link as soon as it can be used. Drives are as from the
-/// factory. A serial link gets a pseudo-terminal, unless --tcp gives it a port; a CAN bus gets a UDP
-/// multicast group. With --udp, a protocol that is spoken on both is put on CAN; `tmcl+can` says so
-/// by itself.
+/// factory. A serial link gets a pseudo-terminal, unless --tcp gives it a port. A CAN bus gets a UDP
+/// multicast group, unless --can or --socketcand is given, or --pty or --tcp, which then are a serial
+/// CAN adapter (slcan). With --udp, --can or --socketcand, a protocol that is spoken on both media is
+/// put on CAN; elsewhere `tmcl+can` says so.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair sim tmcl                              ready tmcl+serial:///dev/pts/3#1
   polepair sim tmcl:1,2 --pty /tmp/drives        two drives on one line
   polepair sim modbus-rtu:1 --tcp 127.0.0.1:4001
-  polepair sim tmcl:1,2 --udp 239.74.163.2:43113  a CAN bus that python-can can join
+  polepair sim tmcl:1,2 --udp 239.74.163.2:43113   a CAN bus that python-can can join
+  polepair sim tmcl+can --pty /tmp/adapter         the same behind a serial CAN adapter
   polepair sim rack.toml --seed 7")]
 pub struct Sim {
     /// A rack file, or for each link a protocol or product and addresses: tmcl:1,2
     #[arg(required = true, value_name = "RACK.toml|PROTO[:ADDRESS,…]")]
     drives: Vec<String>,
-    /// Make PATH a link to the pseudo-terminal; once for each link, in order
+    /// Make PATH a link to the pseudo-terminal; as all of these once for each link, in order
     #[arg(long, value_name = "PATH")]
     pty: Vec<PathBuf>,
     /// Serve a link on TCP instead; port 0 takes a free one
@@ -43,6 +47,12 @@ pub struct Sim {
     /// Serve a CAN bus on this UDP multicast group, as python-can's udp_multicast
     #[arg(long, value_name = "GROUP:PORT")]
     udp: Vec<String>,
+    /// Put the drives on this CAN interface of the kernel, such as vcan0
+    #[arg(long, value_name = "INTERFACE")]
+    can: Vec<String>,
+    /// Serve a CAN bus as socketcand does, by the name can0; port 0 takes a free one
+    #[arg(long, value_name = "ADDR:PORT")]
+    socketcand: Vec<String>,
     /// Whatever is random comes from this
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -62,7 +72,8 @@ impl Sim {
         let mut out = Output::stdout();
         let lines = simulate::lines(&description, self.seed).map_err(outcome::error)?;
         for (link, line) in lines.into_iter().enumerate() {
-            let (wire, place) = ends.open(description.rack.links[link].wire.medium())?;
+            let bus = CanLine { bit_rate: description.wires[link].baud };
+            let (wire, place) = ends.open(description.rack.links[link].wire.medium(), bus)?;
             served.push(self.serve(line, wire));
             out.line(&format!("ready {}", description.url(link, &place)));
         }
@@ -88,7 +99,8 @@ impl Sim {
         let described = match &self.drives[..] {
             [file] if file.ends_with(".toml") => simulate::rack_of_file(Path::new(file), self.seed),
             words => {
-                let can = !self.udp.is_empty();
+                let can = [&self.udp, &self.can, &self.socketcand];
+                let can = can.iter().any(|ends| !ends.is_empty());
                 let words: Vec<String> = words
                     .iter()
                     .map(|word| if can { on_can(word) } else { word.clone() })
@@ -117,20 +129,27 @@ struct Ends {
     pty: VecDeque<PathBuf>,
     tcp: VecDeque<String>,
     udp: VecDeque<String>,
+    can: VecDeque<String>,
+    socketcand: VecDeque<String>,
 }
 
 impl Ends {
     fn of(sim: &Sim) -> Self {
         let own = |list: &[String]| list.iter().cloned().collect();
-        let pty = sim.pty.iter().cloned().collect();
-        Self { pty, tcp: own(&sim.tcp), udp: own(&sim.udp) }
+        Self {
+            pty: sim.pty.iter().cloned().collect(),
+            tcp: own(&sim.tcp),
+            udp: own(&sim.udp),
+            can: own(&sim.can),
+            socketcand: own(&sim.socketcand),
+        }
     }
 
     /// The wire of a link, and where others find it.
-    fn open(&mut self, medium: MediumKind) -> Result<(AnyLink, String)> {
+    fn open(&mut self, medium: MediumKind, bus: CanLine) -> Result<(AnyLink, String)> {
         let opened = match medium {
             MediumKind::Serial => self.open_serial().map(|(l, place)| (AnyLink::Serial(l), place)),
-            MediumKind::Can => self.open_can().map(|(l, place)| (AnyLink::Can(l), place)),
+            MediumKind::Can => self.open_can(bus).map(|(l, place)| (AnyLink::Can(l), place)),
         };
         opened.map_err(|error| outcome::link_error(&error))
     }
@@ -148,30 +167,73 @@ impl Ends {
         Ok((Box::new(pty), place))
     }
 
-    fn open_can(&mut self) -> Opened<Can> {
-        let group = match self.udp.pop_front() {
-            Some(text) => text.parse()?,
-            None => Group::default(),
-        };
-        let link = udp::open(group)?;
-        let place = format!("udp://{}", link.describe());
-        Ok((Box::new(link), place))
+    fn open_can(&mut self, bus: CanLine) -> Opened<Can> {
+        if let Some(group) = self.udp.pop_front() {
+            return on_udp(group.parse()?);
+        }
+        if let Some(interface) = self.can.pop_front() {
+            return on_interface(&interface);
+        }
+        if let Some(address) = self.socketcand.pop_front() {
+            let server = socketcand::listen(&address, BUS)?;
+            let place = format!("socketcand://{}/{BUS}", listening(server.address()));
+            return Ok((Box::new(server), place));
+        }
+        if let Some(pty) = self.pty.pop_front() {
+            let pty = Pty::open(Some(&pty))?;
+            let place = format!("slcan://{}", path(&pty));
+            return Ok((Box::new(slcan::on_pty(pty, bus)?), place));
+        }
+        if let Some(address) = self.tcp.pop_front() {
+            let server = slcan::listen(&address, bus)?;
+            let place = format!("slcan://{}", listening(server.address()));
+            return Ok((Box::new(server), place));
+        }
+        on_udp(Group::default())
     }
 
     /// Refuses what no link was there for.
     fn all_used(&self) -> Result<()> {
-        match self.pty.len() + self.tcp.len() + self.udp.len() {
+        let can = self.udp.len() + self.can.len() + self.socketcand.len();
+        match self.pty.len() + self.tcp.len() + can {
             0 => Ok(()),
             left => {
-                let what = format!("{left} of --pty, --tcp and --udp found no link to serve.");
-                Err(Problem::usage("E244", what)
-                    .hint("a serial link takes --pty or --tcp, a CAN bus --udp"))
+                let what =
+                    format!("there are {left} ends of wires more than links that take them.");
+                Err(Problem::usage("E244", what).hint(
+                    "a serial link takes --pty or --tcp, a CAN bus these and --udp, --can, \
+                     --socketcand",
+                ))
             }
         }
     }
 }
 
+/// What a simulated bus is called by clients of socketcand.
+const BUS: &str = "can0";
+
 type Opened<M> = std::result::Result<(Box<dyn Link<M>>, String), LinkError>;
+
+fn on_udp(group: Group) -> Opened<Can> {
+    let link = udp::open(group)?;
+    let place = format!("udp://{}", link.describe());
+    Ok((Box::new(link), place))
+}
+
+#[cfg(target_os = "linux")]
+fn on_interface(name: &str) -> Opened<Can> {
+    let link = polepair_link::socketcan::open(name, CanLine { bit_rate: 0 })?;
+    Ok((Box::new(link), format!("socketcan://{name}")))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn on_interface(name: &str) -> Opened<Can> {
+    Err(LinkError::new(name, polepair_link::Cause::Unsuitable).hinting("Only Linux has these."))
+}
+
+fn listening(address: Option<SocketAddr>) -> String {
+    address.map(|address| address.to_string()).unwrap_or_default()
+}
 
 fn path(pty: &Pty) -> String {
     let path = std::path::absolute(pty.path()).unwrap_or_else(|_| pty.path().into());
