@@ -148,7 +148,7 @@ impl Connector {
             if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
         let names = vec![String::new(); numbers.len()];
         let link = SharedLink::new(link, self.tap.clone());
-        Ok(Line { link, spoken, options, numbers, names })
+        Ok(Line { link, spoken, options, numbers, relay: url.axes.first().copied(), names })
     }
 
     fn sim_line(&self, url: &Url, simulation: &Simulation, n: usize) -> Result<Line, Error> {
@@ -180,7 +180,8 @@ impl Connector {
             link.set_line(lane.line())?;
         }
         let link = SharedLink::new(link, self.tap.clone());
-        Ok(Line { link, spoken, options, numbers, names })
+        let relay = addresses.first().copied().filter(|_| addresses.len() > rack.drives.len());
+        Ok(Line { link, spoken, options, numbers, relay, names })
     }
 
     fn axes(
@@ -234,9 +235,10 @@ impl Connector {
             Some(name) => (self.named_profile(name, line)?, Identified::Named),
             None => (profile, identified),
         };
+        let (connection, before) = line.probe(&[(profile, number)])?;
         Ok(Axis {
-            connection: line.connection(&[(profile, number)])?,
-            index: AxisIndex(0),
+            connection,
+            index: AxisIndex(u8::try_from(before).unwrap_or(u8::MAX)),
             number,
             name: String::new(),
             protocol: line.spoken.name,
@@ -455,10 +457,24 @@ pub(crate) struct Line {
     pub(crate) spoken: Spoken,
     pub(crate) options: HostOptions,
     pub(crate) numbers: Vec<u32>,
+    /// The axis that a host is wired to, where others may be behind it.
+    relay: Option<u32>,
     names: Vec<String>,
 }
 
 impl Line {
+    /// A host with these axes on the wire, and before them the one that it is wired to if that is
+    /// none of them: so many are before them. One at a time.
+    pub(crate) fn probe(
+        &self,
+        axes: &[(&'static polepair_core::profile::Profile, u32)],
+    ) -> Result<(Connection, usize), Error> {
+        let relay = self.relay.filter(|relay| axes.iter().all(|(_, number)| number != relay));
+        let first = relay.map(|relay| (self.spoken.generic, relay));
+        let all: Vec<_> = first.into_iter().chain(axes.iter().copied()).collect();
+        Ok((self.connection(&all)?, all.len() - axes.len()))
+    }
+
     /// A host with these axes on the wire. One at a time.
     pub(crate) fn connection(
         &self,

@@ -93,13 +93,13 @@ impl<'a> Prober<'a> {
         let generic = self.line.spoken.generic;
         let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
         axes.push((generic, number));
-        let connection = self.line.connection(&axes)?;
+        let (connection, before) = self.line.probe(&axes)?;
         let (mut heard, mut best) = (false, None::<(u32, usize, i64)>);
         let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
             let outcome = match asked.iter().find(|(q, _)| same(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
-                None => ask(&connection, n, identity.ask),
+                None => ask(&connection, before + n, identity.ask),
             };
             asked.push((*identity, outcome));
             match outcome {
@@ -122,7 +122,7 @@ impl<'a> Prober<'a> {
             }
         }
         if !heard {
-            heard = self.generic_answers(&connection, generic);
+            heard = self.generic_answers(&connection, before, generic);
         }
         let counters = connection.with(|axes, _| axes.counters());
         let stray = counters.late + counters.foreign + counters.corrupt;
@@ -141,10 +141,15 @@ impl<'a> Prober<'a> {
 
     /// Whether anything at all answers for the generic profile's first readable parameter; an
     /// address without any is taken as it is.
-    fn generic_answers(&self, connection: &Connection, generic: &'static Profile) -> bool {
+    fn generic_answers(
+        &self,
+        connection: &Connection,
+        before: usize,
+        generic: &'static Profile,
+    ) -> bool {
         let readable = generic.parameters.iter().position(|p| p.access != Access::Write);
         let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return true };
-        ask(connection, self.candidates.len(), Ask::Parameter(ParameterId(id)))
+        ask(connection, before + self.candidates.len(), Ask::Parameter(ParameterId(id)))
             .is_some_and(answered)
     }
 }

@@ -14,7 +14,7 @@ use crate::connect::{Connector, Line};
 use crate::error::Error;
 use crate::identify::{Identified, Probe, Prober};
 use crate::registry::Listener;
-use crate::url::Number;
+use crate::url::{Number, Target};
 use crate::wire::{Shared, SharedLink};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::Profile;
@@ -80,7 +80,10 @@ pub fn scan(
 ) -> Result<Scan, Error> {
     let mut url = connector.url(url)?;
     // All drives of a simulated rack are there, whichever axes the string names.
-    let axes = std::mem::take(&mut url.axes);
+    let axes = match url.target {
+        Target::Sim { .. } => std::mem::take(&mut url.axes),
+        _ => url.axes.clone(),
+    };
     let (lines, _simulation) = connector.lines(&url)?;
     let numbers = numbers.into();
     let mut scan = Scan { tried: Vec::new(), found: Vec::new() };

@@ -113,31 +113,37 @@ pub fn is_drive(word: &str) -> bool {
 /// The product meant by a protocol's, family's or product's word, and the protocol of its wire: its
 /// usual one, or after `+can` the one on that medium.
 pub(crate) fn drive_of(word: &str) -> Result<(&'static Profile, registry::Spoken), Error> {
-    let profiles = polepair_core::drives::profiles();
-    if let Some(protocol) = registry::by_word(word)
-        && let Some(profile) = profiles.iter().find(|p| p.protocol == protocol.profile)
-    {
-        return Ok((profile, protocol));
-    }
-    let (name, medium) = word.split_once('+').map_or((word, ""), |(name, medium)| (name, medium));
-    let named = profiles.iter().find(|p| p.name == name);
-    let named = named.or_else(|| profiles.iter().find(|p| p.family == name));
-    let spoken = registry::protocols();
-    let meant = |protocol: &&registry::Spoken| match medium {
-        "" => true,
-        medium => protocol.word() == format!("{}+{medium}", protocol.name),
+    let found = match word.split_once('+') {
+        None => product(word, None),
+        Some((name, "serial")) => product(name, Some(MediumKind::Serial)),
+        Some((name, "can")) => product(name, Some(MediumKind::Can)),
+        Some(_) => None,
     };
-    let found = named.and_then(|profile| {
-        let fits = |protocol: &&registry::Spoken| protocol.profile == profile.protocol;
-        Some((*profile, spoken.iter().filter(fits).find(meant)?.clone()))
-    });
     found.ok_or_else(|| {
-        let words: Vec<String> = spoken.iter().map(registry::Spoken::word).collect();
-        let products = profiles.iter().map(|p| p.name);
+        let words: Vec<String> = registry::protocols().iter().map(registry::Spoken::word).collect();
+        let products = polepair_core::drives::profiles().iter().map(|p| p.name);
         let known: Vec<&str> = words.iter().map(String::as_str).chain(products).collect();
         let near = words::hint(word, known.iter().copied());
         let what = format!("nothing called `{word}` can be simulated{near}");
         Error::usage("E203", what, format!("it can be {}", known.join(", ")))
+    })
+}
+
+/// The first product of that protocol, family or name, and its first protocol on that medium.
+fn product(name: &str, medium: Option<MediumKind>) -> Option<(&'static Profile, registry::Spoken)> {
+    let profiles = polepair_core::drives::profiles();
+    let mut spoken = registry::protocols();
+    spoken.retain(|protocol| medium.is_none_or(|medium| medium == protocol.medium));
+    let of_protocol = spoken.iter().find(|protocol| protocol.name == name).and_then(|protocol| {
+        let profile = profiles.iter().find(|p| p.protocol == protocol.profile)?;
+        Some((*profile, protocol.clone()))
+    });
+    let named = || profiles.iter().find(|p| p.name == name);
+    let of_family = || profiles.iter().find(|p| p.family == name);
+    of_protocol.or_else(|| {
+        let profile = named().or_else(of_family)?;
+        let protocol = spoken.iter().find(|protocol| protocol.profile == profile.protocol)?;
+        Some((*profile, protocol.clone()))
     })
 }
 

@@ -240,15 +240,18 @@ fn drive_of_table(
 ) -> Result<RackDrive, FileError> {
     let word = node.needed_text("profile")?;
     let place = word.place.clone();
-    let word = word.check(|word| match kind {
-        Some(MediumKind::Can) if !word.contains('+') => {
-            drive_of(&format!("{word}+can")).or_else(|_| drive_of(&word)).map_err(|e| e.to_string())
-        }
-        _ => drive_of(&word).map_err(|e| e.to_string()),
+    let kind = protocol.as_ref().map(|protocol| protocol.medium).or(kind);
+    let (profile, spoken) = word.check(|word| {
+        let on = match kind.filter(|_| !word.contains('+')) {
+            None => "",
+            Some(MediumKind::Serial) => "+serial",
+            Some(MediumKind::Can) => "+can",
+        };
+        let found = drive_of(&format!("{word}{on}"));
+        found.or_else(|_| drive_of(&word)).map_err(|e| e.to_string())
     })?;
-    let (profile, spoken) = word;
     if kind.is_some_and(|kind| kind != spoken.medium) {
-        return Err(place.error(format!("`{}` has no such connector", profile.name)));
+        return Err(place.error(format!("`{}` has no connector for this link", profile.name)));
     }
     let wire = protocol.get_or_insert(spoken);
     if wire.profile != profile.protocol {
