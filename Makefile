@@ -15,6 +15,7 @@ test: check
 	-@rustup target add thumbv6m-none-eabi >/dev/null 2>&1 || true
 	$(CARGO) test --workspace --locked --quiet --examples --test '*'
 	$(CARGO) test --workspace --locked --quiet --doc
+	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
 	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
 	$(MAKE) --no-print-directory interop
 

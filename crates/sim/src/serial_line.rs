@@ -67,7 +67,7 @@ pub struct Label {
     pub left: Instant,
     /// When its first byte began at the latest, by when how many bytes were handed over.
     pub begun: Instant,
-    bytes: usize,
+    pub(crate) bytes: usize,
 }
 
 /// One end of a serial wire as the world sees it.
@@ -83,6 +83,8 @@ pub(crate) struct Plug {
     pub(crate) sent: Label,
     /// What it heard last; tainted if anything was since it last sent.
     pub(crate) heard: Label,
+    /// The same, its own bytes left out.
+    pub(crate) heard_others: Label,
     taint: bool,
     pub(crate) memory: Memory,
 }
@@ -268,6 +270,7 @@ impl SerialWire {
             drove: never,
             sent: Label::default(),
             heard: Label::default(),
+            heard_others: Label::default(),
             taint: false,
             memory: Memory::default(),
         });
@@ -369,6 +372,9 @@ impl SerialWire {
         let begun = Instant(now.0.saturating_sub(took));
         let begun = if goes_on { begun.min(before.begun) } else { begun };
         plug.heard = Label { tainted: plug.taint, begun, bytes, ..chunk.label };
+        if to != chunk.from {
+            plug.heard_others = plug.heard;
+        }
         broken
     }
 

@@ -68,6 +68,8 @@ pub struct Knowledge {
     pub sent: Label,
     /// What it heard last.
     pub heard: Label,
+    /// What it heard last of others: not its own bytes, which an adapter may hand back.
+    pub heard_others: Label,
 }
 
 /// Bytes that somebody heard on a serial wire.
@@ -246,7 +248,8 @@ impl World {
         let at = wire.plugs.iter().position(|p| matches!(p, Party::Node(n, _) if *n == node.0));
         match (&wire.kind, at) {
             (Kind::Serial(serial), Some(at)) => {
-                Knowledge { sent: serial.plugs[at].sent, heard: serial.plugs[at].heard }
+                let plug = &serial.plugs[at];
+                Knowledge { sent: plug.sent, heard: plug.heard, heard_others: plug.heard_others }
             }
             _ => Knowledge::default(),
         }

@@ -10,10 +10,9 @@ use std::sync::{Mutex, OnceLock};
 use polepair_core::axis::Axes;
 use polepair_core::drives::bench::Act;
 use polepair_core::error::Outcome;
-use polepair_core::medium::SerialLine;
 use polepair_core::plan::{Compare, Step};
 use polepair_core::profile::{Access, ParameterId, Persistence, Profile};
-use polepair_core::proto::HostOptions;
+use polepair_core::proto::{HostOptions, Wire};
 use polepair_core::station::{AxisIndex, Ticket};
 
 use crate::host::{self, Spoken};
@@ -119,7 +118,7 @@ impl Desk {
         let mut spec = RackDrive::new(profile, spoken.name);
         spec.address = Some(spoken.first_address);
         let drive = spec.build(&mut world, wire, false).ok()?;
-        let options = host_options(spoken, false);
+        let options = host_options(spoken, false, false);
         let host = world.add(host::lane(
             spoken.name,
             spoken.medium,
@@ -162,8 +161,8 @@ impl Desk {
     }
 }
 
-/// How a swarm's hosts are set.
-pub fn host_options(spoken: &Spoken, echo: bool) -> HostOptions {
-    let line = SerialLine::n81(spoken.baud);
-    HostOptions { echo, ..HostOptions::new(line.baud) }
+/// How a swarm's hosts are set. An echo there is on a bus only.
+pub fn host_options(spoken: &Spoken, bus: bool, echo: bool) -> HostOptions {
+    let wire = bus.then_some(Wire::Rs485);
+    HostOptions { echo, wire, ..HostOptions::new(spoken.baud) }
 }

@@ -217,13 +217,17 @@ impl Scene {
             let (profile, address) = (random.pick(&products), spoken.first_address + 2 * n);
             let mut spec = RackDrive::new(profile, spoken.name);
             (spec.address, spec.seed) = (Some(address), random.word());
+            // A family that knows of several standards is told which one this wire follows.
+            let plain = spec.clone();
+            spec.extra.extend(bus.then(|| ("wire".to_owned(), "rs485".to_owned())));
+            let spec = if spec.device(false).is_ok() { spec } else { plain };
             let Ok(drive) = spec.build(&mut self.world, wire, false) else { continue };
             let index = AxisIndex(axes.len() as u8);
             axes.push(Axis::new(index, drive, profile, inert(spoken, profile)));
             served.push((profile, address));
         }
         let Some(lane) =
-            host::lane(spoken.name, spoken.medium, host_options(spoken, echo), &served)
+            host::lane(spoken.name, spoken.medium, host_options(spoken, bus, echo), &served)
         else {
             return;
         };

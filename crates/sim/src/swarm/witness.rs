@@ -51,7 +51,10 @@ impl Witness {
     /// A verb is asked that sets the motor going, `by` so many rad from where it is now.
     pub fn asked(&mut self, now: Instant, truth: &Truth, by: Option<f64>) {
         let long = |since: Option<Instant>| since.is_some_and(|at| now >= at.plus_ms(REST.1));
-        let to = by.filter(|_| long(self.rests) && long(self.quiet)).map(|by| truth.position + by);
+        // A motor that was held back goes to its set-point first.
+        let lag = truth.setpoint.map_or(0.0, |setpoint| setpoint.position - truth.position);
+        let rested = long(self.rests) && long(self.quiet) && lag.abs() < STRAY_MAX / 2.0;
+        let to = by.filter(|_| rested).map(|by| truth.position + by);
         self.way = to.map(|to| (truth.position.min(to), truth.position.max(to)));
         self.asked += 1;
         self.lost = false;

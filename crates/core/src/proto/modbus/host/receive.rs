@@ -1,6 +1,8 @@
 //! Receiving: frames found in the bytes, echoes taken out, replies struck from the ledger.
 
-use super::{Answered, Echo, Host, Owed, Role, SUSPECT_NS, TIMELY_MIN, answer_to};
+use super::{
+    Answered, Echo, Host, Owed, QUARANTINE_TIMEOUTS, Role, SUSPECT_NS, TIMELY_MIN, answer_to,
+};
 use crate::error::Failure;
 use crate::proto::modbus::ascii::{self, Fed};
 use crate::proto::modbus::request::{Answer, Request, WORDS_MAX};
@@ -224,6 +226,9 @@ impl Host {
         }
         if self.owed_len == 0 && self.held.is_none() {
             self.settle();
+        } else if self.quarantine {
+            // A drive answers in order: what it still owes may be as late again.
+            self.deadline = Some(now.plus_ns(QUARANTINE_TIMEOUTS * self.timeout_ns));
         }
         if lost {
             self.lost(now);
