@@ -9,6 +9,8 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
 use crate::clock;
+#[cfg(target_os = "linux")]
+use crate::edge::Edge;
 use crate::error::{Cause, LinkError};
 use crate::link::Received;
 use crate::wake::Waker;
@@ -22,13 +24,26 @@ pub(crate) struct Descriptor {
     pub(crate) fd: OwnedFd,
     pub(crate) wake: Waker,
     pub(crate) name: String,
+    #[cfg(target_os = "linux")]
+    edge: Edge,
 }
 
 impl Descriptor {
     /// Takes a descriptor that is already non-blocking.
     pub(crate) fn new(fd: OwnedFd, name: &str) -> Result<Self, LinkError> {
         let wake = Waker::new().map_err(|error| LinkError::from_io(name, &error))?;
-        Ok(Self { fd, wake, name: name.to_owned() })
+        Ok(Self::with_waker(fd, wake, name))
+    }
+
+    /// The same with a waker that others have.
+    pub(crate) fn with_waker(fd: OwnedFd, wake: Waker, name: &str) -> Self {
+        Self {
+            #[cfg(target_os = "linux")]
+            edge: Edge::new(fd.as_fd(), wake.as_fd()),
+            fd,
+            wake,
+            name: name.to_owned(),
+        }
     }
 
     pub(crate) fn send(&self, mut bytes: &[u8]) -> Result<(), LinkError> {
@@ -83,7 +98,8 @@ impl Descriptor {
             }
             left = until.since(clock::now());
             if left.is_zero() {
-                return Ok(Received::TimedOut);
+                // A last look: what is there is never left for want of having been told.
+                return Ok(read()?.unwrap_or(Received::TimedOut));
             }
         }
     }
@@ -91,6 +107,10 @@ impl Descriptor {
     /// What is ready on the descriptor, and whether the waker is.
     fn wait(&self, until: Instant, left: Duration) -> Result<(PollFlags, bool), Errno> {
         let timeout = (until != Instant::FAR).then(|| timespec(left));
+        #[cfg(target_os = "linux")]
+        if let Some(waited) = self.edge.wait(timeout.as_ref()) {
+            return waited;
+        }
         let mut fds = [
             PollFd::new(&self.fd, PollFlags::IN),
             PollFd::from_borrowed_fd(self.wake.as_fd(), PollFlags::IN),
@@ -105,12 +125,26 @@ impl Descriptor {
             return match rustix::io::read(&self.fd, &mut *buffer) {
                 // A port unplugged and a socket closed both read as an end, for ever.
                 Ok(0) => Err(LinkError::gone(&self.name)),
-                Ok(len) => Ok(Some(Received::Bytes { len, at: clock::now() })),
+                Ok(len) => {
+                    self.drained(len < buffer.len());
+                    Ok(Some(Received::Bytes { len, at: clock::now() }))
+                }
                 Err(Errno::INTR) => continue,
-                Err(Errno::AGAIN) => Ok(None),
+                Err(Errno::AGAIN) => {
+                    self.drained(true);
+                    Ok(None)
+                }
                 Err(errno) => Err(self.error(errno)),
             };
         }
+    }
+
+    /// Notes whether a read has taken all there was.
+    fn drained(&self, drained: bool) {
+        #[cfg(target_os = "linux")]
+        self.edge.note(drained);
+        #[cfg(not(target_os = "linux"))]
+        let _ = drained;
     }
 
     fn await_room(&self) -> Result<(), LinkError> {

@@ -27,6 +27,8 @@ pub mod clock;
 pub mod connection;
 #[cfg(unix)]
 mod descriptor;
+#[cfg(target_os = "linux")]
+mod edge;
 pub mod error;
 mod hex;
 #[cfg(unix)]

@@ -56,8 +56,7 @@ impl TcpServer {
                 let _ = stream.set_nodelay(true);
                 let fail = |error: std::io::Error| LinkError::from_io(&name, &error);
                 stream.set_nonblocking(true).map_err(fail)?;
-                let mut client = Descriptor::new(stream.into(), &name)?;
-                client.wake = self.wake.clone();
+                let client = Descriptor::with_waker(stream.into(), self.wake.clone(), &name);
                 self.set_client(Some(Arc::new(client)));
                 return Ok(None);
             }
