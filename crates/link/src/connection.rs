@@ -22,7 +22,7 @@ use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
-use crate::link::Link;
+use crate::link::{Link, Losses};
 use engine::{Engine, Request};
 use slots::Slots;
 use state::State;
@@ -110,6 +110,12 @@ impl Connection {
     #[must_use]
     pub fn describe(&self) -> String {
         self.0.0.describe()
+    }
+
+    /// What the link noticed and could not hand on, since it was last opened.
+    #[must_use]
+    pub fn losses(&self) -> Losses {
+        self.0.0.losses()
     }
 
     #[cfg(test)]

@@ -52,6 +52,7 @@ impl<'a> Text<'a> {
     }
 
     /// `value` in decimal, in so many digits at least.
+    #[cfg(unix)]
     pub(crate) fn decimal(&mut self, value: u64, digits: u32) {
         let least = 10_u64.pow(digits.saturating_sub(1));
         let mut power = least.max(10_u64.pow(value.checked_ilog10().unwrap_or(0)));

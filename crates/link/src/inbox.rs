@@ -27,6 +27,7 @@ impl Inbox {
         Some(byte)
     }
 
+    #[cfg(unix)]
     pub(crate) const fn is_empty(&self) -> bool {
         self.from == self.to
     }

@@ -55,7 +55,7 @@ pub mod wake;
 pub use connection::{AnyLane, Connection, Interrupter, Pending, Waited};
 pub use error::{Cause, LinkError};
 pub use link::{Link, Losses, Received};
-pub use ports::{Port, ports};
+pub use ports::{Carries, Port, ports};
 pub use serve::{Served, Stop, Wire, serve};
 pub use tap::{Direction, Tap, Tapped};
 pub use wake::Waker;

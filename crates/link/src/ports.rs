@@ -1,4 +1,4 @@
-//! The serial adapters of this machine, and why one cannot be used.
+//! The serial and CAN adapters of this machine, and why one cannot be used.
 
 use crate::error::LinkError;
 
@@ -15,17 +15,36 @@ mod system;
 /// Ports that are listed at most.
 pub const PORTS_MAX: usize = 256;
 
-/// A serial adapter.
+/// A serial or CAN adapter.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Port {
-    /// What to open: `/dev/ttyUSB0`, `COM3`.
+    /// What to open: `/dev/ttyUSB0`, `COM3`, `can0`.
     pub path: String,
+    /// What it carries.
+    pub carries: Carries,
     /// The name that survives replugging, where the system has one.
     pub stable: Option<String>,
     /// What the adapter says it is.
     pub usb: Option<Usb>,
     /// Why it cannot be used now; nothing was opened to find out.
     pub trouble: Option<LinkError>,
+}
+
+/// What an adapter carries.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub enum Carries {
+    /// Bytes of a serial line.
+    #[default]
+    Bytes,
+    /// Frames of a CAN bus, in the serial language slcan: an adapter known to speak it.
+    Slcan,
+    /// Frames of a CAN bus, as an interface of the kernel's.
+    Can {
+        /// The driver's word: `can`, `vcan`, `slcan`.
+        kind: String,
+        /// Bits per second, where it has one and it was set.
+        bit_rate: Option<u32>,
+    },
 }
 
 /// What a USB adapter tells of itself.
@@ -56,14 +75,36 @@ pub struct Usb {
 #[must_use]
 pub fn ports() -> Vec<Port> {
     let mut found = system::ports();
+    #[cfg(target_os = "linux")]
+    found.extend(crate::socketcan::interfaces().into_iter().map(crate::socketcan::port));
     found.sort_by(|a, b| natural(&a.path).cmp(&natural(&b.path)));
     found.truncate(PORTS_MAX);
+    for port in &mut found {
+        if port.usb.as_ref().is_some_and(Usb::speaks_slcan) {
+            port.carries = Carries::Slcan;
+        }
+    }
     found
 }
 
-/// Their paths alone.
+/// Serial adapters that carry nothing but CAN: CANable, MKS CANable, Lawicel's CANUSB, Babel.
+const SLCAN_IDS: [(u16, u16); 4] =
+    [(0xAD50, 0x60C4), (0x16D0, 0x117E), (0x0403, 0xFFA8), (0x1D50, 0x60C7)];
+/// What such adapters call themselves.
+const SLCAN_NAMES: [&str; 5] = ["slcan", "canable", "cantact", "canusb", "usbtin"];
+
+impl Usb {
+    fn speaks_slcan(&self) -> bool {
+        let product = self.product.to_ascii_lowercase();
+        SLCAN_IDS.contains(&(self.vendor_id, self.product_id))
+            || SLCAN_NAMES.iter().any(|name| product.contains(name))
+    }
+}
+
+/// The paths of serial ports alone.
 pub(crate) fn names() -> Vec<String> {
-    ports().into_iter().map(|port| port.path).collect()
+    let serial = |port: &Port| !matches!(port.carries, Carries::Can { .. });
+    ports().into_iter().filter(serial).map(|port| port.path).collect()
 }
 
 /// The name of `path` that survives replugging.
@@ -107,6 +148,19 @@ mod tests {
         let mut names = ["/dev/ttyUSB10", "/dev/ttyACM1", "/dev/ttyUSB9", "/dev/rfcomm"];
         names.sort_by_key(|name| natural(name));
         assert_eq!(names, ["/dev/rfcomm", "/dev/ttyACM1", "/dev/ttyUSB9", "/dev/ttyUSB10"]);
+    }
+
+    #[test]
+    fn slcan_adapters_are_known_by_number_or_name() {
+        let usb = |vendor_id, product_id, product: &str| Usb {
+            vendor_id,
+            product_id,
+            product: product.into(),
+            ..Usb::default()
+        };
+        assert!(usb(0xAD50, 0x60C4, "").speaks_slcan());
+        assert!(usb(0x04D8, 0x000A, "USBtin").speaks_slcan());
+        assert!(!usb(0x0403, 0x6001, "FT232R USB UART").speaks_slcan());
     }
 
     #[test]

@@ -16,6 +16,7 @@ use crate::clock;
 use crate::descriptor::Descriptor;
 use crate::error::{Cause, LinkError};
 use crate::link::{Link, Losses, Received};
+use crate::ports::{Carries, Port};
 use crate::sys::{self, Overrun};
 use crate::wake::Waker;
 
@@ -94,6 +95,32 @@ pub fn interfaces() -> Vec<Interface> {
     let mut found = netlink::interfaces().unwrap_or_default();
     found.sort_by(|a, b| a.name.cmp(&b.name));
     found
+}
+
+/// The interface as one of the machine's ports.
+pub(crate) fn port(interface: Interface) -> Port {
+    let trouble = match interface.controller {
+        _ if !interface.up => {
+            let hint = switch_on(&interface, CanLine { bit_rate: 0 });
+            Some(LinkError::new(&interface.name, Cause::Down).hinting(&hint))
+        }
+        Some(Controller::BusOff) => {
+            let hint = format!(
+                "Its controller is bus-off: check wiring, termination and bit rate, then `sudo ip \
+                 link set {} type can restart`.",
+                interface.name
+            );
+            Some(LinkError::new(&interface.name, Cause::Down).hinting(&hint))
+        }
+        _ => None,
+    };
+    Port {
+        path: interface.name,
+        carries: Carries::Can { kind: interface.kind, bit_rate: interface.bit_rate },
+        stable: None,
+        usb: None,
+        trouble,
+    }
 }
 
 /// Lets frames through whose identifier agrees with `id` in the bits that are set in `mask`.

@@ -9,7 +9,7 @@ use polepair_core::time::Instant;
 
 use crate::clock;
 use crate::error::LinkError;
-use crate::link::{Link, Received};
+use crate::link::{Link, Losses, Received};
 use crate::wake::Waker;
 
 /// Which way a unit went.
@@ -86,6 +86,10 @@ impl<M: Medium> Link<M> for Tapped<M> {
 
     fn describe(&self) -> String {
         self.inner.describe()
+    }
+
+    fn losses(&self) -> Losses {
+        self.inner.losses()
     }
 
     fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {

@@ -10,9 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::time::Instant;
 use rustix::io::Errno;
-use rustix::net::{
-    AddressFamily, RecvFlags, SocketFlags, SocketType, bind, recvfrom, socket_with, sockopt,
-};
+use rustix::net::{AddressFamily, RecvFlags, SocketType, bind, recvfrom, socket, sockopt};
 
 use crate::clock;
 use crate::descriptor::Descriptor;
@@ -169,7 +167,8 @@ fn sender(group: Group, by: Ipv4Addr) -> io::Result<UdpSocket> {
 fn receiver(group: Group, by: Ipv4Addr) -> io::Result<OwnedFd> {
     let v4 = group.address.is_ipv4();
     let family = if v4 { AddressFamily::INET } else { AddressFamily::INET6 };
-    let fd = socket_with(family, SocketType::DGRAM, SocketFlags::CLOEXEC, None)?;
+    let fd = socket(family, SocketType::DGRAM, None)?;
+    rustix::io::fcntl_setfd(&fd, rustix::io::FdFlags::CLOEXEC)?;
     rustix::io::ioctl_fionbio(&fd, true)?;
     sockopt::set_socket_reuseaddr(&fd, true)?;
     // Linux needs the former alone, the BSDs this one.

@@ -1,4 +1,4 @@
-//! A round trip allocates nothing once the connection runs.
+//! A round trip allocates nothing once the connection runs, nor does a frame on any CAN link.
 #![cfg(unix)]
 #![allow(unsafe_code)]
 
@@ -8,13 +8,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use polepair_core::error::Outcome;
 use polepair_core::lane::Lane;
-use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use polepair_core::profile::ParameterId;
 use polepair_core::proto::tmcl::Tmcl;
 use polepair_core::proto::{HostOptions, Protocol};
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
-use polepair_link::{Connection, Link, LinkError, Received, Waker, clock};
+use polepair_link::{Connection, Link, LinkError, Received, Waker, clock, slcan, socketcand, udp};
 
 struct Counting;
 
@@ -91,4 +91,48 @@ fn a_round_trip_allocates_nothing() {
     assert_eq!(ALLOCATIONS.get(), before);
     drop(vec![1_u8; 10]);
     assert_eq!(ALLOCATIONS.get(), before + 1, "the counter counts");
+}
+
+/// What `act` allocates on this thread when it is done a thousand times more.
+fn allocated(mut act: impl FnMut()) -> u64 {
+    act();
+    let before = ALLOCATIONS.get();
+    (0..1_000).for_each(|_| act());
+    ALLOCATIONS.get() - before
+}
+
+fn crosses(from: &dyn Link<Can>, to: &dyn Link<Can>) {
+    let (sent, mut got) = (Frame::standard(0x123, &[1, 2, 3]), Frame::default());
+    from.send(&sent).unwrap();
+    let received = to.receive(&mut got, clock::now().plus_ms(1_000)).unwrap();
+    assert!(matches!(received, Received::Bytes { .. }) && got == sent, "{received:?} {got:?}");
+}
+
+#[test]
+fn a_frame_over_udp_allocates_nothing() {
+    let group = udp::Group { port: 43_120, hops: 0, ..udp::Group::default() };
+    let (one, other) = (udp::open(group).unwrap(), udp::open(group).unwrap());
+    assert_eq!(allocated(|| crosses(&one, &other)), 0);
+}
+
+#[test]
+fn a_frame_through_adapter_and_server_allocates_nothing() {
+    let line = CanLine { bit_rate: 500_000 };
+    let adapter = slcan::listen("0", line).unwrap();
+    let server = socketcand::listen("0", "can0").unwrap();
+    let (at, bus) = (adapter.address().unwrap(), server.address().unwrap());
+    std::thread::scope(|scope| {
+        let one = scope.spawn(move || slcan::open_tcp(&at.to_string(), line).unwrap());
+        let other = scope.spawn(move || socketcand::connect(&bus.to_string(), "can0").unwrap());
+        while !(one.is_finished() && other.is_finished()) {
+            for link in [&adapter as &dyn Link<Can>, &server] {
+                link.receive(&mut Frame::default(), clock::now().plus_ms(2)).unwrap();
+            }
+        }
+        let (one, other) = (one.join().unwrap(), other.join().unwrap());
+        assert_eq!(allocated(|| crosses(&one, &adapter)), 0);
+        assert_eq!(allocated(|| crosses(&adapter, &one)), 0);
+        assert_eq!(allocated(|| crosses(&other, &server)), 0);
+        assert_eq!(allocated(|| crosses(&server, &other)), 0);
+    });
 }

@@ -1,12 +1,12 @@
 //! `polepair ports`
 
 use clap::Args;
-use polepair_link::{Port, ports};
+use polepair_link::{Carries, Port, ports};
 
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{Output, Table, colour_out};
 
-/// Lists the serial adapters of this machine, and why one cannot be used.
+/// Lists the serial and CAN adapters of this machine, and why one cannot be used.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -18,7 +18,7 @@ impl Ports {
     pub fn run(self) -> Result {
         let found = ports();
         if found.is_empty() {
-            return Err(Problem::new(Exit::Adapter, "E309", "no serial adapter was found.")
+            return Err(Problem::new(Exit::Adapter, "E309", "no serial or CAN adapter was found.")
                 .why("The system lists no port that could be one.")
                 .hint("plug it in and look again")
                 .hint("polepair scan sim:tmcl needs no adapter"));
@@ -35,9 +35,16 @@ impl Ports {
 }
 
 fn adapter(port: &Port) -> String {
-    let Some(usb) = &port.usb else { return "-".to_owned() };
-    let name = format!("{} {}", usb.vendor, usb.product);
-    format!("{} ({:04x}:{:04x})", name.trim(), usb.vendor_id, usb.product_id)
+    match (&port.carries, &port.usb) {
+        (Carries::Can { kind, bit_rate: Some(rate) }, _) => format!("{kind}, {rate} bit/s"),
+        (Carries::Can { kind, bit_rate: None }, _) => kind.clone(),
+        (carries, Some(usb)) => {
+            let name = format!("{} {}", usb.vendor, usb.product);
+            let slcan = if *carries == Carries::Slcan { ", slcan" } else { "" };
+            format!("{} ({:04x}:{:04x}){slcan}", name.trim(), usb.vendor_id, usb.product_id)
+        }
+        (_, None) => "-".to_owned(),
+    }
 }
 
 fn serial(port: &Port) -> String {

@@ -10,6 +10,7 @@ use polepair_core::time::Instant;
 
 use super::{Shared, Waited, keeper, lead};
 use crate::error::LinkError;
+use crate::link::Losses;
 
 /// What is submitted; called at most once.
 pub(super) type Request<'a> =
@@ -26,6 +27,7 @@ pub(super) trait Engine: Send + Sync {
     fn now(&self) -> Instant;
     fn trouble(&self) -> Option<LinkError>;
     fn describe(&self) -> String;
+    fn losses(&self) -> Losses;
     fn interrupt(&self);
     fn dismiss(&self);
     #[cfg(test)]
@@ -69,6 +71,10 @@ impl<M: Medium> Engine for Shared<M> {
 
     fn describe(&self) -> String {
         self.lock().link.describe()
+    }
+
+    fn losses(&self) -> Losses {
+        self.lock().link.losses()
     }
 
     fn interrupt(&self) {

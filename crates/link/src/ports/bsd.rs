@@ -1,4 +1,4 @@
-use super::Port;
+use super::{Carries, Port};
 use crate::error::LinkError;
 
 /// Call-out devices: they open without waiting for a carrier.
@@ -26,5 +26,5 @@ fn port(path: String) -> Port {
     let trouble = access(&*path, Access::READ_OK | Access::WRITE_OK)
         .err()
         .map(|errno| LinkError::from_io(&path, &errno.into()));
-    Port { path, stable: None, usb: None, trouble }
+    Port { path, carries: Carries::Bytes, stable: None, usb: None, trouble }
 }

@@ -1,7 +1,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{Port, Usb};
+use super::{Carries, Port, Usb};
 use crate::error::{Cause, LinkError};
 
 /// How far up its device tree a port's USB device is looked for.
@@ -41,7 +41,13 @@ fn port(class: &Path) -> Option<Port> {
         return None;
     }
     let path = format!("/dev/{}", class.file_name()?.to_str()?);
-    Some(Port { stable: stable_name(&path), usb: usb(&device), trouble: trouble(&path), path })
+    Some(Port {
+        carries: Carries::Bytes,
+        stable: stable_name(&path),
+        usb: usb(&device),
+        trouble: trouble(&path),
+        path,
+    })
 }
 
 fn usb(device: &Path) -> Option<Usb> {

@@ -1,4 +1,4 @@
-use super::{Port, Usb};
+use super::{Carries, Port, Usb};
 
 pub(super) fn ports() -> Vec<Port> {
     serialport::available_ports().unwrap_or_default().into_iter().map(port).collect()
@@ -15,5 +15,5 @@ fn port(found: serialport::SerialPortInfo) -> Port {
         }),
         _ => None,
     };
-    Port { path: found.port_name, stable: None, usb, trouble: None }
+    Port { path: found.port_name, carries: Carries::Bytes, stable: None, usb, trouble: None }
 }

@@ -9,7 +9,7 @@ use super::codec::{Answer, End, LINE_MAX, Lines, State, parse_bit_rate, parse_fr
 use super::*;
 use crate::clock;
 use crate::hex::Text;
-use crate::hub::{Saying, Session, Taken};
+use crate::hub::{Hub, Saying, Session, Taken};
 use crate::pty::Pty;
 
 const LINE: CanLine = CanLine { bit_rate: 500_000 };
@@ -284,4 +284,102 @@ fn an_adapter_of_another_bit_rate_neither_hears_nor_is_heard() {
     said_to(&mut adapter, "C\rS5\rO\r");
     assert_eq!(shown(&adapter), "", "out of tune");
     assert_eq!(said_to(&mut adapter, "t1230\r").1, [Taken::Refused]);
+}
+
+/// The adapter goes and comes back under the same name, as serial ports do.
+#[test]
+fn an_unplugged_adapter_is_reported_and_opened_again() {
+    let alias = std::env::temp_dir().join(format!("polepair-slcan-{}", std::process::id()));
+    let adapter = || on_pty(Pty::open(Some(&alias)).unwrap(), LINE).unwrap();
+    let serve = |adapter: &Hub<Adapter>, ms| {
+        let mut frame = Frame::default();
+        let received = adapter.receive(&mut frame, clock::now().plus_ms(ms)).unwrap();
+        matches!(received, Received::Bytes { .. }).then_some(frame)
+    };
+    thread::scope(|scope| {
+        let bus = adapter();
+        let opened = scope.spawn(|| open_serial(alias.to_str().unwrap(), 0, LINE).unwrap());
+        while !opened.is_finished() {
+            serve(&bus, 5);
+        }
+        let link = opened.join().unwrap();
+        let lost = scope.spawn(move || {
+            let ended = link.receive(&mut Frame::default(), Instant::FAR);
+            (ended, link)
+        });
+        drop(bus);
+        let (ended, link) = lost.join().unwrap();
+        assert!(ended.unwrap_err().is_gone());
+        assert!(link.send(&Frame::standard(1, &[])).unwrap_err().is_gone());
+        assert!(link.reopen().is_err(), "nothing is there");
+
+        let bus = adapter();
+        let again = scope.spawn(move || link.reopen().unwrap());
+        while !again.is_finished() {
+            serve(&bus, 5);
+        }
+        let again = again.join().unwrap();
+        again.send(&Frame::standard(0x7, &[7])).unwrap();
+        assert_eq!(serve(&bus, 2000), Some(Frame::standard(0x7, &[7])));
+    });
+}
+
+/// A client that reads nothing holds up nobody; what it misses is counted.
+#[test]
+fn a_client_that_does_not_read_loses_frames_and_nobody_else_does() {
+    let bus = listen("0", LINE).unwrap();
+    let address = bus.address().unwrap().to_string();
+    let hear = |ms| bus.receive(&mut Frame::default(), clock::now().plus_ms(ms)).unwrap();
+    thread::scope(|scope| {
+        let open = || {
+            let opened = scope.spawn(|| open_tcp(&address, LINE).unwrap());
+            while !opened.is_finished() {
+                hear(2);
+            }
+            opened.join().unwrap()
+        };
+        let (deaf, awake) = (open(), open());
+        let frame = Frame { extended: true, ..Frame::standard(0x123, &[0; 8]) };
+        let mut heard = Frame::default();
+        let began = clock::now();
+        while bus.losses().overrun == 0 {
+            bus.send(&frame).unwrap();
+            awake.receive(&mut heard, clock::now().plus_ms(1000)).unwrap();
+            assert_eq!(heard, frame);
+            assert!(clock::now().since(began).as_secs() < 20);
+        }
+        drop(deaf);
+    });
+}
+
+/// Anything may come from either end; it is refused, never worse, and a good line after it works.
+#[test]
+fn garbage_does_no_harm() {
+    let mut seed = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut random = || {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        seed
+    };
+    let alphabet = b"tTrRSsOLCZVNFse0123456789abcdefABCDEF\r\x07\n\xFF\0 ";
+    for _ in 0..2_000 {
+        let mut adapter = Adapter::new(LINE);
+        said_to(&mut adapter, "S6\rO\r");
+        let mut lines = Lines::default();
+        for _ in 0..random() % 200 {
+            let byte = alphabet[random() as usize % alphabet.len()];
+            let mut room = [0; crate::hub::SAYING_MAX];
+            let mut answer = Saying(Text::new(&mut room));
+            if let Taken::Frame(frame) = adapter.take(byte, &mut answer) {
+                assert!(frame.len <= 8 && frame.id <= 0x1FFF_FFFF);
+            }
+            if lines.push(byte) == Some(End::Line) {
+                let _ = Answer::of(lines.line());
+            }
+        }
+        said_to(&mut adapter, "\rC\rS6\rO\r");
+        let frame = Frame::standard(0x123, &[0xAB]);
+        assert_eq!(said_to(&mut adapter, "t1231AB\r").1, [Taken::Frame(frame)]);
+    }
 }

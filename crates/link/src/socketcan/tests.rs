@@ -129,6 +129,9 @@ fn interfaces_are_read_from_netlink() {
             netlink::read(&damaged, &mut Vec::new());
         }
     }
+    let trouble = |interface: &Interface| port(interface.clone()).trouble.unwrap();
+    assert!(trouble(&can0).hint().contains("`sudo ip link set can0 type can restart`"));
+    assert!(trouble(&found[1]).hint().contains("`sudo ip link set vcan0 up`"));
     let error = agree(&can0, CanLine { bit_rate: 500_000 }).unwrap_err();
     let wanted = "sudo ip link set can0 up type can bitrate 500000";
     assert!(error.hint().contains(wanted), "{}", error.hint());

@@ -114,3 +114,40 @@ fn clients_of_a_server_hear_each_other_and_the_drives() {
         assert_eq!(drives.join().unwrap(), sent);
     });
 }
+
+/// Anything may come from either end; it is refused, never worse, and a good element after it works.
+#[test]
+fn garbage_does_no_harm() {
+    let mut seed = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut random = || {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        seed as usize
+    };
+    let words = ["<", ">", " ", "send", "frame", "error", "123", "1FFFFFFF", "8", "FF", "1.5", "x"];
+    for _ in 0..20_000 {
+        let mut text = String::new();
+        for _ in 0..random() % 40 {
+            text.push_str(words[random() % words.len()]);
+            text.push_str(&" ".repeat(random() % 2));
+        }
+        let mut bytes = text.into_bytes();
+        if let Some(at) = random().checked_rem(bytes.len()) {
+            bytes[at] = random() as u8;
+        }
+        bytes.extend(b"< ok >");
+        let mut elements = Elements::default();
+        let mut last = None;
+        for byte in bytes {
+            last = elements.push(byte);
+            if last == Some(End::Element) {
+                if let Request::Send(frame) = Request::of(elements.text()) {
+                    assert!(frame.len <= 8 && frame.id <= 0x1FFF_FFFF);
+                }
+                let _ = Reply::of(elements.text());
+            }
+        }
+        assert_eq!((last, Reply::of(elements.text())), (Some(End::Element), Reply::Ok));
+    }
+}
