@@ -216,8 +216,8 @@ pub trait Dissector: Sync {
     fn expect(&self, request: &Raw<'_>, addressing: &Addressing, sink: &mut dyn Sink) {
         let _ = (request, addressing, sink);
     }
-    /// Explains a value by the name of what it is read from: a register's bits. `false` when nothing
-    /// has that name.
+    /// Explains a value by the name of what it is read from: a register's bits, which the fields'
+    /// ranges count. `false` when nothing has that name.
     fn named(
         &self,
         name: &str,

@@ -161,7 +161,7 @@ impl Subject {
         let Some(value) = number(value) else { return Ok(None) };
         let mut explained = Explained::default();
         let found = self.dissector()?.named(name, value, self.names(), &mut explained);
-        Ok(found.then(|| show(&[], &explained)))
+        Ok(found.then(|| show_register(&explained)))
     }
 
     fn fault_named(&self, name: &str) -> Option<String> {
@@ -186,6 +186,18 @@ fn show_fault(profile: &Profile, fault: &Fault) -> String {
         }
     }
     shown
+}
+
+/// A register, bit by bit.
+fn show_register(explained: &Explained) -> String {
+    let mut table = Table::with_heads(&["bits", "name", "value", "meaning"]);
+    for item in explained.items() {
+        let name = item.name.to_owned();
+        table.row([range(item.start, item.end), name, value(&item), item.meaning.to_owned()]);
+    }
+    let (summary, remedies) = explained.text.split_once('\n').unwrap_or((&explained.text, ""));
+    let remedies = if remedies.is_empty() { String::new() } else { format!("\n{remedies}\n") };
+    format!("{}: {summary}\n\n{}{remedies}", explained.kind, table.render(colour_out()))
 }
 
 /// A frame, byte by byte.

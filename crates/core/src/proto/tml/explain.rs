@@ -4,6 +4,7 @@
 mod expect;
 mod layout;
 mod names;
+mod register;
 mod say;
 
 use super::online::Online;
@@ -16,6 +17,7 @@ use crate::explain::{
     Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Raw, Sink, TextError, Via,
 };
 use crate::medium::Frame;
+use crate::profile::Profile;
 use layout::Said;
 
 /// The axis ID that drives have from the factory, and hosts by default.
@@ -124,6 +126,16 @@ impl Dissector for TmlDissector {
         let extended = self.0 == Encapsulation::TmlCan;
         let answer = expect::length(&message, wire);
         Ok(Encoded { len, id, extended, answer })
+    }
+
+    fn named(
+        &self,
+        name: &str,
+        value: u32,
+        profile: Option<&'static Profile>,
+        sink: &mut dyn Sink,
+    ) -> bool {
+        register::explain(name, value, profile, sink)
     }
 
     fn code(&self, _: u32) -> Option<&'static str> {

@@ -3,7 +3,7 @@
 use core::fmt::{self, Write as _};
 
 use super::layout::{Range, Said};
-use super::names;
+use super::{names, register};
 use crate::explain::{Direction, Field, Sink, Value};
 use crate::profile::{Encoding, Parameter, Profile};
 use crate::proto::tml::online::{Cell, Memory, Online, PvtPoint};
@@ -375,6 +375,20 @@ impl Say<'_> {
             Value::Int(number) => write!(out, "{place} = {number}"),
             _ => Ok(()),
         };
+        self.bits(variable, value);
+    }
+
+    /// What the bits of a register say, in words.
+    fn bits(&mut self, variable: Option<&Parameter>, value: u32) {
+        let mut before = " (";
+        register::words(variable.map_or("", |variable| variable.symbol), value, |meaning| {
+            self.sink.text(before);
+            self.sink.text(meaning);
+            before = ", ";
+        });
+        if before == ", " {
+            self.sink.text(")");
+        }
     }
 
     /// From whom to whom, and on which way.

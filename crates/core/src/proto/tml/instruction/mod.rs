@@ -19,6 +19,7 @@ mod assemble;
 mod disassemble;
 mod form;
 mod reader;
+mod registers;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -27,6 +28,7 @@ mod variable;
 pub use assemble::assemble;
 pub use disassemble::{disassemble, form_of};
 pub use form::{Category, Certainty, Form, Piece, Source};
+pub use registers::{Bits, Register, register, registers};
 pub use table::forms;
 pub use variable::{Kind, Variable, at, name_at, named, symbol};
 

@@ -6,6 +6,7 @@ use std::format;
 use std::string::{String, ToString};
 use std::vec::Vec;
 
+use crate::drives::technosoft::profile::TECHNOSOFT_F514L;
 use crate::error::WireError;
 use crate::explain::{
     Addressing, Context, Cut, Direction, Dissector, EncodeError, Field, Raw, Sink, Value, Via,
@@ -208,4 +209,26 @@ fn the_answer_is_told_as_far_as_it_is_known() {
     assert_eq!((bytes, seen.field("frame")), (None, "2A 02 ?? ??"));
     let (bytes, seen) = expected(&TMLCAN, ".word 0x205E, 0x0005", to(5));
     assert_eq!((bytes, seen.kind.as_str()), (None, ""), "nothing answers it on CAN");
+}
+
+#[test]
+fn a_register_is_told_bit_by_bit() {
+    let named = |name: &str, value| {
+        let mut seen = Seen::default();
+        let found = SERIAL.named(name, value, Some(&TECHNOSOFT_F514L), &mut seen);
+        found.then_some(seen)
+    };
+    let error = named("mer", 0x0008).expect("a register");
+    assert_eq!((error.kind.as_str(), error.field("CTRER")), ("MER", "1"));
+    assert!(error.text.contains("remedy  free the shaft"), "{}", error.text);
+    assert_eq!(named("AAR", 0x01FF).expect("a register").field("AXISID"), "255");
+    let both = named("SR32", 0x0201_8400).expect("two registers");
+    assert_eq!((both.field("AXISST"), both.field("TRGR")), ("1", "1"));
+    assert!(named("KPP", 5).is_none());
+    let frame = hex("0A 0F F1 D5 FF 09 0E 84 00 02 01 7C");
+    let context = Context { profile: Some(&TECHNOSOFT_F514L), ..Context::default() };
+    let mut seen = Seen::default();
+    SERIAL.explain(&frame, &context, &mut seen);
+    let told = "(axis on, motion complete, target command reached, initialised)";
+    assert!(seen.text.contains(told), "{}", seen.text);
 }

@@ -2,7 +2,7 @@
 
 extern crate std;
 
-use super::super::{Certainty, forms, words};
+use super::super::{Certainty, forms, registers, words};
 use std::vec::Vec;
 
 #[test]
@@ -31,4 +31,16 @@ fn a_program_can_be_walked() {
     assert_eq!(words(0x9402), Some(4));
     assert_eq!(words(0x7092), Some(3));
     assert_eq!(words(0x7777), None);
+}
+
+#[test]
+fn bits_of_registers_stand_once_and_in_order() {
+    for register in registers() {
+        let mut above = 32;
+        for bits in register.bits {
+            assert!(bits.low <= bits.high && bits.high < above, "{}: {bits:?}", register.name);
+            assert!(bits.values.len() <= 1 << (bits.high - bits.low + 1), "{bits:?}");
+            above = bits.low;
+        }
+    }
 }

@@ -1,0 +1,72 @@
+//! A register's value, bit by bit.
+
+use core::fmt::Write as _;
+
+use super::say::Text;
+use crate::explain::{Field, Sink, Value};
+use crate::profile::{Fault, Profile, Signal};
+use crate::proto::tml::instruction::{self, Register};
+
+/// Explains a register's value. `false` when no register has that name.
+pub(super) fn explain(
+    name: &str,
+    value: u32,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn Sink,
+) -> bool {
+    let mut before = "";
+    for (register, value, first) in halves(name, value) {
+        sink.kind(register.name);
+        let _ = write!(Text(sink), "{before}0x{value:04X}, {}", register.about);
+        for bits in register.read(value) {
+            let (start, end) = (first + bits.low, first + bits.high + 1);
+            let (number, meaning) = (Value::Int(bits.of(value).into()), bits.meaning(value));
+            let (start, end) = (start.into(), end.into());
+            sink.field(Field { name: bits.name, start, end, value: number, meaning });
+        }
+        faults(register, value, profile).for_each(|fault| tell(fault, sink));
+        before = "; ";
+    }
+    !before.is_empty()
+}
+
+/// The register of that name, its value and where its bits begin; of SR32 both halves.
+fn halves(name: &str, value: u32) -> impl Iterator<Item = (&'static Register, u32, u8)> {
+    let both = name.eq_ignore_ascii_case("SR32");
+    let named = [
+        (instruction::register(if both { "SRL" } else { name }), value, 0),
+        (instruction::register("SRH").filter(|_| both), value >> 16, 16),
+    ];
+    let value_of = move |value: u32| if both { value & 0xFFFF } else { value };
+    let known = move |(register, value, first): (Option<_>, _, _)| {
+        register.map(|register| (register, value_of(value), first))
+    };
+    named.into_iter().filter_map(known)
+}
+
+/// The profile's faults that the value shows, when this is the register that it has them from.
+fn faults(
+    register: &Register,
+    value: u32,
+    profile: Option<&'static Profile>,
+) -> impl Iterator<Item = &'static Fault> {
+    let source = profile.and_then(|profile| {
+        let parameter = profile.parameter(profile.signal(Signal::Fault)?.parameter)?;
+        let same = parameter.symbol == register.name;
+        same.then_some(profile.faults)
+    });
+    source.unwrap_or_default().iter().filter(move |fault| fault.code & value != 0)
+}
+
+fn tell(fault: &Fault, sink: &mut dyn Sink) {
+    let Fault { name, text, cause, remedy, .. } = fault;
+    let _ = write!(Text(sink), "\n{name}: {text}\n  cause   {cause}\n  remedy  {remedy}");
+}
+
+/// What a register's value says, for a line: `axis on, motion complete`.
+pub(super) fn words(name: &str, value: u32, mut tell: impl FnMut(&'static str)) {
+    for (register, value, _) in halves(name, value) {
+        let meanings = register.read(value).map(|bits| bits.meaning(value));
+        meanings.filter(|meaning| !meaning.is_empty()).for_each(&mut tell);
+    }
+}

@@ -1,0 +1,75 @@
+//! Registers: what their bits are called and mean.
+//!
+//! Sources: the vendor's help pages for MER and AAR, the TML communication manual for SRL and SRH;
+//! the bit names of the others come from the vendor's register tables as public tools carry them.
+
+mod settings;
+mod status;
+
+/// A register whose bits have names.
+#[derive(Debug)]
+pub struct Register {
+    /// What the language calls it.
+    pub name: &'static str,
+    /// What it is for.
+    pub about: &'static str,
+    /// Its bits, the highest first; reserved ones are left out.
+    pub bits: &'static [Bits],
+}
+
+/// A bit, or several that belong together.
+#[derive(Clone, Copy, Debug)]
+pub struct Bits {
+    /// The highest of them.
+    pub high: u8,
+    /// The lowest of them.
+    pub low: u8,
+    /// The vendor's name; empty where it has none.
+    pub name: &'static str,
+    /// What each value means, from 0 on; empty where nothing is to be said.
+    pub values: &'static [&'static str],
+}
+
+impl Bits {
+    /// Their value in the whole register.
+    #[must_use]
+    pub const fn of(&self, register: u32) -> u32 {
+        let width = self.high - self.low + 1;
+        (register >> self.low) & ((1 << width) - 1)
+    }
+
+    /// What their value means; empty when nothing is to be said.
+    #[must_use]
+    pub fn meaning(&self, register: u32) -> &'static str {
+        self.values.get(self.of(register) as usize).copied().unwrap_or("")
+    }
+}
+
+impl Register {
+    /// What a value says: every field that is not zero, or whose zero means something.
+    pub fn read(&'static self, value: u32) -> impl Iterator<Item = &'static Bits> {
+        let tells = move |bits: &&Bits| bits.of(value) != 0 || !bits.meaning(value).is_empty();
+        self.bits.iter().filter(tells)
+    }
+}
+
+/// The register of that name, letter case ignored.
+#[must_use]
+pub fn register(name: &str) -> Option<&'static Register> {
+    registers().find(|register| register.name.eq_ignore_ascii_case(name))
+}
+
+/// Every register whose bits have names.
+pub fn registers() -> impl Iterator<Item = &'static Register> {
+    status::REGISTERS.iter().chain(settings::REGISTERS)
+}
+
+/// A bit that says something when it is set.
+const fn set(bit: u8, name: &'static str, meaning: &'static [&'static str; 2]) -> Bits {
+    Bits { high: bit, low: bit, name, values: meaning }
+}
+
+/// Bits that are a number.
+const fn field(high: u8, low: u8, name: &'static str, values: &'static [&'static str]) -> Bits {
+    Bits { high, low, name, values }
+}
