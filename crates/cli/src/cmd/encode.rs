@@ -167,16 +167,14 @@ fn no_such_wire(dissector: &dyn Dissector, word: &str) -> Problem {
         .why(format!("Wires are {}.", problem::list(&words)))
 }
 
-/// Instructions, and where in the text they begin.
+/// Instructions, and where in the text they begin; comments behind `//` are none.
 fn pieces(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let mut at = 0;
-    let places = text.split([';', '\n']).map(move |piece| {
-        let start = at;
-        at += piece.len() + 1;
-        (start, piece)
-    });
-    let only = text.trim().is_empty();
-    places.filter(move |(start, piece)| !piece.trim().is_empty() || only && *start == 0)
+    let place = move |piece: &str| piece.as_ptr() as usize - text.as_ptr() as usize;
+    let lines = text.lines().map(|line| line.find("//").map_or(line, |end| &line[..end]));
+    let pieces = lines.flat_map(|line| line.split(';')).filter(|piece| !piece.trim().is_empty());
+    // A text without any is refused by the protocol, which knows what it expects.
+    let empty = Some((0, text)).filter(|_| text.trim().is_empty());
+    empty.into_iter().chain(pieces.map(move |piece| (place(piece), piece)))
 }
 
 /// The bytes as a capture's line without the time.

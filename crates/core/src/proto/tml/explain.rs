@@ -77,7 +77,8 @@ impl Dissector for TmlDissector {
         let frame = Frame { id, extended, ..Frame::default() };
         match self.0 {
             Encapsulation::Serial => false,
-            Encapsulation::TmlCan => tmlcan::decode(&frame).is_ok(),
+            Encapsulation::TmlCan => tmlcan::decode(&frame)
+                .is_ok_and(|message| names::is_opcode(message.instruction.opcode)),
             Encapsulation::TechnoCan => !extended && technocan::Class::of_id(id).is_some(),
         }
     }
@@ -182,10 +183,14 @@ impl TmlDissector {
 
     /// A byte between frames.
     fn single(&self, byte: u8, context: &Context<'_>, sink: &mut dyn Sink) {
-        let to_drive = context.direction == Some(Direction::ToDrive);
+        let (to_drive, to_host) = match context.direction {
+            Some(direction) => (direction == Direction::ToDrive, direction == Direction::ToHost),
+            None => (false, false),
+        };
         match byte {
             ACK if !to_drive => say::ack(self.request(context).as_ref(), context.profile, sink),
-            SYNC.. => say::sync(byte, context.direction, sink),
+            SYNC => say::sync(byte, context.direction, sink),
+            SYNC.. if !to_host => say::sync(byte, context.direction, sink),
             found => {
                 sink.kind("TML");
                 sink.error(match serial::span(found) {

@@ -214,7 +214,7 @@ pub enum Online {
     GetChecksum {
         /// Whom the answer is for.
         sender: IdCode,
-        /// Program memory or the EEPROM.
+        /// Which.
         memory: Memory,
         /// First address.
         start: u16,
@@ -223,7 +223,7 @@ pub enum Online {
     },
     /// Answers [`GetChecksum`](Self::GetChecksum). It does not say who answers.
     TakeChecksum {
-        /// Program memory or the EEPROM.
+        /// Which.
         memory: Memory,
         /// The sum of all words, modulo 65536.
         sum: u16,
@@ -250,8 +250,8 @@ mod code {
     pub const LONG_DATA: u16 = 0x0400;
     pub const VERSION: u16 = 0xD801;
     pub const PING: u16 = 0xD600;
-    pub const CHECKSUM_PROGRAM: u16 = 0xDA10;
-    pub const CHECKSUM_SPI: u16 = 0xDA50;
+    /// The memory stands in bits 6 and 5.
+    pub const CHECKSUM: u16 = 0xDA10;
     pub const SYNCHRONISATION: u16 = 0x1000;
     pub const MASTER_TIME: u16 = 0x1401;
     pub const SET_SYNC: u16 = 0x1404;
@@ -460,11 +460,8 @@ impl Online {
             (0xD601..=0xD6FF, 2) => {
                 Some(Self::Pong { sender: instruction.opcode as u8, version: version() })
             }
-            (code::CHECKSUM_PROGRAM | code::CHECKSUM_SPI, n) => {
-                let memory = match instruction.opcode {
-                    code::CHECKSUM_SPI => Memory::Spi,
-                    _ => Memory::Program,
-                };
+            (opcode, n) if opcode & 0xFF9F == code::CHECKSUM => {
+                let memory = Memory::of_bits(opcode >> 5)?;
                 let (start, end) = (instruction.word(1), instruction.word(2));
                 match n {
                     1 => Some(Self::TakeChecksum { memory, sum: instruction.word(0) }),
@@ -489,10 +486,7 @@ fn short_bits(address: u16, long: bool) -> u16 {
 }
 
 const fn checksum(memory: Memory) -> u16 {
-    match memory {
-        Memory::Spi => code::CHECKSUM_SPI,
-        _ => code::CHECKSUM_PROGRAM,
-    }
+    code::CHECKSUM | (memory as u16) << 5
 }
 
 const fn letters([a, b, c, d]: [u8; 4]) -> [u16; 2] {

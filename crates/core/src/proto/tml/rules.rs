@@ -163,5 +163,6 @@ impl Wire {
 pub const fn is_request(opcode: u16) -> bool {
     matches!(opcode & 0xF800, 0xA000) // GetTMLData, 16 and 32 bits, both pages
         || matches!(opcode & 0xFC00, 0xB000) // GiveMeData, GiveMeData2
-        || matches!(opcode, 0xD600 | 0xD801 | 0xDA10 | 0xDA50) // PING, GetVersion, checksums
+        || matches!(opcode, 0xD600 | 0xD801) // PING, GETVERSION
+        || opcode & 0xFF9F == 0xDA10 // checksums, of each memory
 }

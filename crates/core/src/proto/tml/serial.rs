@@ -200,7 +200,10 @@ impl Deframer {
     }
 
     fn consume(&mut self, count: usize) {
-        self.bytes.copy_within(count..usize::from(self.len), 0);
+        // Mostly all of it goes, and nothing has to be moved.
+        if count < usize::from(self.len) {
+            self.bytes.copy_within(count..usize::from(self.len), 0);
+        }
         self.len -= count as u8;
     }
 }

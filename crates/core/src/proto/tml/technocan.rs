@@ -15,8 +15,8 @@
 //! modulo 32. A multiple of 32 has no identifier: 100, TakeData2 of axis 0, is CANopen's TIME.
 
 use super::rules::Rule;
-use super::tmlcan::{low_bytes_first, words};
-use super::wire::{IdCode, Instruction, Message};
+use super::tmlcan::word_count;
+use super::wire::{DATA_WORDS_MAX, IdCode, Instruction, Message};
 use crate::error::WireError;
 use crate::medium::Frame;
 
@@ -77,16 +77,9 @@ impl Class {
 
     /// What is added to the axis or group ID, or the identifier where there is none.
     const fn base(self) -> u16 {
-        match self {
-            Self::Group => 0x000,
-            Self::Synchronisation => SYNCHRONISATION,
-            Self::Pvt => 0x040,
-            Self::TakeData2 | Self::Pong => 0x100,
-            Self::Normal => 0x120,
-            Self::Host => 0x140,
-            Self::TakeData => 0x160,
-            Self::Broadcast => BROADCAST,
-        }
+        const BASES: [u16; 9] =
+            [0x000, SYNCHRONISATION, 0x040, 0x100, 0x100, 0x120, 0x140, 0x160, BROADCAST];
+        BASES[self as usize]
     }
 
     /// The class of an identifier; PONG is told from TakeData2 by the data alone. `None` for
@@ -174,7 +167,7 @@ pub fn class_of(message: &Message) -> Result<Class, Rule> {
         _ if is_point(instruction) => return Ok(Class::Pvt),
         _ => Class::Normal,
     };
-    if instruction.data().len() > WORDS_MAX {
+    if instruction.count() > WORDS_MAX {
         return Err(Rule::TechnoCanWords);
     }
     Ok(class)
@@ -189,22 +182,23 @@ pub fn class_of(message: &Message) -> Result<Class, Rule> {
 pub fn encode(message: &Message) -> Result<Frame, Rule> {
     let class = class_of(message)?;
     let Message { to, instruction } = message;
-    let number = match class {
+    let count = instruction.count() as u8;
+    let plain = || (instruction.packed() << 16 | u64::from(instruction.opcode), 2 * count + 2);
+    let (number, (data, len)) = match class {
         Class::Group if to.id & !GROUPS != 0 => return Err(Rule::TechnoCanGroups),
-        Class::Group => to.id,
-        Class::Synchronisation | Class::Broadcast => 0,
-        Class::TakeData2 | Class::Pong => axis_number(instruction.opcode as u8)?,
-        _ => axis_number(to.id)?,
-    };
-    let (data, len) = match class {
-        Class::Synchronisation => ([0; 8], 0),
-        Class::Pvt => packed_point(instruction),
-        Class::TakeData => packed_take_data(*to, instruction)?,
-        Class::TakeData2 | Class::Pong => packed_take_data_2(instruction)?,
-        _ => with_opcode(instruction),
+        Class::Group => (to.id, plain()),
+        Class::Synchronisation => (0, (0, 0)),
+        Class::Broadcast => (0, plain()),
+        Class::Normal | Class::Host => (axis_number(to.id)?, plain()),
+        Class::Pvt => (axis_number(to.id)?, (packed_point(instruction), 8)),
+        Class::TakeData => (axis_number(to.id)?, (packed_take_data(*to, instruction)?, 2 * count)),
+        Class::TakeData2 | Class::Pong => {
+            let sender = axis_number(instruction.opcode as u8)?;
+            (sender, (packed_take_data_2(instruction)?, 2 * count + 1))
+        }
     };
     let id = u32::from(class.base() | u16::from(number));
-    Ok(Frame { id, extended: false, remote: false, len, data })
+    Ok(Frame { id, extended: false, remote: false, len, data: data.to_le_bytes() })
 }
 
 /// Reads what a frame carries.
@@ -221,28 +215,24 @@ pub fn decode(frame: &Frame) -> Result<Heard, WireError> {
     }
     let class = Class::of_id(frame.id).ok_or(foreign)?;
     let number = frame.id as u8 & 0x1F;
-    let plain = |to: IdCode| {
-        let instruction = plain_instruction(frame)?;
-        Ok(Heard { class, to: Some(to), sender: None, instruction })
-    };
-    match class {
-        Class::Group => plain(IdCode::groups(number)),
-        Class::Normal => plain(IdCode::axis(number)),
-        Class::Host => plain(IdCode::host_at(number)),
-        Class::Broadcast => plain(IdCode::BROADCAST),
+    let (data, len) = (u64::from_le_bytes(frame.data), frame.len);
+    let (to, instruction) = match class {
+        Class::Group => (IdCode::groups(number), plain_instruction(data, len)?),
+        Class::Normal => (IdCode::axis(number), plain_instruction(data, len)?),
+        Class::Host => (IdCode::host_at(number), plain_instruction(data, len)?),
+        Class::Broadcast => (IdCode::BROADCAST, plain_instruction(data, len)?),
         Class::Synchronisation => {
-            within(frame.len, 0, 0)?;
-            let instruction = Instruction::of(SYNCHRONISE, []);
-            Ok(Heard { class, to: Some(IdCode::BROADCAST), sender: None, instruction })
+            within(len, 0, 0)?;
+            (IdCode::BROADCAST, Instruction::of(SYNCHRONISE, []))
         }
         Class::Pvt => {
-            within(frame.len, 8, 8)?;
-            let instruction = opened_point(frame.data);
-            Ok(Heard { class, to: Some(IdCode::axis(number)), sender: None, instruction })
+            within(len, 8, 8)?;
+            (IdCode::axis(number), opened_point(data))
         }
-        Class::TakeData => opened_take_data(frame, number),
-        Class::TakeData2 | Class::Pong => opened_take_data_2(frame, number),
-    }
+        Class::TakeData => return opened_take_data(data, len, number),
+        Class::TakeData2 | Class::Pong => return opened_take_data_2(data, len, number),
+    };
+    Ok(Heard { class, to: Some(to), sender: None, instruction })
 }
 
 fn grouped(to: IdCode, opcode: u16) -> Result<Class, Rule> {
@@ -257,97 +247,77 @@ fn grouped(to: IdCode, opcode: u16) -> Result<Class, Rule> {
 /// PVTP with its point in the data words.
 #[inline]
 fn is_point(instruction: &Instruction) -> bool {
-    instruction.opcode & 0xFF80 == PVTP && instruction.data().len() == 4
+    instruction.opcode & 0xFF80 == PVTP && instruction.count() == 4
 }
 
 /// Opcode and data words, all low byte first.
 #[inline]
-fn with_opcode(instruction: &Instruction) -> ([u8; 8], u8) {
-    let (data, len) = low_bytes_first(instruction);
-    let whole = u64::from_le_bytes(data) << 16 | u64::from(instruction.opcode);
-    (whole.to_le_bytes(), len + 2)
-}
-
-#[inline]
-fn plain_instruction(frame: &Frame) -> Result<Instruction, WireError> {
-    within(frame.len, 2, 8)?;
-    let whole = u64::from_le_bytes(frame.data);
-    let even = frame.len.is_multiple_of(2);
-    if !even {
-        return Err(WireError::Count { at: 0, found: frame.len.into() });
-    }
-    words(whole as u16, (whole >> 16).to_le_bytes(), frame.len - 2)
+fn plain_instruction(data: u64, len: u8) -> Result<Instruction, WireError> {
+    within(len, 2, 8)?;
+    let count = word_count(len)? - 1;
+    Ok(Instruction::from_packed(data as u16, data >> 16, count))
 }
 
 /// The first three data words as they are; the last gives nine bits of time and takes the counter
 /// from the opcode.
 #[inline]
-fn packed_point(instruction: &Instruction) -> ([u8; 8], u8) {
-    let time = instruction.word(3) & 0x1FF | (instruction.opcode & 0x7F) << 9;
-    let [a, b, c, _] = instruction.padded();
-    (low_bytes_first(&Instruction::of(PVTP, [a, b, c, time])).0, 8)
+const fn packed_point(instruction: &Instruction) -> u64 {
+    let last = instruction.word(3) & 0x1FF | (instruction.opcode & 0x7F) << 9;
+    instruction.packed() & 0xFFFF_FFFF_FFFF | (last as u64) << 48
 }
 
 #[inline]
-fn opened_point(data: [u8; 8]) -> Instruction {
-    let [.., low, high] = data;
-    let last = u16::from_le_bytes([low, high]);
-    let word = |at: usize| u16::from_le_bytes([data[at], data[at + 1]]);
-    Instruction::of(PVTP | last >> 9, [word(0), word(2), word(4), last & 0x1FF])
+const fn opened_point(data: u64) -> Instruction {
+    let last = (data >> 48) as u16;
+    let words = data & 0x01FF_FFFF_FFFF_FFFF;
+    Instruction::from_packed(PVTP | last >> 9, words, DATA_WORDS_MAX)
 }
 
 /// The sender's word shrinks to five bits; the destination's H takes a bit of the opcode's byte.
 #[inline]
-fn packed_take_data(to: IdCode, instruction: &Instruction) -> Result<([u8; 8], u8), Rule> {
-    let [sender, a, b, c] = instruction.padded();
-    let count = instruction.data().len();
-    if count < 2 {
+const fn packed_take_data(to: IdCode, instruction: &Instruction) -> Result<u64, Rule> {
+    if instruction.count() < 2 {
         return Err(Rule::Incomplete);
     }
-    let sender = axis_number((sender >> 4) as u8)?;
-    let flags = sender << 3 | u8::from(to.host) << 2 | (instruction.opcode >> 8) as u8 & 3;
-    let head = Instruction::of(
-        TAKE_DATA,
-        [u16::from_le_bytes([instruction.opcode as u8, flags]), a, b, c],
-    );
-    Ok((low_bytes_first(&head).0, 2 * count as u8))
+    let sender = match axis_number((instruction.word(0) >> 4) as u8) {
+        Ok(number) => number,
+        Err(rule) => return Err(rule),
+    };
+    let flags = (sender as u16) << 11 | (to.host as u16) << 10;
+    let head = flags | instruction.opcode & 0x3FF;
+    Ok(instruction.packed() & !0xFFFF | head as u64)
 }
 
 #[inline]
-fn opened_take_data(frame: &Frame, number: u8) -> Result<Heard, WireError> {
-    within(frame.len, 4, 8)?;
-    let flags = frame.data[1];
-    let sender = flags >> 3;
-    let opcode = TAKE_DATA | u16::from_le_bytes([frame.data[0], flags & 3]);
-    let mut data = frame.data;
-    [data[0], data[1]] = IdCode::axis(sender).word().to_le_bytes();
-    let to = IdCode { group: false, id: number, host: flags & 4 != 0 };
+fn opened_take_data(data: u64, len: u8, number: u8) -> Result<Heard, WireError> {
+    within(len, 4, 8)?;
+    let head = data as u16;
+    let sender = (head >> 11) as u8;
+    let to = IdCode { group: false, id: number, host: head & 0x400 != 0 };
+    let words = data & !0xFFFF | u64::from(IdCode::axis(sender).word());
     Ok(Heard {
         class: Class::TakeData,
         to: (sender != number || to.host).then_some(to),
         sender: Some(sender),
-        instruction: words(opcode, data, frame.len)?,
+        instruction: Instruction::from_packed(TAKE_DATA | head & 0x3FF, words, word_count(len)?),
     })
 }
 
 /// Bit 7 of the first byte is VT, bit 6 P; then data words.
 #[inline]
-fn packed_take_data_2(instruction: &Instruction) -> Result<([u8; 8], u8), Rule> {
-    let pong = instruction.opcode & 0x200 != 0;
-    let wide = !pong && instruction.opcode & 0x100 != 0;
-    let count = instruction.data().len();
-    if count > WORDS_MAX {
+const fn packed_take_data_2(instruction: &Instruction) -> Result<u64, Rule> {
+    if instruction.count() > WORDS_MAX {
         return Err(Rule::TechnoCanWords);
     }
-    let (data, len) = low_bytes_first(instruction);
-    let whole = u64::from_le_bytes(data) << 8 | u64::from(wide) << 7 | u64::from(pong) << 6;
-    Ok((whole.to_le_bytes(), len + 1))
+    let pong = instruction.opcode & 0x200 != 0;
+    let wide = !pong && instruction.opcode & 0x100 != 0;
+    Ok(instruction.packed() << 8 | (wide as u64) << 7 | (pong as u64) << 6)
 }
 
 #[inline]
-fn opened_take_data_2(frame: &Frame, number: u8) -> Result<Heard, WireError> {
-    within(frame.len, 1, 7)?;
-    let flags = frame.data[0];
+fn opened_take_data_2(data: u64, len: u8, number: u8) -> Result<Heard, WireError> {
+    within(len, 1, 7)?;
+    let flags = data as u8;
     if flags & 0x3F != 0 {
         return Err(WireError::Unexpected { at: 0, found: flags });
     }
@@ -356,8 +326,8 @@ fn opened_take_data_2(frame: &Frame, number: u8) -> Result<Heard, WireError> {
         0x80 => (Class::TakeData2, TAKE_DATA_2 | 0x100),
         _ => (Class::TakeData2, TAKE_DATA_2),
     };
-    let data = (u64::from_le_bytes(frame.data) >> 8).to_le_bytes();
-    let instruction = words(kind | u16::from(number), data, frame.len - 1)?;
+    let opcode = kind | u16::from(number);
+    let instruction = Instruction::from_packed(opcode, data >> 8, word_count(len - 1)?);
     Ok(Heard { class, to: None, sender: Some(number), instruction })
 }
 

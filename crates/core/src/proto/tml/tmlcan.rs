@@ -6,7 +6,7 @@
 //! ```
 //! The data are the instruction's data words, low byte first. Nothing is added and nothing lost.
 
-use super::wire::{DATA_WORDS_MAX, IdCode, Instruction, Message};
+use super::wire::{IdCode, Instruction, Message};
 use crate::error::WireError;
 use crate::medium::Frame;
 
@@ -24,8 +24,8 @@ pub fn encode(message: &Message) -> Frame {
         | u32::from(to.id) << 13
         | u32::from(to.host) << 9
         | opcode & 0x1FF;
-    let (data, len) = low_bytes_first(instruction);
-    Frame { id, extended: true, remote: false, len, data }
+    let data = instruction.packed().to_le_bytes();
+    Frame { id, extended: true, remote: false, len: 2 * instruction.count() as u8, data }
 }
 
 /// Reads the message that a frame carries.
@@ -44,29 +44,16 @@ pub fn decode(frame: &Frame) -> Result<Message, WireError> {
         id: (frame.id >> 13) as u8,
         host: frame.id >> 9 & 1 != 0,
     };
-    Ok(Message { to, instruction: words(opcode, frame.data, frame.len)? })
+    let words = u64::from_le_bytes(frame.data);
+    let instruction = Instruction::from_packed(opcode, words, word_count(frame.len)?);
+    Ok(Message { to, instruction })
 }
 
-/// Data words as bytes of a frame, and how many.
+/// Data words in `len` bytes of a frame.
 #[inline]
-pub(super) fn low_bytes_first(instruction: &Instruction) -> ([u8; 8], u8) {
-    (bytes_of(instruction.padded()), 2 * instruction.data().len() as u8)
-}
-
-/// An instruction whose data words are the first `len` bytes of a frame.
-#[inline]
-pub(super) fn words(opcode: u16, data: [u8; 8], len: u8) -> Result<Instruction, WireError> {
+pub(super) const fn word_count(len: u8) -> Result<usize, WireError> {
     if !len.is_multiple_of(2) || len > 8 {
-        return Err(WireError::Count { at: 0, found: len.into() });
+        return Err(WireError::Count { at: 0, found: len as u16 });
     }
-    // Bytes behind the length are no data, whatever a driver left there.
-    let kept = u64::from_le_bytes(data) & !u64::MAX.checked_shl(u32::from(len) * 8).unwrap_or(0);
-    let words = [kept as u16, (kept >> 16) as u16, (kept >> 32) as u16, (kept >> 48) as u16];
-    Ok(Instruction::from_padded(opcode, words, usize::from(len / 2)))
-}
-
-#[inline]
-const fn bytes_of(words: [u16; DATA_WORDS_MAX]) -> [u8; 8] {
-    let [a, b, c, d] = words;
-    (a as u64 | (b as u64) << 16 | (c as u64) << 32 | (d as u64) << 48).to_le_bytes()
+    Ok(len as usize / 2)
 }

@@ -116,6 +116,13 @@ impl Instruction {
         Self { opcode, len: N as u8, data }
     }
 
+    /// How many data words.
+    #[must_use]
+    #[inline]
+    pub const fn count(&self) -> usize {
+        self.len as usize
+    }
+
     /// As [`new`](Self::new), where words from `count` on are zero already.
     #[inline]
     pub(super) const fn from_padded(
@@ -134,11 +141,27 @@ impl Instruction {
         self.data
     }
 
+    /// As [`new`](Self::new), of words that lie in a number as they do on CAN: the first lowest.
+    #[inline]
+    pub(super) const fn from_packed(opcode: u16, words: u64, count: usize) -> Self {
+        // What a driver left behind the length is no data.
+        let kept = if count < DATA_WORDS_MAX { words & !(u64::MAX << (16 * count)) } else { words };
+        let data = [kept as u16, (kept >> 16) as u16, (kept >> 32) as u16, (kept >> 48) as u16];
+        Self::from_padded(opcode, data, count)
+    }
+
+    /// The data words in a number as they lie on CAN: the first lowest, each low byte first.
+    #[inline]
+    pub(super) const fn packed(&self) -> u64 {
+        let [a, b, c, d] = self.data;
+        a as u64 | (b as u64) << 16 | (c as u64) << 32 | (d as u64) << 48
+    }
+
     /// The data words.
     #[must_use]
     #[inline]
-    pub fn data(&self) -> &[u16] {
-        &self.data[..usize::from(self.len)]
+    pub const fn data(&self) -> &[u16] {
+        self.data.split_at(self.len as usize).0
     }
 
     /// A data word, zero beyond the last.

@@ -1,6 +1,6 @@
 //! Names for what stands in messages: variables, and instructions in the language.
 
-use crate::explain::{Sink, TextError};
+use crate::explain::TextError;
 use crate::profile::{Parameter, Profile};
 use crate::proto::tml::instruction::{self, Scope};
 use crate::proto::tml::online::{Cell, Memory};
@@ -21,10 +21,20 @@ pub(super) fn variable(
 pub(super) fn disassemble(
     instruction: &Instruction,
     profile: Option<&'static Profile>,
-    sink: &mut dyn Sink,
+    show: &mut dyn FnMut(&str),
 ) {
-    let scope = Scope { profile, ..Scope::default() };
-    instruction::disassemble(instruction, &scope, &mut |piece| sink.text(piece));
+    instruction::disassemble(instruction, &Scope { profile, ..Scope::default() }, show);
+}
+
+/// The group that an instruction belongs to.
+pub(super) fn category(instruction: &Instruction) -> &'static str {
+    let form = instruction::form_of(instruction, &Scope::default());
+    form.map_or("unknown instruction", |form| form.category.name())
+}
+
+/// Whether the language has instructions of this opcode.
+pub(super) fn is_opcode(opcode: u16) -> bool {
+    instruction::forms().any(|form| opcode & form.mask == form.opcode)
 }
 
 /// Reads an instruction in the language; `sender` is whom answers are for.

@@ -18,7 +18,7 @@ pub(super) fn message(
 ) {
     let online = Online::parse(&said.instruction);
     let request = request.filter(|asked| super::answers(said, asked));
-    sink.kind(online.as_ref().map_or("instruction", word));
+    sink.kind(online.as_ref().map_or_else(|| names::category(&said.instruction), word));
     if let Some(axis) = axis(said, online.as_ref(), request) {
         sink.axis(axis.into());
     }
@@ -94,13 +94,22 @@ fn axis(said: &Said, online: Option<&Online>, request: Option<&Said>) -> Option<
 
 /// Text of bounded length, for a field.
 pub(super) struct Short {
-    bytes: [u8; 48],
+    bytes: [u8; TEXT_MAX],
     len: usize,
+}
+
+/// Longer than any instruction's text.
+const TEXT_MAX: usize = 120;
+
+impl Default for Short {
+    fn default() -> Self {
+        Self { bytes: [0; TEXT_MAX], len: 0 }
+    }
 }
 
 impl Short {
     pub fn of(text: impl fmt::Display) -> Self {
-        let mut short = Self { bytes: [0; 48], len: 0 };
+        let mut short = Self::default();
         // What does not fit is cut.
         let _ = write!(short, "{text}");
         short
@@ -216,6 +225,12 @@ impl Say<'_> {
         let known = if said.to.is_some() { "" } else { "the identifier does not say" };
         self.named("to", said.code, Value::Text(whom.as_str()), known);
         self.field("opcode", said.opcode, Value::Hex(said.instruction.opcode.into(), 4));
+        let mut text = Short::default();
+        names::disassemble(&said.instruction, self.profile, &mut |piece| {
+            // What does not fit is cut.
+            let _ = text.write_str(piece);
+        });
+        self.field("tml", (0, 0), Value::Text(text.as_str()));
     }
 
     /// Data words as they are.
@@ -361,7 +376,11 @@ impl Say<'_> {
                 let asked = cell_of(online).unwrap_or_default();
                 let _ = write!(Text(self.sink), "{} {}", word(online), place(asked, self.profile));
             }
-            _ => names::disassemble(&self.said.instruction, self.profile, self.sink),
+            _ => {
+                let sink = &mut *self.sink;
+                let profile = self.profile;
+                names::disassemble(&self.said.instruction, profile, &mut |piece| sink.text(piece));
+            }
         }
     }
 
