@@ -5,6 +5,7 @@ use crate::medium::Frame;
 use crate::plan::Argument;
 use crate::profile::{Parameter, ParameterId, Profile, Signal};
 use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
+use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, Point};
 use crate::time::Instant;
 
 /// What an axis can be told to do. A profile has a plan for each verb that its drive can do.
@@ -259,6 +260,23 @@ pub trait Driver {
         [None; TOLD_MAX]
     }
 
+    /// What a path that is streamed to this drive needs; `None` where it takes none.
+    fn path_parameters(&self) -> Option<PathParameters> {
+        None
+    }
+
+    /// A request of such a path; `None` beyond the last preparation.
+    fn path(&self, step: PathStep) -> Option<Result<Self::Request, Unsupported>> {
+        let _ = step;
+        None
+    }
+
+    /// What the drive's status of its buffer says.
+    fn path_status(&self, raw: i64) -> PathStatus {
+        let _ = raw;
+        PathStatus::default()
+    }
+
     /// True when the address names several drives. Each of them answers a read.
     fn is_group(&self) -> bool {
         false
@@ -371,6 +389,31 @@ pub trait Axes {
         axis: AxisIndex,
         text: &str,
     ) -> Result<(), Unsupported>;
+
+    /// Begins a path that is streamed point by point from where the axis stands; see
+    /// [`feed`](Self::feed). It ends in one outcome under `ticket`: the number of points, when all
+    /// are used up.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn stream(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        kind: PathKind,
+    ) -> Result<(), Unsupported> {
+        let _ = (now, ticket, axis, kind);
+        Err(Unsupported::NoPlan)
+    }
+
+    /// Takes points of the path under `ticket`, as many as there is room for, and tells how many.
+    /// `complete` says that the last of them ends the path; it should be one at rest. `None` when
+    /// that path has ended.
+    fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
+        let _ = (ticket, points, complete);
+        None
+    }
 
     /// What one drive of a group answered; it comes before the outcome of its ticket, in the order of
     /// the drives' addresses.

@@ -1,14 +1,16 @@
 //! One host and the axes it serves: jobs take turns on the wire, stops first; plans are run here.
 //!
-//! All storage is made when the lane is made; nothing allocates afterwards.
+//! All storage is made when the lane is made, or a path is begun; nothing allocates afterwards.
 
 mod execute;
 mod job;
+mod path;
 mod slot;
 mod table;
 #[cfg(test)]
 mod tests;
 
+use alloc::boxed::Box;
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use core::marker::PhantomData;
@@ -21,8 +23,10 @@ use crate::profile::{ParameterId, Profile};
 use crate::station::{
     AxisIndex, Class, Counters, Host, LineEvent, Request, Station, Ticket, Timed, To,
 };
+use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
 use job::{Asked, Run, Steps, Task, Write};
+use path::Path;
 pub use slot::BoxedDriver;
 use slot::Slot;
 use table::Table;
@@ -270,6 +274,34 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             self.jobs.cancel(axis);
         }
         self.jobs.add(ticket, axis, Task::Raw(request), stop)
+    }
+
+    fn stream(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        kind: PathKind,
+    ) -> Result<(), Unsupported> {
+        let slot = self.slot(axis)?;
+        let parameters = slot.driver.path_parameters().ok_or(Unsupported::NoPlan)?;
+        if !slot.state.armed {
+            return Err(Unsupported::NotArmed);
+        }
+        if self.jobs.moving(axis) {
+            return Err(Unsupported::Busy);
+        }
+        self.jobs.add(ticket, axis, Task::Path, false)?;
+        if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
+            slot.path = Some(Box::new(Path::new(kind, parameters)));
+        }
+        Ok(())
+    }
+
+    fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
+        let axis = self.jobs.fed(ticket)?;
+        let path = self.slots.get_mut(usize::from(axis))?.path.as_mut()?;
+        Some(path.feed(points, complete))
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {

@@ -31,5 +31,6 @@ pub mod plant;
 pub mod profile;
 pub mod proto;
 pub mod station;
+pub mod stream;
 pub mod time;
 pub mod units;

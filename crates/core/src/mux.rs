@@ -11,6 +11,7 @@ use crate::error::{Outcome, Unsupported};
 use crate::medium::{Can, CanLine, Frame};
 use crate::profile::{ParameterId, Profile};
 use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
+use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
 
 #[cfg(test)]
@@ -179,6 +180,21 @@ impl Axes for Mux {
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.of_mut(axis)?;
         lane.raw(now, ticket, axis, text)
+    }
+
+    fn stream(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        kind: PathKind,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.stream(now, ticket, axis, kind)
+    }
+
+    fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
+        self.lanes.iter_mut().find_map(|lane| lane.feed(ticket, points, complete))
     }
 
     fn poll_part(&mut self) -> Option<Part> {

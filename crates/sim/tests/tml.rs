@@ -9,6 +9,7 @@ use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::{Profile, Signal};
 use polepair_core::proto::{GROUP, HostOptions, Wire};
 use polepair_core::station::{AxisIndex, Counters, Ticket};
+use polepair_core::stream::{PathKind, Point};
 use polepair_core::time::Instant;
 use polepair_sim::host;
 use polepair_sim::node::{CAN_PORT, Drive, SERIAL_PORT};
@@ -88,13 +89,18 @@ impl Bench {
 
     /// A host on CAN.
     fn can(bus: &str, options: HostOptions, axes: &[u32], on_bus: &[u32]) -> Self {
+        Self::drifting("0", bus, options, axes, on_bus)
+    }
+
+    /// The drives' clocks are fast by so many parts per million.
+    fn drifting(ppm: &str, bus: &str, options: HostOptions, axes: &[u32], on_bus: &[u32]) -> Self {
         let mut world = World::new(1);
         let wire = world.can(CanLine { bit_rate: BIT_RATE });
         let host = world.add(lane(bus, options, axes));
         world.plug_host(wire, host, 0);
         let mut drives = Vec::new();
         for axis in on_bus {
-            let drive = world.add(device(*axis, &[("can", bus)]));
+            let drive = world.add(device(*axis, &[("can", bus), ("clock-ppm", ppm)]));
             world.plug_drive(wire, drive, CAN_PORT);
             drives.push(drive);
         }
@@ -277,4 +283,57 @@ fn the_wrong_host_id_is_refused_with_its_reason() {
     assert!(hint(outcome).is_some_and(|hint| hint.contains("an axis ID that no drive has")));
     assert_eq!(bench.counters().sent, 0);
     let _ = bench.wire;
+}
+
+/// Streams a sine of so many points and returns how it ended.
+fn stream(bench: &mut Bench, axis: u8, count: usize, time: f64) -> Outcome {
+    let path = |n: usize| {
+        let phase = n as f64 / 50.0;
+        let end = n == count;
+        let speed = 2.0 * phase.sin() / (50.0 * time);
+        let position = 2.0 * (1.0 - phase.cos());
+        Point { position, velocity: if end { 0.0 } else { speed }, time }
+    };
+    bench.tickets += 1;
+    let ticket = Ticket(bench.tickets);
+    bench.axes(|axes, now| {
+        axes.arm(AxisIndex(axis), true);
+        axes.stream(now, ticket, AxisIndex(axis), PathKind::Pvt).unwrap();
+    });
+    let (mut fed, limit) = (0, bench.world.now().plus_ms(1_000_000));
+    while bench.world.now() < limit {
+        let points: Vec<Point> = (fed + 1..=count).take(64).map(path).collect();
+        let complete = fed + points.len() == count;
+        let taken = bench.axes(|axes, _| axes.feed(ticket, &points, complete));
+        fed += taken.unwrap_or(0);
+        let until = bench.world.now().plus_ms(50);
+        bench.world.run_until(until);
+        if let Some((_, outcome)) = bench.axes(|axes, _| axes.poll_outcome()) {
+            return outcome;
+        }
+    }
+    panic!("the path never ended")
+}
+
+#[test]
+fn ten_thousand_points_arrive_with_their_counter_whole() {
+    let can = HostOptions::new(BIT_RATE);
+    let benches = [
+        // A point of 20 ms at 9600 baud is as fast as the line can be.
+        (Bench::relay("tmlcan", &[1]), 10_000, 0.020),
+        (Bench::relay("tmlcan", &[255, 1]), 500, 0.025),
+        (Bench::drifting("900", "technocan", can, &[1], &[1]), 1_000, 0.010),
+        (Bench::drifting("-900", "tmlcan", can, &[1], &[1]), 1_000, 0.010),
+    ];
+    for (n, (mut bench, count, time)) in benches.into_iter().enumerate() {
+        let (axis, drive) = if n == 1 { (1, 1) } else { (0, 0) };
+        assert!(done(bench.verb(axis, Verb::Enable)), "{n}");
+        let begun = bench.world.now();
+        assert_eq!(stream(&mut bench, axis, count, time), Outcome::Done(count as i64), "{n}");
+        let took = bench.world.now().since(begun).as_secs_f64();
+        assert!((took - count as f64 * time).abs() < 2.0, "{n}: {took} s");
+        let end = 2.0 * (1.0 - (count as f64 / 50.0).cos());
+        assert!((bench.truth(drive).position - end).abs() < 0.02, "{n}: {:?}", bench.truth(drive));
+        assert_eq!(bench.counters().silent, 0);
+    }
 }

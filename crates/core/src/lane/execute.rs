@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use super::job::{Asked, Job, Parts, Run, Stage, Task};
+use super::path::Path;
 use super::slot::Slot;
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::plan::Step;
@@ -20,6 +21,8 @@ pub enum Next {
     Go,
     /// It waits.
     Sleep(Instant),
+    /// It waits for points of its path.
+    Hungry,
     /// It is over.
     End(Outcome),
 }
@@ -54,7 +57,20 @@ pub fn next<R: Request, A: Copy + 'static>(
         }
         Task::Raw(request) => Ok((*request, Asked::Send(request.class()))),
         Task::Run(run) => next_of_run(now, run, slot),
+        Task::Path => along_path(slot, |path, slot| path.next(now, slot))
+            .unwrap_or(Err(Next::End(Outcome::NotDone(Failure::Cancelled)))),
     }
+}
+
+/// Lets the axis' path, if it has one, do something with the axis.
+fn along_path<R: Request, A: Copy + 'static, T>(
+    slot: &mut Slot<R, A>,
+    f: impl FnOnce(&mut Path, &mut Slot<R, A>) -> T,
+) -> Option<T> {
+    let mut path = slot.path.take()?;
+    let done = f(&mut path, slot);
+    slot.path = Some(path);
+    Some(done)
 }
 
 #[inline]
@@ -188,6 +204,7 @@ pub fn sent<R: Request>(job: &mut Job<R>, asked: Asked) {
 fn may_have_been_executed<R: Request>(job: &Job<R>) -> bool {
     let run = match job.task {
         Task::Run(run) => run.touched || matches!(run.stage, Stage::Confirm(..)),
+        Task::Path => true,
         _ => false,
     };
     run || matches!(job.asked, Asked::Write(..) | Asked::Send(_) | Asked::Confirm(..))
@@ -266,6 +283,9 @@ pub fn answered<R: Request, A: Copy + 'static>(
             Err(failure) => outcome(asked, Err(failure), failure),
         }),
         Task::Run(run) => answered_run(now, run, slot, asked, raw),
+        Task::Path if job.cancelled => Next::End(Outcome::Unknown(Failure::Cancelled)),
+        Task::Path => along_path(slot, |path, slot| path.answered(now, slot, asked, raw))
+            .unwrap_or(Next::End(Outcome::Unknown(Failure::Cancelled))),
     }
 }
 

@@ -16,6 +16,8 @@ pub struct Job<R> {
     /// A stop came by while its request was out: it ends when that request does.
     pub cancelled: bool,
     pub parts: Parts,
+    /// It sleeps until then.
+    pub until: Instant,
     pub outcome: Option<Outcome>,
 }
 
@@ -50,6 +52,8 @@ pub enum Task<R> {
     Read(ParameterId),
     Raw(R),
     Run(Run),
+    /// The path that the axis' slot holds.
+    Path,
 }
 
 /// What the request that is out asks.

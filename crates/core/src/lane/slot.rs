@@ -3,6 +3,7 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
+use super::path::Path;
 use crate::axis::{Command, Driver, Part, Reading, State, Told};
 use crate::error::Unsupported;
 use crate::plan::{Operand, Step};
@@ -25,6 +26,8 @@ pub struct Slot<R, A> {
     pub driver: BoxedDriver<R, A>,
     pub profile: &'static Profile,
     pub state: State,
+    /// The path that is streamed to it.
+    pub path: Option<Box<Path>>,
     factors: Vec<Factor>,
     /// What is needed of a parameter again and again, by [`ParameterId`].
     entries: Vec<Entry<R>>,
@@ -64,6 +67,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             driver,
             profile,
             state: State::UNKNOWN,
+            path: None,
             factors,
             entries: Vec::with_capacity(profile.parameters.len()),
         };

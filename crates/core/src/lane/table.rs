@@ -3,7 +3,7 @@
 use alloc::boxed::Box;
 
 use super::execute::{self, Next};
-use super::job::{Asked, Job, Parts, Stage, Task};
+use super::job::{Asked, Job, Parts, Task};
 use super::slot::{self, Slot};
 use super::{JOBS_MAX, STOP_JOBS};
 use crate::axis::Part;
@@ -60,7 +60,11 @@ impl<R: Request> Table<R> {
         if n >= JOBS_MAX - if stop { 0 } else { STOP_JOBS } {
             return Err(Unsupported::Busy);
         }
-        let moves = matches!(&task, Task::Run(run) if run.moves());
+        let moves = match &task {
+            Task::Run(run) => run.moves(),
+            Task::Path => true,
+            _ => false,
+        };
         self.jobs[n] = Some(Job {
             ticket,
             axis: axis.0,
@@ -68,6 +72,7 @@ impl<R: Request> Table<R> {
             asked: Asked::Nothing,
             cancelled: false,
             parts: Parts::None,
+            until: Instant::ZERO,
             outcome: None,
         });
         let bit = 1 << n;
@@ -164,9 +169,13 @@ impl<R: Request> Table<R> {
         match next {
             Next::Go => self.ready |= 1 << n,
             Next::Sleep(until) => {
+                if let Some(job) = &mut self.jobs[n] {
+                    job.until = until;
+                }
                 self.sleeping |= 1 << n;
                 self.wake = earliest(self.wake, Some(until));
             }
+            Next::Hungry => {}
             Next::End(outcome) => self.end(n, outcome),
         }
     }
@@ -233,9 +242,29 @@ impl<R: Request> Table<R> {
     /// Whether an axis runs a plan that moves or stops it.
     pub fn moving(&self, axis: AxisIndex) -> bool {
         bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref()).any(|job| {
-            let moves = matches!(&job.task, Task::Run(run) if run.moves() || run.is_stop());
+            let moves = match &job.task {
+                Task::Run(run) => run.moves() || run.is_stop(),
+                Task::Path => true,
+                _ => false,
+            };
             job.axis == axis.0 && moves
         })
+    }
+
+    /// The axis on whose path the job of this ticket is, which goes on because there are points.
+    pub fn fed(&mut self, ticket: Ticket) -> Option<u8> {
+        for n in bits(self.used & !self.ended) {
+            let Some(job) = &self.jobs[n] else { continue };
+            if job.ticket != ticket || !matches!(job.task, Task::Path) {
+                continue;
+            }
+            if job.asked == Asked::Nothing {
+                self.sleeping &= !(1 << n);
+                self.ready |= 1 << n;
+            }
+            return Some(job.axis);
+        }
+        None
     }
 
     /// Lets those whose time has come go on.
@@ -249,15 +278,12 @@ impl<R: Request> Table<R> {
     fn rouse_sleepers(&mut self, now: Instant) {
         self.wake = None;
         for n in bits(self.sleeping) {
-            let Some(Job { task: Task::Run(run), .. }) = &self.jobs[n] else { continue };
-            match run.stage {
-                Stage::Sleep(until) if until > now => {
-                    self.wake = earliest(self.wake, Some(until));
-                }
-                _ => {
-                    self.sleeping &= !(1 << n);
-                    self.ready |= 1 << n;
-                }
+            let Some(job) = &self.jobs[n] else { continue };
+            if job.until > now {
+                self.wake = earliest(self.wake, Some(job.until));
+            } else {
+                self.sleeping &= !(1 << n);
+                self.ready |= 1 << n;
             }
         }
     }

@@ -7,7 +7,7 @@ use super::ask::{Answer, Ask, With, assigned, assignment};
 use super::generic::GENERIC;
 use super::host::{CanHost, Encapsulation, Extended, HOST_ID, SerialHost, Standard};
 use super::instruction::{Scope, assemble};
-use super::online::Online;
+use super::online::{Online, PtPoint, PvtPoint};
 use super::session::discovery;
 use super::wire::{IdCode, Instruction, Message, low_first};
 use crate::axis::{Driver, TOLD_MAX, Told};
@@ -16,6 +16,7 @@ use crate::medium::{Can, Frame, Stream};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile};
 use crate::proto::{GROUP, HostOptions, Protocol};
 use crate::station::Class;
+use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, RawPoint};
 
 /// Parameters whose bits make a drive speak unasked: it is told to whom first.
 const MASKS: [&str; 3] = ["SRL_MASK", "SRH_MASK", "MER_MASK"];
@@ -169,6 +170,48 @@ impl Driver for Axis {
         }
     }
 
+    fn path_parameters(&self) -> Option<PathParameters> {
+        let find = |symbol| self.profile.find(symbol);
+        (!self.to.group).then_some(PathParameters {
+            position: find("TPOS")?,
+            velocity: find("CSPD")?,
+            time: find("RTIME")?,
+            status: find("PVTSTS")?,
+            room: find("PVTBUFLEN")?,
+        })
+    }
+
+    /// MODE PVT or PT, points counted from one to the next (CPR), TUM1, SETPVT, the points, UPD.
+    fn path(&self, step: PathStep) -> Option<Result<Ask, Unsupported>> {
+        let instruction = match step {
+            PathStep::Prepare { number, kind, few } => prepared(number, kind, few)?,
+            PathStep::Point(kind, raw) => match point(kind, &raw) {
+                Some(point) => {
+                    return Some(Ok(self.ask(point.emit()).with(With::Nothing)));
+                }
+                None => return Some(Err(Unsupported::Forbidden(NO_POINT))),
+            },
+            PathStep::Start => Instruction::of(0x0108, []),
+            PathStep::Stop => Instruction::of(0x01C4, []),
+        };
+        Some(Ok(self.ask(instruction)))
+    }
+
+    /// PVTSTS: bit 15 empty, 14 low, 13 full, 12 integrity counter wrong, 11 stopped because it ran
+    /// empty, 6 to 0 the counter (object 2072h of the same drives with CANopen).
+    fn path_status(&self, raw: i64) -> PathStatus {
+        let bit = |n: u32| raw >> n & 1 != 0;
+        PathStatus {
+            empty: bit(15),
+            few: bit(14),
+            full: bit(13),
+            lost: bit(12),
+            ran_dry: bit(11),
+            counter: raw as u32 & u32::from(PvtPoint::COUNTER_MAX),
+            counters: u32::from(PvtPoint::COUNTER_MAX) + 1,
+        }
+    }
+
     /// A value told unasked is that of the parameter at its address; of a long one the halves may be
     /// parameters too, as SRL and SRH are.
     fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
@@ -214,6 +257,39 @@ fn wire_value(raw: i64, long: bool) -> Result<u32, Unsupported> {
         return Err(Unsupported::BadArgument);
     }
     Ok(raw as u32 & (most as u32))
+}
+
+const NO_POINT: &str = "a point goes at most 8,388,607 counts beyond the one before, at less than \
+                        32,768 counts a slow loop, in 1 to 511 slow loops: cut the path into more \
+                        points, or fewer";
+
+/// The preparations of a path, in order. \[I\] SETPVT takes what object 2074h takes on the same
+/// drives with CANopen: bit 15 clears the buffer, 13 sets the counter to bits 6 to 0, 7 sets how
+/// many points count as few to bits 11 to 8.
+fn prepared(number: u8, kind: PathKind, few: u8) -> Option<Instruction> {
+    let mcr = |and, or| Instruction::of(0x5909, [and, or]);
+    Some(match (number, kind) {
+        (0, PathKind::Pvt) => mcr(0xFFC1, 0x8709),
+        (0, PathKind::Pt) => mcr(0xFFC0, 0x870A),
+        (1, _) => mcr(0xDFFF, 0x0000),
+        (2, _) => mcr(0xFFFF, 0x4000),
+        (3, _) => Instruction::of(0x1880, [0xA080 | u16::from(few & 0xF) << 8]),
+        _ => return None,
+    })
+}
+
+/// A point in the drive's numbers, if they fit.
+fn point(kind: PathKind, raw: &RawPoint) -> Option<Online> {
+    let position = i32::try_from(raw.distance).ok()?;
+    let velocity = i32::try_from(raw.velocity).ok()?;
+    let time = u16::try_from(raw.time).ok()?;
+    let counter = raw.number as u8 & PvtPoint::COUNTER_MAX;
+    let pvt = PvtPoint { position, velocity, time, counter };
+    match kind {
+        _ if time == 0 => None,
+        PathKind::Pvt => pvt.fits().then_some(Online::Pvt(pvt)),
+        PathKind::Pt => Some(Online::Pt(PtPoint { position, time, counter })),
+    }
 }
 
 macro_rules! driver {

@@ -1,0 +1,257 @@
+//! Paths point by point, for drives that take them into a buffer: the second kind of job, beside
+//! plans.
+//!
+//! The caller feeds points in SI into a ring; the lane keeps the drive's buffer filled, neither
+//! empty nor overrun. It knows when each point is used up, because each has its time; what the
+//! drive's status says corrects that clock, so that two clocks that differ do no harm.
+
+use crate::profile::ParameterId;
+use crate::time::Instant;
+
+/// Points that wait in a lane at most.
+pub const POINTS_MAX: usize = 512;
+
+/// A point of a path.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Point {
+    /// Where: rad or m.
+    pub position: f64,
+    /// How fast it passes there: rad/s or m/s. Not used where the drive interpolates positions alone.
+    pub velocity: f64,
+    /// Time since the point before, s.
+    pub time: f64,
+}
+
+/// What a drive interpolates.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum PathKind {
+    /// Position, velocity and time.
+    Pvt,
+    /// Position and time.
+    Pt,
+}
+
+/// A point as the drive counts.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct RawPoint {
+    /// From the point before.
+    pub distance: i64,
+    /// As its parameter counts.
+    pub velocity: i64,
+    /// Since the point before.
+    pub time: i64,
+    /// Number of the point, from 0.
+    pub number: u32,
+}
+
+/// A request that a path needs.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum PathStep {
+    /// The preparation of that number, from 0: buffer cleared, `few` points count as few, points
+    /// counted from the end of the one before.
+    Prepare {
+        /// Which.
+        number: u8,
+        /// What is interpolated.
+        kind: PathKind,
+        /// Points in the buffer that the drive is to report as few.
+        few: u8,
+    },
+    /// A point into the buffer.
+    Point(PathKind, RawPoint),
+    /// Off it goes.
+    Start,
+    /// Come to rest.
+    Stop,
+}
+
+/// Parameters that a path needs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct PathParameters {
+    /// Positions have its scale; the path begins where it is.
+    pub position: ParameterId,
+    /// Velocities have its scale.
+    pub velocity: ParameterId,
+    /// Times have its scale.
+    pub time: ParameterId,
+    /// The buffer's status.
+    pub status: ParameterId,
+    /// How many points the buffer holds.
+    pub room: ParameterId,
+}
+
+/// What a drive says of its buffer.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct PathStatus {
+    /// No point is left.
+    pub empty: bool,
+    /// No more points are left than it was told to report.
+    pub few: bool,
+    /// No further point fits.
+    pub full: bool,
+    /// A point came out of turn and was not taken.
+    pub lost: bool,
+    /// It ran out of points while moving, and stopped.
+    pub ran_dry: bool,
+    /// Points taken, modulo `counters`.
+    pub counter: u32,
+    /// The counter's modulus; zero where there is none.
+    pub counters: u32,
+}
+
+impl PathStatus {
+    /// The drive's counter less `count`.
+    #[must_use]
+    pub const fn offset(&self, count: u32) -> u32 {
+        match count.checked_rem(self.counters) {
+            Some(ours) => (self.counter + self.counters - ours) % self.counters,
+            None => 0,
+        }
+    }
+}
+
+/// The drive's buffer as the host sees it: points sent, and when each is used up.
+#[derive(Clone, Debug)]
+pub struct Buffer {
+    /// When each of the last points ends, ns from the start, by its number modulo the size.
+    ends: [u64; WINDOW],
+    sent: u32,
+    room: u32,
+    few: u32,
+    /// When the path began by the drive's clock, as far as is known.
+    begun: Option<Instant>,
+}
+
+/// Points whose ends are remembered: more than any drive's buffer holds.
+const WINDOW: usize = 512;
+
+impl Buffer {
+    /// An empty one, with room for so many points, of which so many count as few.
+    #[must_use]
+    pub const fn new(room: u32, few: u32) -> Self {
+        let room = if room as usize >= WINDOW { WINDOW as u32 - 1 } else { room };
+        Self { ends: [0; WINDOW], sent: 0, room, few, begun: None }
+    }
+
+    /// Points sent so far.
+    #[must_use]
+    pub const fn sent(&self) -> u32 {
+        self.sent
+    }
+
+    /// A point that takes so long was sent.
+    pub const fn send(&mut self, time_ns: u64) {
+        let end = self.end_of(self.sent) + time_ns;
+        self.sent += 1;
+        self.ends[self.sent as usize % WINDOW] = end;
+    }
+
+    /// The path begins now.
+    pub const fn begin(&mut self, now: Instant) {
+        self.begun = Some(now);
+    }
+
+    /// When the first `count` points are used up, ns from the start.
+    const fn end_of(&self, count: u32) -> u64 {
+        if count == 0 { 0 } else { self.ends[count as usize % WINDOW] }
+    }
+
+    /// When the next point may be sent: one place stays free, because clocks differ.
+    #[must_use]
+    pub fn may_send(&self) -> Instant {
+        let most = self.room.saturating_sub(1).max(1);
+        match (self.begun, self.sent.checked_sub(most)) {
+            // A point leaves the buffer when the one before it is used up.
+            (Some(begun), Some(used)) => begun.plus_ns(self.end_of(used)),
+            (None, Some(_)) => Instant::FAR,
+            (_, None) => Instant::ZERO,
+        }
+    }
+
+    /// True while the buffer holds as much as it should before the path begins.
+    #[must_use]
+    pub const fn is_filled(&self) -> bool {
+        self.sent + 1 >= self.room
+    }
+
+    /// When all that was sent is used up.
+    #[must_use]
+    pub fn ends(&self) -> Instant {
+        self.begun.map_or(Instant::FAR, |begun| begun.plus_ns(self.end_of(self.sent)))
+    }
+
+    /// What the drive said at `now` of its buffer: if it holds more, or fewer, than was thought, its
+    /// clock is behind, or ahead.
+    pub fn correct(&mut self, now: Instant, status: &PathStatus) {
+        let Some(begun) = self.begun else { return };
+        // The first point leaves at once. With `held` in the buffer, `sent - held` have left.
+        let left_at = |held: u32| {
+            self.sent.checked_sub(held + 1).map(|used| begun.plus_ns(self.end_of(used)))
+        };
+        let behind = |at: Option<Instant>| at.filter(|at| now > *at).map(|at| now.since(at));
+        let ahead = |at: Option<Instant>| at.filter(|at| now < *at).map(|at| at.since(now));
+        let late = match (status.full, status.few) {
+            (true, _) => behind(left_at(self.room - 1)),
+            (_, false) => behind(left_at(self.few)),
+            _ => None,
+        };
+        let early = if status.few { ahead(left_at(self.few)) } else { None };
+        self.begun = Some(match (late, early) {
+            (Some(late), _) => begun + late,
+            (_, Some(early)) => Instant(begun.0.saturating_sub(early.as_nanos() as u64)),
+            _ => begun,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Buffer, PathStatus};
+    use crate::time::Instant;
+
+    const STATUS: PathStatus = PathStatus {
+        empty: false,
+        few: false,
+        full: false,
+        lost: false,
+        ran_dry: false,
+        counter: 0,
+        counters: 128,
+    };
+    const MS: u64 = 1_000_000;
+
+    fn filled() -> Buffer {
+        let mut buffer = Buffer::new(7, 3);
+        while !buffer.is_filled() {
+            buffer.send(20 * MS);
+        }
+        buffer
+    }
+
+    #[test]
+    fn a_place_is_free_when_its_point_has_left() {
+        let mut buffer = filled();
+        assert_eq!((buffer.sent(), buffer.may_send()), (6, Instant::FAR));
+        buffer.begin(Instant(MS));
+        assert_eq!(buffer.may_send(), Instant(MS), "the first point leaves at once");
+        buffer.send(20 * MS);
+        assert_eq!(buffer.may_send(), Instant(21 * MS));
+        assert_eq!(buffer.ends(), Instant(141 * MS));
+    }
+
+    #[test]
+    fn what_the_drive_says_sets_the_clock() {
+        let mut buffer = filled();
+        buffer.begin(Instant(1000 * MS));
+        buffer.send(20 * MS);
+        // Full: all seven are there, so the first has not left yet.
+        buffer.correct(Instant(1005 * MS), &PathStatus { full: true, ..STATUS });
+        assert_eq!(buffer.may_send(), Instant(1025 * MS));
+        // Few left: four have gone, three segments are over.
+        buffer.correct(Instant(1030 * MS), &PathStatus { few: true, ..STATUS });
+        assert_eq!(buffer.may_send(), Instant(990 * MS));
+        // Not few, long after that: fewer have gone than was thought.
+        buffer.correct(Instant(1090 * MS), &STATUS);
+        assert_eq!(buffer.may_send(), Instant(1050 * MS));
+    }
+}
