@@ -2,9 +2,9 @@
 
 use super::at;
 use super::drive::Drive;
-use super::form;
 use super::memory::Barred;
 use super::status::{der, mer};
+use crate::proto::tml::instruction;
 use crate::proto::tml::online::{Memory as Space, Online, PtPoint, PvtPoint};
 use crate::proto::tml::wire::{Instruction, operand_address};
 
@@ -57,7 +57,7 @@ impl Drive {
         if let Some(online) = Online::parse(i) {
             return self.obey_online(&online);
         }
-        if form::words(i.opcode) != Some(i.data().len()) {
+        if instruction::words(i.opcode) != Some(i.data().len()) {
             return Err(Refused::Unknown);
         }
         self.publish();

@@ -13,7 +13,6 @@ mod drive;
 mod events;
 mod execute;
 mod firmware;
-mod form;
 mod guard;
 mod inputs;
 mod memory;

@@ -11,7 +11,7 @@ use crate::proto::tml::rules::Wire;
 pub(super) struct Options {
     /// Its wires.
     pub quirks: Quirks,
-    /// Axis ID in the set-up table; 0 leaves it to the switches.
+    /// Axis ID in the set-up table, 1 unless said; 0 leaves it to the switches.
     pub axis: u8,
     /// Switches or jumpers for the axis ID, if it has any.
     pub switches: Option<u8>,
@@ -61,7 +61,7 @@ impl Options {
         let late = profile.name.ends_with("fa00g");
         Self {
             quirks: Quirks::default(),
-            axis: 0,
+            axis: 1,
             switches: None,
             setup: true,
             counts: 2000,

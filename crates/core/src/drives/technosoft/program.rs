@@ -7,8 +7,8 @@
 use super::at;
 use super::drive::Drive;
 use super::execute::Refused;
-use super::form;
 use super::status::{cer, der, isr, mer, put, srh, srl};
+use crate::proto::tml::instruction;
 use crate::proto::tml::online::Memory as Space;
 use crate::proto::tml::wire::{DATA_WORDS_MAX, Instruction};
 
@@ -246,11 +246,11 @@ impl Drive {
     fn step(&mut self, at: u16) {
         let word = |n: usize| self.memory.read(Space::Program, at.wrapping_add(n as u16));
         let opcode = word(0);
-        let Some(count) = form::words(opcode) else {
+        let mut words = [0; DATA_WORDS_MAX + 2];
+        let Some(count) = instruction::words(opcode).filter(|count| *count <= words.len()) else {
             self.status.mer |= mer::COMMAND;
             return self.end_program();
         };
-        let mut words = [0; DATA_WORDS_MAX + 2];
         for (n, slot) in words[..count].iter_mut().enumerate() {
             *slot = word(n + 1);
         }

@@ -14,6 +14,7 @@ use crate::proto::tml::wire::{IdCode, Instruction, Message, low_first};
 use crate::station::{Station, Timed};
 use crate::time::Instant;
 
+mod garbage;
 mod motion;
 mod notices;
 mod points;
@@ -49,7 +50,7 @@ impl Desk {
     }
 
     fn with(extra: &[(&str, &str)]) -> Self {
-        Self::at(None, extra)
+        Self::at(Some(255), extra)
     }
 
     fn at(address: Option<u32>, extra: &[(&str, &str)]) -> Self {

@@ -8,12 +8,13 @@ use crate::station::Station;
 
 #[test]
 fn the_axis_id_at_power_up_is_found_as_the_manual_says() {
-    assert_eq!(Desk::new().axis(), 255, "no switches");
-    assert_eq!(Desk::with(&[("switches", "9")]).axis(), 9, "the table says H/W");
+    assert_eq!(Desk::at(None, &[]).axis(), 1);
+    assert_eq!(Desk::at(Some(0), &[]).axis(), 255, "the table says H/W, and no switches");
+    assert_eq!(Desk::at(Some(0), &[("switches", "9")]).axis(), 9, "the table says H/W");
     assert_eq!(Desk::at(Some(4), &[("switches", "9")]).axis(), 4, "the table says 4");
     let invalid = [("setup", "invalid"), ("switches", "9")];
     assert_eq!(Desk::at(Some(4), &invalid).axis(), 4, "the last valid table said 4");
-    assert_eq!(Desk::with(&invalid).axis(), 9, "there was never a valid one");
+    assert_eq!(Desk::at(Some(0), &invalid).axis(), 9, "there was never a valid one");
 }
 
 #[test]
