@@ -66,9 +66,12 @@ impl Clock {
 
     /// When so many ticks from now on have ended.
     pub fn after_ticks(&self, count: u64) -> Instant {
-        let own = i128::from(self.ticks.at().plus_ns(count * TICK_NS).0);
-        let world =
-            own * 1_000_000 / (1_000_000 + i128::from(self.ppm)) + i128::from(self.ppm != 0);
+        let own = self.ticks.at().plus_ns(count * TICK_NS);
+        if self.ppm == 0 {
+            return own;
+        }
+        let own = i128::from(own.0);
+        let world = own * 1_000_000 / (1_000_000 + i128::from(self.ppm)) + 1;
         Instant(u64::try_from(world).unwrap_or(u64::MAX))
     }
 

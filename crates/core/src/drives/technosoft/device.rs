@@ -61,10 +61,11 @@ impl drives::Device for Device {
 impl Timed for Device {
     fn handle_timeout(&mut self, now: Instant) {
         self.drive.advance(now);
+        self.wires.gather(now, &mut self.drive);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest(self.wires.poll_timeout(&self.drive), self.drive.next_event())
+        earliest(self.wires.poll_timeout(), self.drive.next_event())
     }
 }
 

@@ -292,7 +292,7 @@ impl Drive {
                 self.shaft.set_gain(gain);
             }
             at::TPOS | 0x02B3 => self.move_reference(),
-            at::SRH_MASK | at::MER_MASK | at::PVTSENDOFF => self.read_masks(),
+            at::SRH_MASK | at::MER_MASK | at::PVTSENDOFF | at::MASTERID => self.read_masks(),
             _ if address == self.options.srl_mask => self.read_masks(),
             _ => {}
         }

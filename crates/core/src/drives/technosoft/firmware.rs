@@ -39,7 +39,6 @@ impl Firmware for Drive {
     }
 
     fn poll_message(&mut self, now: Instant) -> Option<Message> {
-        self.advance(now);
         let message = self.outbox.pop()?;
         self.sent(now, &message);
         Some(message)

@@ -34,7 +34,12 @@ impl Notices {
 impl Drive {
     /// Reads the masks, after a setting was written.
     pub fn read_masks(&mut self) {
-        let allowed = self.options.quirks.wire != Wire::Rs485;
+        let own_host = self.memory.word(at::MASTERID) == IdCode::host_at(self.axis).word();
+        let allowed = match self.options.quirks.wire {
+            Some(Wire::Rs485) => false,
+            None => !own_host, // nobody is there
+            _ => true,
+        };
         let masks = [self.options.srl_mask, at::SRH_MASK, at::MER_MASK];
         let points = self.memory.word(at::PVTSENDOFF) == 0;
         self.notices.masks = masks.map(|at| if allowed { self.memory.word(at) } else { 0 });
@@ -62,9 +67,6 @@ impl Drive {
 
     /// When something may have to be told next.
     pub fn next_event(&self) -> Option<Instant> {
-        if !self.outbox.is_empty() {
-            return Some(self.clock.now());
-        }
         let ticks = if self.must_look() {
             let idle = self.shaft.is_still() || !self.motion.moving;
             Some(if idle && !self.program.is_active() { STILL_TICKS } else { 1 })

@@ -40,12 +40,15 @@ impl Options {
     ) -> Result<Self, &'a str> {
         let mut read = Self::of(profile);
         read.quirks.untimed = options.untimed;
-        if options.wires.contains(&"technocan") {
-            read.quirks.can = Wire::TechnoCan;
-        }
+        let on = |word: &str| options.wires.contains(&word);
+        read.quirks.wire = on("tml").then_some(Wire::Rs232);
+        read.quirks.can = match (on("tmlcan"), on("technocan")) {
+            (_, true) => Some(Wire::TechnoCan),
+            (tmlcan, _) => tmlcan.then_some(Wire::TmlCan),
+        };
         match options.standard {
-            Some(proto::Wire::Rs232) => read.quirks.wire = Wire::Rs232,
-            Some(proto::Wire::Rs485) => read.quirks.wire = Wire::Rs485,
+            Some(proto::Wire::Rs232) => read.quirks.wire = Some(Wire::Rs232),
+            Some(proto::Wire::Rs485) => read.quirks.wire = Some(Wire::Rs485),
             None => {}
         }
         if let Some(address) = options.address {
@@ -74,10 +77,10 @@ impl Options {
 
     fn set<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
         match (key, value) {
-            ("wire", "rs232") => self.quirks.wire = Wire::Rs232,
-            ("wire", "rs485") => self.quirks.wire = Wire::Rs485,
-            ("can", "tmlcan") => self.quirks.can = Wire::TmlCan,
-            ("can", "technocan") => self.quirks.can = Wire::TechnoCan,
+            ("wire", "rs232") => self.quirks.wire = Some(Wire::Rs232),
+            ("wire", "rs485") => self.quirks.wire = Some(Wire::Rs485),
+            ("can", "tmlcan") => self.quirks.can = Some(Wire::TmlCan),
+            ("can", "technocan") => self.quirks.can = Some(Wire::TechnoCan),
             // It answers whoever asks.
             ("host", _) => {}
             ("setup", "valid" | "invalid") => self.setup = value == "valid",

@@ -17,11 +17,6 @@ impl Outbox {
     /// Nothing to send.
     pub const EMPTY: Self = Self { messages: [None; OUTBOX_MAX], first: 0, len: 0 };
 
-    /// Whether there is nothing to send.
-    pub const fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
     /// False if there is no room.
     #[must_use]
     pub fn push(&mut self, message: Message) -> bool {

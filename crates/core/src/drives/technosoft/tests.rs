@@ -27,7 +27,7 @@ mod wire;
 
 const OPTIONS: DeviceOptions<'static> = DeviceOptions {
     address: None,
-    wires: &["tml"],
+    wires: &["tml", "tmlcan"],
     standard: None,
     untimed: true,
     seed: 1,

@@ -52,10 +52,11 @@ pub trait Firmware {
 /// What differs between installations, or is not stated.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Quirks {
-    /// Which standard the serial port follows: RS-232 (also for Ethernet) or RS-485.
-    pub wire: Wire,
-    /// Which protocol the CAN port speaks: TMLCAN or TechnoCAN.
-    pub can: Wire,
+    /// Which standard the serial port follows: RS-232 (also for Ethernet) or RS-485. `None` if
+    /// nothing is connected: what is sent there is lost.
+    pub wire: Option<Wire>,
+    /// Which protocol the CAN port speaks: TMLCAN or TechnoCAN. `None` as for the serial port.
+    pub can: Option<Wire>,
     /// A pause between two bytes that ends a broken frame, ms. \[I\] `None`: the manual knows of
     /// no such pause, only of synchronisation.
     pub byte_timeout_ms: Option<u32>,
@@ -65,7 +66,7 @@ pub struct Quirks {
 
 impl Default for Quirks {
     fn default() -> Self {
-        let (wire, can) = (Wire::Rs232, Wire::TmlCan);
+        let (wire, can) = (Some(Wire::Rs232), Some(Wire::TmlCan));
         Self { wire, can, byte_timeout_ms: None, untimed: false }
     }
 }
@@ -87,6 +88,8 @@ pub struct SerialEnd {
     out: Queue<SERIAL_OUT_MAX>,
     /// When the last character of what was handed out has left.
     free: Instant,
+    /// Something waits for the line to be free.
+    waits: bool,
     baud: u32,
 }
 
@@ -105,6 +108,7 @@ impl SerialEnd {
             prompt_len: 0,
             out: Queue::EMPTY,
             free: Instant::ZERO,
+            waits: false,
             baud: firmware.baud(),
         }
     }
@@ -130,8 +134,8 @@ impl SerialEnd {
     /// Queues the acknowledgement of a message to `to`, where the wire has one and it is this
     /// drive's to give.
     pub fn acknowledge(&mut self, to: IdCode, axis: u8) {
-        let mine = self.quirks.wire == Wire::Rs232 || to.id == axis;
-        if mine && self.quirks.wire.acknowledges(to) {
+        let Some(wire) = self.quirks.wire else { return };
+        if wire.acknowledges(to) && (wire == Wire::Rs232 || to.id == axis) {
             self.say(ACK);
         }
     }
@@ -139,7 +143,7 @@ impl SerialEnd {
     /// Queues a message. False if there is no room for it.
     #[must_use]
     pub fn send(&mut self, message: &Message) -> bool {
-        self.out.push(message)
+        self.quirks.wire.is_none() || self.out.push(message)
     }
 
     /// Bytes were lost or garbled on the wire: what there is of a frame is dropped.
@@ -154,7 +158,10 @@ impl SerialEnd {
         out: &mut [u8],
         firmware: &impl Firmware,
     ) -> Option<usize> {
+        self.waits = false;
         if now < self.free {
+            let full = self.prompt_len > 0 || !self.out.is_empty();
+            self.waits = full || self.baud != firmware.baud();
             return None;
         }
         let len = self.take(out);
@@ -170,9 +177,8 @@ impl SerialEnd {
 
     /// When the line is free for what waits.
     #[must_use]
-    pub fn poll_timeout(&self, firmware: &impl Firmware) -> Option<Instant> {
-        let waits = self.prompt_len > 0 || !self.out.is_empty() || self.baud != firmware.baud();
-        waits.then_some(self.free)
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.waits.then_some(self.free)
     }
 
     /// How this end now drives the line: 8 data bits, 2 stop bits (manual, chapter 3). A new baud
@@ -185,7 +191,7 @@ impl SerialEnd {
     /// "0D; larger values are accepted too". Real drives answer any of them with `0D`. \[I\] On
     /// RS-485 nobody answers: all would at once.
     fn synchronise(&mut self, byte: u8) -> Option<Message> {
-        if serial::is_sync(byte) && self.quirks.wire == Wire::Rs232 {
+        if serial::is_sync(byte) && self.quirks.wire == Some(Wire::Rs232) {
             self.say(SYNC);
         }
         None
@@ -215,7 +221,7 @@ impl SerialEnd {
 /// The CAN end of a drive.
 #[derive(Debug)]
 pub struct CanEnd {
-    protocol: Wire,
+    protocol: Option<Wire>,
     out: Queue<CAN_OUT_MAX>,
     bit_rate: u32,
 }
@@ -234,7 +240,7 @@ impl CanEnd {
         if !self.concerns(frame, axis, groups) {
             return None;
         }
-        if self.protocol == Wire::TmlCan {
+        if self.protocol == Some(Wire::TmlCan) {
             return tmlcan::decode(frame).ok();
         }
         let mut message = technocan::decode(frame).ok()?.message()?;
@@ -247,14 +253,14 @@ impl CanEnd {
     /// Queues a message. False if there is no room for it, or if it has no place on this bus.
     #[must_use]
     pub fn send(&mut self, message: &Message) -> bool {
-        self.out.push(message)
+        self.protocol.is_none() || self.out.push(message)
     }
 
     /// The next frame to send. What TechnoCAN cannot carry is dropped.
     pub fn poll_transmit(&mut self, firmware: &impl Firmware) -> Option<Frame> {
         while let Some(message) = self.out.pop() {
             match self.protocol {
-                Wire::TmlCan => return Some(tmlcan::encode(&message)),
+                Some(Wire::TmlCan) => return Some(tmlcan::encode(&message)),
                 _ => {
                     if let Ok(frame) = technocan::encode(&message) {
                         return Some(frame);
@@ -275,7 +281,7 @@ impl CanEnd {
     /// Looks at the identifier alone.
     fn concerns(&self, frame: &Frame, axis: u8, groups: u8) -> bool {
         let id = frame.id;
-        if self.protocol == Wire::TmlCan {
+        if self.protocol == Some(Wire::TmlCan) {
             let to = IdCode { group: id >> 21 & 1 != 0, id: (id >> 13) as u8, host: false };
             return frame.extended && to.concerns(axis, groups);
         }

@@ -54,7 +54,7 @@ impl Relay {
         firmware.heard_can();
         if !message.to.host {
             firmware.execute(now, &message);
-        } else if self.quirks.wire == Wire::Rs232 {
+        } else if self.quirks.wire == Some(Wire::Rs232) {
             self.to_serial(&message, firmware);
         }
     }
@@ -93,10 +93,24 @@ impl Relay {
         self.can.poll_transmit(firmware)
     }
 
+    /// Takes what the drive has to say and sends each where it belongs. To be called whenever it
+    /// may have something new.
+    pub fn gather(&mut self, now: Instant, firmware: &mut impl Firmware) {
+        for _ in 0..MESSAGES_MAX {
+            let Some(message) = firmware.poll_message(now) else { return };
+            let for_host = message.to.host && message.to.id == firmware.axis();
+            match self.quirks.wire {
+                Some(Wire::Rs485) => self.to_serial(&message, firmware),
+                _ if for_host => self.to_serial(&message, firmware),
+                _ => self.to_can(&message, firmware),
+            }
+        }
+    }
+
     /// When the serial line is free for what waits.
     #[must_use]
-    pub fn poll_timeout(&self, firmware: &impl Firmware) -> Option<Instant> {
-        self.serial.poll_timeout(firmware)
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        self.serial.poll_timeout()
     }
 
     /// How the serial line is now driven.
@@ -114,7 +128,7 @@ impl Relay {
     /// A message from the host, or on RS-485 from whoever speaks.
     fn from_serial(&mut self, now: Instant, message: &Message, firmware: &mut impl Firmware) {
         let to = message.to;
-        let rs232 = self.quirks.wire == Wire::Rs232;
+        let rs232 = self.quirks.wire == Some(Wire::Rs232);
         if to.host && rs232 && to.id == firmware.axis() {
             return; // the host's own address: nobody else has it
         }
@@ -123,19 +137,6 @@ impl Relay {
         }
         if to.concerns(firmware.axis(), firmware.groups()) {
             firmware.execute(now, message);
-        }
-    }
-
-    /// Takes what the drive has to say and sends each where it belongs.
-    fn gather(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        for _ in 0..MESSAGES_MAX {
-            let Some(message) = firmware.poll_message(now) else { return };
-            let for_host = message.to.host && message.to.id == firmware.axis();
-            match self.quirks.wire {
-                Wire::Rs485 => self.to_serial(&message, firmware),
-                _ if for_host => self.to_serial(&message, firmware),
-                _ => self.to_can(&message, firmware),
-            }
         }
     }
 
