@@ -222,7 +222,7 @@ impl Drive {
             0 if long => i.long(1),
             0 => i.word(1).into(),
             _ => self.fetch(Space::Data, i.word(1), long),
-        } as u32;
+        };
         let to = match opcode & 0x20 {
             0 if opcode & 0x80 == 0 => variable,
             _ => self.pointed(variable, long, opcode & 0x80 == 0)?,

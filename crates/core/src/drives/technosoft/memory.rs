@@ -137,12 +137,11 @@ impl Memory {
     /// # Errors
     /// [`Barred::Locked`].
     pub fn save_table(&mut self) -> Result<(), Barred> {
-        let (mut at, mut sum) = (TABLE + 1, 0_u16);
-        for address in TABLE_PARTS.into_iter().flatten() {
+        let mut sum = 0_u16;
+        for (at, address) in (TABLE + 1..).zip(TABLE_PARTS.into_iter().flatten()) {
             let word = self.word(address);
             self.write(Space::Spi, at, word)?;
             sum = sum.wrapping_add(word);
-            at += 1;
         }
         self.write(Space::Spi, TABLE, !sum)
     }
@@ -161,10 +160,8 @@ impl Memory {
 
     /// The data pages come from the set-up table.
     pub fn load_table(&mut self) {
-        let mut at = TABLE + 1;
-        for address in TABLE_PARTS.into_iter().flatten() {
+        for (at, address) in (TABLE + 1..).zip(TABLE_PARTS.into_iter().flatten()) {
             self.put(address, self.read(Space::Spi, at));
-            at += 1;
         }
     }
 

@@ -164,15 +164,16 @@ impl Drive {
         Ok(())
     }
 
-    /// FUNCTION n: a cancelable call of the n-th address in the function table; 0 ends the table.
+    /// FUNCTION n, counted from 1: a cancelable call of the n-th address in the function table; 0
+    /// ends the table.
     pub fn call_function(&mut self, number: u16) -> Done {
         let table = self.memory.word(at::FUNCTION_TABLE);
-        let entries = (0..number).map(|n| self.memory.read(Space::Program, table.wrapping_add(n)));
-        let missing = table == 0 || entries.clone().any(|label| label == 0 || label == 0xFFFF);
-        match entries.last() {
-            Some(label) if !missing => self.call_cancelable(label),
-            _ => Err(Refused::Detail(der::NO_FUNCTION)),
+        let entry = |n: u16| self.memory.read(Space::Program, table.wrapping_add(n));
+        let missing = |label: u16| label == 0 || label == 0xFFFF;
+        if number == 0 || table == 0 || (0..number).any(|n| missing(entry(n))) {
+            return Err(Refused::Detail(der::NO_FUNCTION));
         }
+        self.call_cancelable(entry(number - 1))
     }
 
     /// ABORT: back to where the cancelable call was made, waiting for nothing.

@@ -14,8 +14,8 @@ pub(super) fn deliver(memory: &mut Memory, options: &Options) {
         memory.put(address, value);
     }
     memory.put_fixed(at::CSPD, 1000.0 / 30.0);
-    memory.put_fixed(at::CACC, 0.3183);
-    memory.put_fixed(at::CDEC, 0.6366);
+    memory.put_fixed(at::CACC, 0.32);
+    memory.put_fixed(at::CDEC, 0.64);
     memory.put_long(at::TJERK, 50);
     memory.put_long(at::I2TINTLIM_M, units::I2T_LIMIT);
     memory.put_fixed(at::GEAR, 1.0);

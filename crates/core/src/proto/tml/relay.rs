@@ -42,7 +42,7 @@ impl Relay {
         for &byte in bytes {
             if let Some(message) = self.serial.handle_byte(now, byte) {
                 self.serial.acknowledge(message.to, firmware.axis());
-                self.from_serial(now, &message, firmware);
+                self.take_serial(now, &message, firmware);
             }
         }
     }
@@ -55,7 +55,7 @@ impl Relay {
         if !message.to.host {
             firmware.execute(now, &message);
         } else if self.quirks.wire == Some(Wire::Rs232) {
-            self.to_serial(&message, firmware);
+            self.send_serial(&message, firmware);
         }
     }
 
@@ -100,9 +100,9 @@ impl Relay {
             let Some(message) = firmware.poll_message(now) else { return };
             let for_host = message.to.host && message.to.id == firmware.axis();
             match self.quirks.wire {
-                Some(Wire::Rs485) => self.to_serial(&message, firmware),
-                _ if for_host => self.to_serial(&message, firmware),
-                _ => self.to_can(&message, firmware),
+                Some(Wire::Rs485) => self.send_serial(&message, firmware),
+                _ if for_host => self.send_serial(&message, firmware),
+                _ => self.send_can(&message, firmware),
             }
         }
     }
@@ -126,28 +126,28 @@ impl Relay {
     }
 
     /// A message from the host, or on RS-485 from whoever speaks.
-    fn from_serial(&mut self, now: Instant, message: &Message, firmware: &mut impl Firmware) {
+    fn take_serial(&mut self, now: Instant, message: &Message, firmware: &mut impl Firmware) {
         let to = message.to;
         let rs232 = self.quirks.wire == Some(Wire::Rs232);
         if to.host && rs232 && to.id == firmware.axis() {
             return; // the host's own address: nobody else has it
         }
         if rs232 && is_for_others(to, firmware.axis()) {
-            self.to_can(message, firmware);
+            self.send_can(message, firmware);
         }
         if to.concerns(firmware.axis(), firmware.groups()) {
             firmware.execute(now, message);
         }
     }
 
-    fn to_serial(&mut self, message: &Message, firmware: &mut impl Firmware) {
+    fn send_serial(&mut self, message: &Message, firmware: &mut impl Firmware) {
         if !self.serial.send(message) {
             self.dropped += 1;
             firmware.trouble(Trouble::SerialOverrun);
         }
     }
 
-    fn to_can(&mut self, message: &Message, firmware: &mut impl Firmware) {
+    fn send_can(&mut self, message: &Message, firmware: &mut impl Firmware) {
         if !self.can.send(message) {
             self.dropped += 1;
             firmware.trouble(Trouble::CanOverrun);
