@@ -41,16 +41,15 @@ impl Options {
         let mut read = Self::of(profile);
         read.quirks.untimed = options.untimed;
         let on = |word: &str| options.wires.contains(&word);
-        read.quirks.wire = on("tml").then_some(Wire::Rs232);
+        let standard = match options.standard {
+            Some(proto::Wire::Rs485) => Wire::Rs485,
+            _ => Wire::Rs232,
+        };
+        read.quirks.wire = on("tml").then_some(standard);
         read.quirks.can = match (on("tmlcan"), on("technocan")) {
             (_, true) => Some(Wire::TechnoCan),
             (tmlcan, _) => tmlcan.then_some(Wire::TmlCan),
         };
-        match options.standard {
-            Some(proto::Wire::Rs232) => read.quirks.wire = Some(Wire::Rs232),
-            Some(proto::Wire::Rs485) => read.quirks.wire = Some(Wire::Rs485),
-            None => {}
-        }
         if let Some(address) = options.address {
             read.axis = u8::try_from(address).unwrap_or(u8::MAX);
         }
