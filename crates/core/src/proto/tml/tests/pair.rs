@@ -112,7 +112,7 @@ impl Line {
         let options = HostOptions { wire: Some(wire), ..HostOptions::new(9600) };
         let addresses: Vec<u32> = axes.iter().map(|axis| u32::from(*axis)).collect();
         let kind = if wire == Wire::Rs232 { Kind::Rs232 } else { Kind::Rs485 };
-        let quirks = Quirks { wire: kind, ..Quirks::default() };
+        let quirks = Quirks { wire: Some(kind), ..Quirks::default() };
         let drive = |axis: &u8| {
             let (done, out) = (Vec::new(), VecDeque::new());
             let toy = Toy { axis: *axis, kpp: 5, ticks: 0, done, out };
@@ -202,7 +202,7 @@ impl Line {
 
     fn step(&mut self) {
         self.pump();
-        let drives = self.drives.iter().filter_map(|(relay, toy)| relay.poll_timeout(toy)).min();
+        let drives = self.drives.iter().filter_map(|(relay, _)| relay.poll_timeout()).min();
         let wires = self.to_host.iter().chain(&self.to_drives).map(|(at, _)| *at).min();
         let next = earliest(earliest(self.host.poll_timeout(), drives), wires);
         let next = next.unwrap_or(self.now.plus_ms(1)).max(self.now.plus_ns(1));
