@@ -27,7 +27,7 @@ pub enum Cause {
     Refused,
     /// No way to that address, or no answer from it.
     Unreachable,
-    /// The adapter cannot do what was asked, or it is no serial port.
+    /// It cannot do the speed or format that was asked, or is no such thing.
     Unsuitable,
     /// The far end takes no bytes.
     Stalled,
@@ -145,7 +145,7 @@ const fn sentence(cause: Cause) -> &'static str {
         Cause::Gone => "it is gone: unplugged, or closed at the far end",
         Cause::Refused => "nobody listens there",
         Cause::Unreachable => "no answer from that address",
-        Cause::Unsuitable => "it is no serial port, or cannot do this speed or format",
+        Cause::Unsuitable => "it cannot do what was asked of it",
         Cause::Stalled => "the far end takes no bytes",
         Cause::Down => "the interface is switched off",
         Cause::System => "the operating system reports an error",
@@ -167,7 +167,9 @@ const fn hint(cause: Cause) -> &'static str {
             "Check the port number, and that the serial server is in TCP server mode."
         }
         Cause::Unreachable => "Check address, cable, power and firewall; try `ping`.",
-        Cause::Unsuitable => "Choose a baud rate and parity that the adapter can do.",
+        Cause::Unsuitable => {
+            "Choose a speed and format that the adapter can do, or another adapter."
+        }
         Cause::Stalled => "Check that flow control is off and that something reads at the far end.",
         Cause::Down => "`ip link show` lists the interfaces; switch it on.",
         Cause::System => "The number in brackets is the system's own.",

@@ -77,6 +77,8 @@ struct Client<S> {
     fd: Arc<OwnedFd>,
     session: S,
     inbox: Inbox,
+    /// It has said something that was not read yet, or has left.
+    ready: bool,
     /// What is left of something said when the client's buffer was full.
     owed: [u8; SAYING_MAX],
     owed_len: usize,
@@ -135,6 +137,7 @@ impl<S: Session> Hub<S> {
             fd: Arc::new(fd),
             session: self.prototype.clone(),
             inbox: Inbox::default(),
+            ready: false,
             owed: [0; SAYING_MAX],
             owed_len: 0,
             left: false,
@@ -180,6 +183,9 @@ impl<S: Session> Hub<S> {
             Ok(_) | Err(Errno::INTR) => {}
             Err(errno) => return Err(LinkError::from_io(&self.name, &errno.into())),
         }
+        for (client, polled) in self.room().clients.iter_mut().zip(&polled[2..]) {
+            client.ready = !polled.revents().is_empty();
+        }
         if !polled[1].revents().is_empty() {
             self.accept();
         }
@@ -215,7 +221,7 @@ impl<S: Session> Room<S> {
 impl<S: Session> Client<S> {
     /// The next frame among what the client has said.
     fn hear(&mut self, losses: &mut Losses) -> Option<(Frame, Instant)> {
-        if self.inbox.is_empty() && !self.left {
+        if self.inbox.is_empty() && std::mem::take(&mut self.ready) {
             self.read();
         }
         while let Some(byte) = self.inbox.next() {

@@ -198,7 +198,8 @@ impl UdpLink {
     fn read(&self, frame: &mut Frame) -> Result<Option<Received>, LinkError> {
         let mut buffer = [0; DATAGRAM_MAX];
         let Some((len, from, at)) = self.take(&mut buffer)? else { return Ok(None) };
-        if from == Some(self.own) {
+        // Not compared whole: an IPv6 address has a scope, too, which the two may tell differently.
+        if from.is_some_and(|from| (from.ip(), from.port()) == (self.own.ip(), self.own.port())) {
             return Ok(None);
         }
         match datagram::unpack(&buffer[..len]) {

@@ -31,6 +31,19 @@ fn one_hears_the_other_and_none_itself() {
     assert_eq!(next(&one, 50), None);
 }
 
+#[test]
+fn ipv6_is_a_bus_as_well() {
+    let group = Group { address: GROUP_IPV6.into(), ..group(43_121) };
+    let (one, other) = match (open(group), open(group)) {
+        (Ok(one), Ok(other)) => (one, other),
+        (Err(error), _) | (_, Err(error)) => return eprintln!("skipped: no IPv6 here: {error}"),
+    };
+    let sent = Frame::standard(0x7FF, &[6; 6]);
+    one.send(&sent).unwrap();
+    assert_eq!(next(&other, 2000), Some(sent));
+    assert_eq!(next(&one, 50), None);
+}
+
 /// What is too much for the socket's buffer is counted, and our own datagrams are not.
 #[cfg(target_os = "linux")]
 #[test]
