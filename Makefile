@@ -46,6 +46,7 @@ swarm:
 ## soak: the long forms of what `make test` samples
 soak:
 	POLEPAIR_GARBAGE=1000000 $(CARGO) test --release --locked --quiet -p polepair-sim garbage -- --nocapture
+	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test stress -- --nocapture
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 
 ## bench: the codecs, the layers, the round trip beside the raw pty

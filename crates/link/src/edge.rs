@@ -3,7 +3,9 @@
 //! `poll` is handed its descriptors anew at every wait and asks each of them twice. Here the kernel
 //! keeps the list and tells only what changes (`epoll`, edge-triggered), which saves nearly half of
 //! what a wait costs. It is safe only behind a read that took all there was: what was left would
-//! never be told. Until such a read, and on other systems, the caller polls.
+//! never be told. A short read of a terminal or a stream socket has taken all, see epoll(7); but
+//! TCP stops short of urgent bytes, too. Until such a read, after an end or urgent bytes, and on
+//! other systems, the caller polls.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -20,8 +22,9 @@ const WAKER: u64 = 1;
 pub(crate) struct Edge {
     epoll: Option<OwnedFd>,
     drained: AtomicBool,
-    /// The far end has hung up, which is told once only: from then on the caller polls.
-    ended: AtomicBool,
+    /// From now on the caller polls: the far end has hung up or hurries, which is told once only,
+    /// or the kernel has no such wait.
+    retired: AtomicBool,
 }
 
 impl Edge {
@@ -30,13 +33,13 @@ impl Edge {
         Self {
             epoll: list(link, waker).ok(),
             drained: AtomicBool::new(false),
-            ended: AtomicBool::new(false),
+            retired: AtomicBool::new(false),
         }
     }
 
     /// Notes whether the last read took all there was.
     pub(crate) fn note(&self, drained: bool) {
-        self.drained.store(drained && !self.ended.load(Ordering::Relaxed), Ordering::Relaxed);
+        self.drained.store(drained && !self.retired.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
     /// What is ready on the link, and whether the waker is; `None` when the caller must poll.
@@ -46,9 +49,13 @@ impl Edge {
         let mut events = [none; 2];
         let count = match epoll::wait(list, &mut events, left) {
             Ok(count) => count,
-            // Before Linux 5.11 there is no such wait below a millisecond.
-            Err(Errno::NOSYS) => return None,
-            Err(errno) => return Some(Err(errno)),
+            Err(Errno::INTR) => return Some(Err(Errno::INTR)),
+            // Before Linux 5.11 there is no such wait below a millisecond, and some containers
+            // forbid it.
+            Err(_) => {
+                self.retire();
+                return None;
+            }
         };
         let (mut ready, mut woken) = (PollFlags::empty(), false);
         for event in &events[..count] {
@@ -62,17 +69,21 @@ impl Edge {
 
     fn ready(&self, flags: EventFlags) -> PollFlags {
         let gone = flags.intersects(EventFlags::HUP | EventFlags::ERR);
-        if gone || flags.contains(EventFlags::RDHUP) {
-            self.ended.store(true, Ordering::Relaxed);
-            self.note(false);
+        if gone || flags.intersects(EventFlags::RDHUP | EventFlags::PRI) {
+            self.retire();
         }
         if gone { PollFlags::IN | PollFlags::HUP } else { PollFlags::IN }
+    }
+
+    fn retire(&self) {
+        self.retired.store(true, Ordering::Relaxed);
+        self.note(false);
     }
 }
 
 fn list(link: BorrowedFd<'_>, waker: BorrowedFd<'_>) -> Result<OwnedFd, Errno> {
     let list = epoll::create(CreateFlags::CLOEXEC)?;
-    let edges = EventFlags::IN | EventFlags::RDHUP | EventFlags::ET;
+    let edges = EventFlags::IN | EventFlags::PRI | EventFlags::RDHUP | EventFlags::ET;
     epoll::add(&list, link, EventData::new_u64(LINK), edges)?;
     epoll::add(&list, waker, EventData::new_u64(WAKER), EventFlags::IN)?;
     Ok(list)
@@ -119,6 +130,35 @@ mod tests {
         }
         assert_eq!((sum, get(), get()), (9, 0, 0));
         later.join().unwrap();
+        assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
+    }
+
+    /// A read stops short of an urgent byte, though more lies behind it.
+    #[test]
+    fn nothing_lies_unread_behind_an_urgent_byte() {
+        use rustix::net::{SendFlags, send};
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let near = std::net::TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let (far, _) = listener.accept().unwrap();
+        near.set_nonblocking(true).unwrap();
+        let link = Descriptor::new(near.into(), "near").unwrap();
+        let mut buffer = [0; 64];
+        let mut get = || match link.receive(&mut buffer, clock::now().plus_ms(5_000)) {
+            Ok(Received::Bytes { len, .. }) => len,
+            other => panic!("{other:?}"),
+        };
+        let began = Clock::now();
+        for _ in 0..3 {
+            send(&far, &[0; 5], SendFlags::empty()).unwrap();
+            assert_eq!(get(), 5);
+            send(&far, &[0; 3], SendFlags::OOB).unwrap();
+            send(&far, &[0; 4], SendFlags::empty()).unwrap();
+            let mut sum = 0;
+            // The urgent byte itself is not in the stream.
+            while sum < 6 {
+                sum += get();
+            }
+        }
         assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
     }
 
