@@ -61,6 +61,7 @@ fn generated(root: &Path) -> Result<BTreeMap<PathBuf, String>> {
         }
         files.insert(path, formatted(&rust(&profiles))?);
     }
+    files.insert(root.join("docs/protocols/tml-language.md"), crate::language::page());
     Ok(files)
 }
 

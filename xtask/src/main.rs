@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod codegen;
+mod language;
 mod pages;
 mod picture;
 mod swarm;

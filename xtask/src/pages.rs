@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use polepair_core::plan::{Argument, Compare, Operand, Plan, Step, Test};
 use polepair_core::profile::{
-    Access, Certainty, Fault, Parameter, ParameterId, Persistence, Profile, Severity, Watchdog,
+    Access, Certainty, Encoding, Fault, Parameter, ParameterId, Persistence, Profile, Severity,
+    Watchdog,
 };
 
 /// The page of a profile.
@@ -36,7 +37,7 @@ pub fn page(profile: &Profile) -> String {
         .to_owned());
     let shown = profile.parameters.iter().filter(|p| is_shown(p));
     shown.for_each(|parameter| add(parameter_row(parameter)));
-    add(remainder(profile));
+    add(remainder(profile) + &mapped(profile));
     out
 }
 
@@ -44,13 +45,45 @@ pub fn page(profile: &Profile) -> String {
 fn is_shown(parameter: &Parameter) -> bool {
     let number = parameter.name.split(' ').find_map(|word| word.parse::<u32>().ok());
     parameter.certainty != Certainty::Undocumented
+        && !is_mapped(parameter)
         && !(parameter.name.starts_with("path ") && number.is_some_and(|n| n > 1))
+}
+
+/// Known by name and address alone, from a memory map.
+fn is_mapped(parameter: &Parameter) -> bool {
+    parameter.about.is_empty() && parameter.name == parameter.symbol
+}
+
+/// What only a memory map tells, by type.
+fn mapped(profile: &Profile) -> String {
+    let types = [
+        (Encoding::I16, "INT, signed 16 bits"),
+        (Encoding::U16, "UINT, unsigned 16 bits"),
+        (Encoding::I32, "LONG, signed 32 bits"),
+        (Encoding::U32, "ULONG, unsigned 32 bits"),
+        (Encoding::Fixed, "FIXED, 16.16"),
+    ];
+    let mut text = String::new();
+    for (encoding, title) in types {
+        let these = profile.parameters.iter().filter(|p| is_mapped(p) && p.encoding == encoding);
+        let names: Vec<String> = these.map(|p| format!("{} {:04X}", p.symbol, p.index)).collect();
+        if !names.is_empty() {
+            let _ = write!(text, "\n**{title}:** {}.\n", names.join(", "));
+        }
+    }
+    if text.is_empty() {
+        return text;
+    }
+    format!(
+        "\n## The rest of the memory\n\nNames with their addresses; no source says more.\n{text}"
+    )
 }
 
 fn remainder(profile: &Profile) -> String {
     let undocumented =
         profile.parameters.iter().filter(|p| p.certainty == Certainty::Undocumented).count();
-    let repeated = profile.parameters.iter().filter(|p| !is_shown(p)).count() - undocumented;
+    let repeated =
+        profile.parameters.iter().filter(|p| !is_shown(p) && !is_mapped(p)).count() - undocumented;
     let mut text = String::new();
     if repeated > 0 {
         let _ = write!(text, "\n{repeated} more of paths 2 and up, alike.");

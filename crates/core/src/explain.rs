@@ -1,7 +1,7 @@
 //! Explaining a frame to people: fields with names, byte ranges and meanings, into a sink.
 
 use crate::error::WireError;
-use crate::profile::Profile;
+use crate::profile::{Parameter, Profile};
 
 /// Who sent the bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -227,6 +227,10 @@ pub trait Dissector: Sync {
     ) -> bool {
         let _ = (name, value, profile, sink);
         false
+    }
+    /// Tells how a parameter is reached on the wire, where that is more than its number.
+    fn reach(&self, parameter: &Parameter, sink: &mut dyn Sink) {
+        let _ = (parameter, sink);
     }
     /// Whether a frame, sent to a drive, is what answers belong to. On serial lines every one is
     /// unless this says otherwise.

@@ -234,7 +234,7 @@ fn range(start: u16, end: u16) -> String {
     if end == start + 1 { start.to_string() } else { format!("{start}-{}", end.saturating_sub(1)) }
 }
 
-fn value(item: &Item<'_>) -> String {
+pub fn value(item: &Item<'_>) -> String {
     match item.value {
         ItemValue::Int(value) => value.to_string(),
         ItemValue::Hex(value, digits) => format!("0x{value:0digits$X}", digits = digits.into()),

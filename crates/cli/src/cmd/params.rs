@@ -1,6 +1,8 @@
 //! `polepair params [FAMILY] [NAME]`
 
 use clap::Args;
+use polepair_capture::Explained;
+use polepair_core::explain::Dissector;
 use polepair_core::profile::{Access, Certainty, Encoding, Parameter, Persistence, Profile};
 
 use crate::problem::{Exit, Problem, Result};
@@ -16,7 +18,8 @@ Examples:
   polepair params
   polepair params tmcm-171
   polepair params tmcm-171 \"max current\"
-  polepair params syntron-ts Fn_33")]
+  polepair params syntron-ts Fn_33
+  polepair params technosoft-f514l KPP      its address, type and opcodes")]
 pub struct Params {
     /// A drive or a family: tmcm-171, syntron-ts, …
     family: Option<String>,
@@ -136,12 +139,28 @@ fn in_full(profile: &Profile, parameter: &Parameter) -> String {
     if parameter.moves {
         fact("moves", "writing it may start or change motion: the axis must be armed".to_owned());
     }
+    for item in reach(profile, parameter).items() {
+        let value = super::explain::value(&item);
+        let note =
+            if item.meaning.is_empty() { String::new() } else { format!(", {}", item.meaning) };
+        fact(item.name, value + &note);
+    }
     fact("source", source(profile, parameter));
     for (raw, name) in parameter.values {
         fact(&format!("{raw}"), (*name).to_owned());
     }
     text.push_str(&table.render(false));
     text
+}
+
+/// How the parameter's protocol reaches it on the wire.
+fn reach(profile: &Profile, parameter: &Parameter) -> Explained {
+    let mut found = Explained::default();
+    let speaks = |dissector: &&&dyn Dissector| dissector.language() == profile.protocol;
+    if let Some(dissector) = polepair_core::proto::dissectors().iter().find(speaks) {
+        dissector.reach(parameter, &mut found);
+    }
+    found
 }
 
 fn source(profile: &Profile, parameter: &Parameter) -> String {

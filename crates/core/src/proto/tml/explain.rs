@@ -17,7 +17,7 @@ use crate::explain::{
     Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Raw, Sink, TextError, Via,
 };
 use crate::medium::Frame;
-use crate::profile::Profile;
+use crate::profile::{Parameter, Profile};
 use layout::Said;
 
 /// The axis ID that drives have from the factory, and hosts by default.
@@ -137,6 +137,10 @@ impl Dissector for TmlDissector {
         sink: &mut dyn Sink,
     ) -> bool {
         register::explain(name, value, profile, sink)
+    }
+
+    fn reach(&self, parameter: &Parameter, sink: &mut dyn Sink) {
+        names::reach(parameter, sink);
     }
 
     fn code(&self, _: u32) -> Option<&'static str> {

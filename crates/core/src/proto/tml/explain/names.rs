@@ -1,10 +1,10 @@
 //! Names for what stands in messages: variables, and instructions in the language.
 
-use crate::explain::TextError;
+use crate::explain::{Field, Sink, TextError, Value};
 use crate::profile::{Parameter, Profile};
-use crate::proto::tml::instruction::{self, Scope};
+use crate::proto::tml::instruction::{self, Kind, Scope};
 use crate::proto::tml::online::{Cell, Memory};
-use crate::proto::tml::wire::{IdCode, Instruction};
+use crate::proto::tml::wire::{IdCode, Instruction, short_operand};
 
 /// What the profile calls a place.
 pub(super) fn variable(
@@ -44,4 +44,32 @@ pub(super) fn assemble(
     sender: IdCode,
 ) -> Result<Instruction, TextError> {
     instruction::assemble(text, &Scope { profile, sender })
+}
+
+/// How a variable is reached: its address, the page of short addresses that it is on, its type, and
+/// the opcodes that assign and ask for it.
+pub(super) fn reach(variable: &Parameter, sink: &mut dyn Sink) {
+    let Parameter { index: address, encoding, .. } = *variable;
+    let kind = Kind::of(encoding);
+    let long = u16::from(kind.is_long());
+    let mut field = |name, value, meaning| {
+        sink.field(Field { name, start: 0, end: 0, value, meaning });
+    };
+    field("address", Value::Hex(address.into(), 4), "");
+    field("type", Value::Text(kind.name()), "");
+    match short_operand(address) {
+        Some(operand) => {
+            let page = if address < 0x0800 { "0200-03FF" } else { "0800-09FF" };
+            field("page", Value::Text(page), "short");
+            let assign = 0x2000 | long << 10 | operand;
+            field("opcode", Value::Hex(assign.into(), 4), "NAME = value");
+            let ask = 0xA000 | long << 10 | operand;
+            field("short request", Value::Hex(ask.into(), 4), "?TML NAME");
+        }
+        None => {
+            field("page", Value::Text("none"), "whole addresses only");
+            field("opcode", Value::Hex((0x9004 | long).into(), 4), "NAME,dm = value");
+        }
+    }
+    field("request", Value::Hex((0xB004 | long).into(), 4), "?NAME");
 }

@@ -28,6 +28,20 @@ impl Kind {
         matches!(self, Self::Double | Self::Long | Self::Ulong | Self::Fixed)
     }
 
+    /// The vendor's word for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Word => "16 bits",
+            Self::Int => "INT",
+            Self::Uint => "UINT",
+            Self::Double => "32 bits",
+            Self::Long => "LONG",
+            Self::Ulong => "ULONG",
+            Self::Fixed => "FIXED",
+        }
+    }
+
     /// How a profile says it.
     #[must_use]
     pub const fn of(encoding: Encoding) -> Self {

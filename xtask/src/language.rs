@@ -1,0 +1,159 @@
+//! The TML language as a page, made from its table: `docs/protocols/tml-language.md`.
+
+use std::fmt::Write as _;
+
+use polepair_core::proto::tml::instruction::{Category, Certainty, Form, Piece, forms, registers};
+
+const HEAD: &str = "\
+# The TML language
+
+<!-- Made from the instruction table by `cargo xtask codegen`. Do not edit. -->
+
+What `polepair encode tml`, `tmlcan` and `technocan` read and `decode` writes. One table in the \
+program serves both directions, and this page is made from it.
+
+```sh
+polepair encode tml \"CPOS = -1000L\" --axis 5
+polepair encode technocan \"[G2]{STOP}\" --axis 3
+polepair decode tml 06 0F F0 20 5E 00 05 88
+```
+
+## How it is written
+
+- Case and spaces do not matter. `;` may end an instruction, `//` begins a comment.
+- Numbers are decimal or hexadecimal (`0x`), may be negative, and may end in `L` (32 bits) or `U`. \
+A fixed variable takes a decimal number as units (`CSPD = 16.5`, `CSPD = 16`) and a hexadecimal one \
+as its raw 32 bits (16.16). In `PVTP` a hexadecimal velocity of up to four digits counts units as \
+well, as the vendor's tool has it.
+- Variables stand by the name that the drive's profile gives them, or by address: `@0x025E` for 16 \
+bits, `@0x0228L` for 32. `NAME(H)` and `NAME(L)` are the halves of a 32-bit variable.
+- `a` in the tables is bits 8 to 0 of a variable's address, plus 200 when it lies in 0800-09FF; \
+other short addresses lie in 0200-03FF. A variable elsewhere is assigned as `NAME,dm = …`, which \
+`NAME = …` becomes by itself; `SRB` becomes `SRBL`; other instructions do not reach it.
+- `[5]` is axis 5, `[G2]` group 2, `[G1+3]` two groups, `[G*]` everybody, `[H5]` the host at axis 5.
+- `FROM` says who asks or answers. Left out, it is the host that `--host` gives.
+- A negative counter of `PVTP` and `PTP` loses its sign, as in the vendor's tool.
+- Labels are numbers: `GOTO 0x4012`.
+- What the table does not have stays words, in both directions: `.word 0x7777, 0x0001`.
+
+**Certainty.** *verified*: the vendor says so, or frames of real drives show it. *inferred*: one \
+source that may be wrong, or the pattern of neighbours. *unknown*: the instruction exists and no \
+source gives its opcode; it is refused. Sources: *manual* is the TML communication manual, \
+*TML_LIB_light* the vendor's library, *labelled frames* are frames with their text of drives with \
+firmware F514L and FA00G (CanDecoderWeb), *decompiler* is a public decompiler of TML programs.
+";
+
+/// The page.
+pub fn page() -> String {
+    let mut out = HEAD.to_owned();
+    for category in Category::ALL {
+        let name = category.name();
+        let heading = name[..1].to_uppercase() + &name[1..];
+        let _ = write!(out, "\n## {heading}\n\n");
+        out.push_str("| text | opcode | words | what it does | certainty | source |\n");
+        out.push_str("|---|---|---|---|---|---|\n");
+        forms().filter(|form| form.category == category).for_each(|form| row(form, &mut out));
+    }
+    out.push_str("\n## Registers\n\n");
+    out.push_str("`polepair explain tml MER 0x0008` tells a value's bits.\n\n");
+    out.push_str("| register | what it is for | bits |\n|---|---|---|\n");
+    for register in registers() {
+        let bits: Vec<String> = register.bits.iter().map(bit).collect();
+        let _ = writeln!(out, "| {} | {} | {} |", register.name, register.about, bits.join("; "));
+    }
+    out
+}
+
+fn bit(bits: &polepair_core::proto::tml::instruction::Bits) -> String {
+    let place = match bits.high == bits.low {
+        true => bits.low.to_string(),
+        false => format!("{}-{}", bits.high, bits.low),
+    };
+    let meaning = match bits.values {
+        ["", set] => (*set).to_owned(),
+        [clear, set] => format!("{clear} / {set}"),
+        _ => bits.name.to_owned(),
+    };
+    format!("{place} {meaning}").trim_end().to_owned()
+}
+
+fn row(form: &Form, out: &mut String) {
+    let opcode = match form.certainty {
+        Certainty::Unknown => String::new(),
+        _ => format!("{:04X}{}", form.opcode, operands(form)),
+    };
+    let also = if form.alias { " (read only)" } else { "" };
+    let fixed: Vec<String> = form.fixed.iter().map(|word| format!("{word:04X}")).collect();
+    let words = match fixed.is_empty() {
+        true => form.words.to_string(),
+        false => format!("{}: {}", form.words, fixed.join(" ")),
+    };
+    let text = text(form);
+    let (about, certainty, source) = (form.about, form.certainty.name(), form.source.name());
+    let _ =
+        writeln!(out, "| `{text}`{also} | {opcode} | {words} | {about} | {certainty} | {source} |");
+}
+
+/// What stands in the opcode beside the category.
+fn operands(form: &Form) -> String {
+    let mut parts = String::new();
+    for piece in form.pieces {
+        parts.push_str(match piece {
+            Piece::Near16 | Piece::Near32 => " + a",
+            Piece::Count(..) | Piece::Counter => " + n",
+            Piece::Memory => " + memory × 4",
+            Piece::MemoryHigh => " + memory × 20",
+            Piece::Step => " + 80 without +",
+            Piece::Condition => " + condition",
+            Piece::FromAxis | Piece::AxisNumber => " + axis",
+            Piece::Inner(_) => " + its words",
+            _ => "",
+        });
+    }
+    parts
+}
+
+fn text(form: &Form) -> String {
+    let mut text = String::new();
+    let mut word = false;
+    for piece in form.pieces {
+        let part = operand(*piece);
+        let from = matches!(piece, Piece::From(_) | Piece::FromAxis);
+        if from || (word && !matches!(piece, Piece::Sign(_) | Piece::Lines(_))) {
+            text.push(' ');
+        }
+        text.push_str(part);
+        word = matches!(piece, Piece::Word(_));
+    }
+    text.replace("  ", " ")
+}
+
+const fn operand(piece: Piece) -> &'static str {
+    match piece {
+        Piece::Word(text) | Piece::Sign(text) => text,
+        Piece::Near16 | Piece::Var16(_) => "V16",
+        Piece::Near32 | Piece::Var32(_) => "V32",
+        Piece::Far16(_) => "V16 beyond",
+        Piece::Far32(_) => "V32 beyond",
+        Piece::Pointer(_) => "P",
+        Piece::Step => "[+]",
+        Piece::Memory | Piece::MemoryHigh => "pm/dm/spi",
+        Piece::Number(_) | Piece::Narrow(_) => "value16",
+        Piece::Hex(_) => "word",
+        Piece::Long(_) | Piece::Wide(_) => "value32",
+        Piece::Fixed(_) => "fixed",
+        Piece::High(_) => "value16",
+        Piece::Count(..) => "n",
+        Piece::Counter => "counter",
+        Piece::Condition => "LT/LEQ/EQ/NEQ/GT/GEQ",
+        Piece::Point => "position, velocity, time",
+        Piece::Lines(_) => "(lines)",
+        Piece::Line(_) => "line",
+        Piece::Groups(_) => "(groups)",
+        Piece::Axis(_) => "axis",
+        Piece::From(_) | Piece::FromAxis => "FROM axis",
+        Piece::AxisNumber => "axis",
+        Piece::Version(_) => "version",
+        Piece::Inner(_) => "instruction",
+    }
+}
