@@ -13,7 +13,17 @@ fn every_form_is_read_and_written_back() {
         "modbus-rtu+tcp://[::1]:502?timeout=50&gap=0#247",
         "modbus-rtu+serial:///dev/ttyUSB0:115200?parity=even&stop=2#1",
         "modbus-ascii+serial:///tmp/a%23b#1",
+        "tml+serial:///dev/ttyUSB0:115200?wire=rs485&host=255#1,2,g3",
+        "tml+tcp://10.0.0.5:10001#255,1,g1+2+4,g*",
+        "tmlcan+socketcan://can0?bitrate=500000&host=3#5,7",
+        "technocan+slcan:///dev/ttyACM0?bitrate=500000#5",
+        "technocan+slcan:///dev/ttyACM0:115200#5",
+        "tmcl+slcan://10.0.0.5:4001#1",
+        "tmcl+udp://239.74.163.2:43113#2",
+        "tmlcan+udp://[ff15::1]:43113#2",
+        "tmcl+socketcand://host:29536/can0#2",
         "sim:tmcl?axes=3&seed=1",
+        "sim:tmcl+can:1,3?bitrate=125000",
         "sim:rack.toml",
         "sim:modbus-rtu?time=virtual#1,2,3",
         "sim:syntron-ts?variant=position",
@@ -31,6 +41,8 @@ fn short_forms_mean_the_long_ones() {
     assert_eq!(long("tmcl://10.0.0.5:4001"), "tmcl+tcp://10.0.0.5:4001");
     assert_eq!(long("tmcl://COM7:9600#0x10"), "tmcl+serial://COM7:9600#16");
     assert_eq!(long("sim://tmcl"), "sim:tmcl");
+    assert_eq!(long("tmlcan://can0#1"), "tmlcan+socketcan://can0#1");
+    assert_eq!(long("tmlcan:///dev/ttyACM0#g1+1"), "tmlcan+slcan:///dev/ttyACM0#g1");
     let url: Url = "tmcl+serial:///dev/ttyUSB0?timeout=0.2s&gap=2&echo=yes".parse().unwrap();
     assert_eq!(url.target, Target::Serial { path: "/dev/ttyUSB0".into(), baud: None });
     assert_eq!(url.milliseconds("timeout").unwrap(), Some(200.0));
@@ -49,6 +61,17 @@ fn mistakes_are_told_with_the_nearest_word() {
         ("tmcl+serial:///dev/ttyUSB0?colour=red", "E210", "unknown key `colour`"),
         ("tmcl+serial:///dev/ttyUSB0?gap=1&gap=2", "E210", "`gap` is given twice"),
         ("tmcl+serial:///dev/ttyUSB0:0", "E210", "no possible baud rate"),
+        ("tmcl+slkan:///dev/ttyACM0", "E210", "did you mean `slcan`?"),
+        ("modbus-rtu+socketcan://can0", "E210", "`modbus-rtu` is not spoken on CAN"),
+        ("tmlcan+serial:///dev/ttyUSB0", "E210", "`tmlcan` is not spoken on a serial line"),
+        ("tmcl+serial:///dev/ttyUSB0?bitrate=5", "E210", "`bitrate` means nothing on this kind"),
+        ("tmcl+socketcan://can0?parity=even", "E210", "`parity` means nothing on this kind"),
+        ("tmcl+socketcan://can0?bitrat=5", "E210", "did you mean `bitrate`?"),
+        ("tmcl+socketcand://10.0.0.5:29536", "E210", "names no bus"),
+        ("tmcl+udp://239.74.163.2", "E210", "has no port number"),
+        ("tml+serial:///dev/ttyUSB0#g0", "E210", "`g0` is no group"),
+        ("tml+serial:///dev/ttyUSB0#g1,g1", "E210", "axis g1 twice"),
+        ("tml+serial:///dev/ttyUSB0#2147483649", "E210", "is no axis number"),
         ("tmcl+serial://", "E210", "names nothing to open"),
         ("tmcl+tcp://10.0.0.5", "E210", "has no port number"),
         ("tmcl+tcp://:502", "E210", "has no port number"),

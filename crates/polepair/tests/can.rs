@@ -1,0 +1,181 @@
+//! The library against simulated drives on CAN buses, in virtual time.
+
+use polepair::connect::connect;
+use polepair::error::Exit;
+use polepair::scan::{Numbers, scan};
+use polepair::simulate::{Pace, Simulation, rack_of_text, rack_of_words};
+use polepair::{AnyTap, Connector, Error, Identified, Link};
+use polepair_core::axis::{Command, Verb};
+use polepair_core::medium::{Can, Frame, MediumKind, Stream};
+use polepair_core::profile::Signal;
+use polepair_core::time::Instant;
+use polepair_link::{Direction, Tap};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// Keeps the frames that passed, and counts runs of bytes.
+#[derive(Clone, Default)]
+struct Watcher(Arc<Mutex<(Vec<(Direction, Frame)>, usize)>>);
+
+impl Tap<Can> for Watcher {
+    fn unit(&mut self, _: Instant, direction: Direction, frame: &Frame) {
+        self.0.lock().unwrap().0.push((direction, *frame));
+    }
+}
+
+impl Tap<Stream> for Watcher {
+    fn unit(&mut self, _: Instant, _: Direction, _: &[u8]) {
+        self.0.lock().unwrap().1 += 1;
+    }
+}
+
+fn tapped(url: &str, tap: impl AnyTap + 'static) -> Result<Link, Error> {
+    Connector::default().with_tap(tap).connect(url)
+}
+
+#[test]
+fn tmcl_modules_on_a_bus_are_found_and_turned() {
+    let watcher = Watcher::default();
+    let link = tapped("sim:tmcl+can:1,3?time=virtual", watcher.clone()).unwrap();
+    assert_eq!(link.axes().iter().map(|axis| axis.number()).collect::<Vec<_>>(), [1, 3]);
+    let axis = link.axis(3).unwrap();
+    assert_eq!((axis.medium(), axis.profile().name), (MediumKind::Can, "tmcm-171"));
+    axis.set("max current", "1.2 A").unwrap();
+    assert_eq!(axis.get("max current").unwrap().to_string(), "1.2 A");
+    {
+        let armed = axis.armed().unwrap();
+        armed.velocity("60 rpm").unwrap();
+        link.sleep(Duration::from_secs(1));
+        let speed = axis.signals(&[Signal::Velocity]).unwrap()[0].value;
+        assert!((speed - std::f64::consts::TAU).abs() < 0.3, "{speed}");
+    }
+    assert!(link.simulation().unwrap().truth(0, 0).unwrap().velocity.abs() < 1e-6);
+    let (frames, bytes) = &*watcher.0.lock().unwrap();
+    let to = |direction| frames.iter().filter(move |(d, _)| *d == direction).map(|(_, f)| f.id);
+    assert!(to(Direction::ToDrive).all(|id| id == 1 || id == 3));
+    assert!(to(Direction::ToHost).all(|id| id == 2) && to(Direction::ToHost).count() > 5);
+    assert_eq!(*bytes, 0);
+}
+
+#[test]
+fn a_rehearsal_on_can_shows_frames_and_sends_none() {
+    let link = connect("sim:tmcl+can?time=virtual").unwrap();
+    let axis = link.axis(1).unwrap();
+    let before = link.counters(&axis).sent;
+    let steps = axis.rehearse(Command::new(Verb::Stop)).unwrap();
+    // MST, in seven bytes: neither address nor checksum.
+    let frame = steps[0].frame.expect("a frame");
+    assert_eq!(frame.to_string(), "001#03000000000000");
+    assert_eq!(link.counters(&axis).sent, before);
+}
+
+#[test]
+fn one_question_finds_every_drive_where_the_protocol_has_one() {
+    for url in ["sim:tmlcan:5,7,31?time=virtual", "sim:technocan:5,7,31?time=virtual"] {
+        let watcher = Watcher::default();
+        let connector = Connector::default().with_tap(watcher.clone());
+        let found = scan(&connector, url, Numbers::ALL, &mut |_| {}).unwrap();
+        let numbers: Vec<u32> = found.found.iter().map(|found| found.number).collect();
+        assert_eq!(numbers, [5, 7, 31], "{url}");
+        assert!(found.tried[0].ends_with("all with one question"), "{:?}", found.tried);
+        // One to all; the rest asks those three what they are.
+        let sent =
+            watcher.0.lock().unwrap().0.iter().filter(|(d, _)| *d == Direction::ToDrive).count();
+        assert!(sent < 40, "{sent}");
+    }
+}
+
+const RELAY: &str = "[[link]]\nname = \"host\"\nprotocol = \"tml\"\n\
+    [[link.drive]]\nname = \"relay\"\nprofile = \"technosoft-f514l\"\naddress = 255\n\
+    on = [\"host\", \"bus\"]\n\
+    [[link]]\nname = \"bus\"\nprotocol = \"tmlcan\"\nbitrate = 500000\n\
+    [[link.drive]]\nname = \"x\"\nprofile = \"technosoft-f514l\"\naddress = 1\n\
+    [[link.drive]]\nname = \"y\"\nprofile = \"technosoft-f514l\"\naddress = 5\n";
+
+#[test]
+fn a_relay_brings_its_host_to_the_axes_behind_it() {
+    let file = std::env::temp_dir().join(format!("polepair-relay-{}.toml", std::process::id()));
+    std::fs::write(&file, RELAY).unwrap();
+    let url = format!("sim:{}?time=virtual", file.display());
+    let link = connect(&url).unwrap();
+    let numbers: Vec<u32> = link.axes().iter().map(|axis| axis.number()).collect();
+    assert_eq!(numbers, [255, 1, 5]);
+    let far = link.named("y").unwrap();
+    let position = far.signals(&[Signal::Position]).unwrap()[0];
+    assert!(position.at.is_some() && position.value == 0.0);
+    let found = scan(&Connector::default(), &url, 1..=6, &mut |_| {}).unwrap();
+    assert_eq!(found.found.iter().map(|found| found.number).collect::<Vec<_>>(), [1, 5]);
+    std::fs::remove_file(&file).unwrap();
+}
+
+#[test]
+fn a_rack_says_what_is_wrong_with_its_links() {
+    assert!(rack_of_text("rack.toml", RELAY, 1).is_ok());
+    for (from, to, said) in [
+        ("\"bus\"]", "\"bsu\"]", "`bsu` is no link of this rack; did you mean `bus`?"),
+        ("protocol = \"tmlcan\"", "protocol = \"tml\"", "`bitrate` means nothing on this kind"),
+        ("bitrate = 500000", "baud = 500000", "`baud` means nothing on this kind"),
+        ("bitrate = 500000", "kind = \"canbus\"", "neither serial nor can"),
+        (
+            "protocol = \"tmlcan\"",
+            "kind = \"can\"\nprotocol = \"tml\"",
+            "`tml` is not spoken on CAN",
+        ),
+        ("\"tmlcan\"\nbitrate = 500000", "\"tml\"", "one serial link and one CAN bus at most"),
+        ("bitrate = 500000", "faults = { flip = 1 }", "unknown key `flip`"),
+    ] {
+        assert!(RELAY.contains(from), "{from}");
+        let error = rack_of_text("rack.toml", &RELAY.replacen(from, to, 1), 1).unwrap_err();
+        assert!(error.to_string().contains(said), "{said}: {error}");
+    }
+    // A drive without a CAN connector is not put on a bus.
+    let wrong = RELAY.replace("protocol = \"tml\"\n", "").replace("technosoft-f514l", "syntron-ts");
+    assert!(rack_of_text("rack.toml", &wrong, 1).is_err());
+}
+
+#[test]
+fn groups_are_told_and_not_asked() {
+    let link = connect("sim:tmlcan:5,7?time=virtual#5,g1").unwrap();
+    let group = &link.axes()[1];
+    assert_eq!((group.label().as_str(), group.identified()), ("axes g1", &Identified::Group));
+    group.stop().unwrap();
+    for (url, said) in [
+        ("sim:tmcl?time=virtual#1,g1", "this protocol has no groups"),
+        ("sim:technocan:5?time=virtual#g6", "groups are g1 to g5"),
+    ] {
+        let error = connect(url).unwrap_err();
+        assert_eq!((error.code(), error.exit()), ("E212", Exit::Usage), "{error}");
+        assert!(error.hint().contains(said), "{error:?}");
+    }
+}
+
+#[test]
+fn faults_of_a_bus_are_survived() {
+    let text = "[[link]]\nkind = \"can\"\nfaults = { error = 0.1, twice = 0.05 }\n\
+                [[link.drive]]\nprofile = \"tmcm-171\"\n";
+    let rack = rack_of_text("rack.toml", text, 1).unwrap();
+    assert!(Simulation::new(&rack, 1, Pace::Virtual).is_ok());
+    let file = std::env::temp_dir().join(format!("polepair-faulty-{}.toml", std::process::id()));
+    std::fs::write(&file, text).unwrap();
+    let link = connect(&format!("sim:{}?time=virtual", file.display())).unwrap();
+    let axis = &link.axes()[0];
+    for raw in 1..=200 {
+        axis.set_raw("max current", raw).unwrap();
+        assert_eq!(axis.get_raw("max current").unwrap(), raw);
+    }
+    let counters = link.counters(axis);
+    assert!(counters.late + counters.foreign > 0, "frames that came twice: {counters:?}");
+    std::fs::remove_file(&file).unwrap();
+}
+
+#[test]
+fn words_choose_the_medium() {
+    let rack = rack_of_words(&["tmcl:1", "tmcl+can:1", "tmcm-170+can", "technocan:3"], 1).unwrap();
+    let media: Vec<_> = rack.rack.links.iter().map(|link| link.wire.medium()).collect();
+    let [serial, can] = [MediumKind::Serial, MediumKind::Can];
+    assert_eq!(media, [serial, can, can, can]);
+    assert_eq!(rack.url(1, "udp://239.74.163.2:43113"), "tmcl+udp://239.74.163.2:43113#1");
+    for word in ["modbus-rtu+can", "tmcl+udp", "technocan+serial"] {
+        assert_eq!(rack_of_words(&[word], 1).unwrap_err().code(), "E203", "{word}");
+    }
+}
