@@ -90,7 +90,8 @@ impl Target {
         if self.verbose || trace.is_some() {
             let name = link_name(&self.url);
             let trace = trace.map(|file| Log::new(BufWriter::new(file), &name));
-            let shown = self.verbose.then(|| Shown::new(&self.url, name, self.naming.clone()));
+            let protocols = connector.protocols(&self.url).map_err(outcome::error)?;
+            let shown = self.verbose.then(|| Shown::new(&protocols, name, self.naming.clone()));
             connector = connector.with_tap(Frames { trace, shown });
         }
         Ok(connector)
@@ -250,7 +251,7 @@ impl Unit<'_> {
 }
 
 /// Frames, explained, on stderr.
-pub struct Shown {
+struct Shown {
     decoder: Decoder,
     text: text::Text,
     name: String,
@@ -258,18 +259,13 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// For a link of that connection string.
-    pub fn new(url: &str, name: String, naming: Naming) -> Self {
-        let word = url.strip_prefix("sim:").unwrap_or(url);
-        let word = word.split(['+', ':', '?', '#']).next().unwrap_or(word);
-        // A rack's protocol is not in its name: its frames are shown as bytes.
-        let rules = Rules::parse(word).unwrap_or_default();
+    /// For a link on which these protocols are spoken.
+    fn new(protocols: &[&str], name: String, naming: Naming) -> Self {
+        let rules = Rules::parse(&protocols.join(",")).unwrap_or_default();
         let style = text::Style { colour: terminal::colour_err() };
         Self { decoder: Decoder::new(rules), text: text::Text::new(style), name, naming }
     }
-}
 
-impl Shown {
     fn show(&mut self, at: Instant, direction: Direction, unit: Unit<'_>) {
         let Self { decoder, text, name, naming } = self;
         if let Some(profile) = naming.get() {

@@ -109,6 +109,22 @@ impl Connector {
         self.config.expand(text)?.parse()
     }
 
+    /// The words of the protocols that are spoken on a link, without opening it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`], and [`Error::File`] of a rack.
+    pub fn protocols(&self, text: &str) -> Result<Vec<&'static str>, Error> {
+        let url = self.url(text)?;
+        let Target::Sim { what } = &url.target else { return Ok(vec![url.spoken()?.name]) };
+        let mut words = Vec::new();
+        for wire in describe(&url, what, 1)?.wires {
+            if !words.contains(&wire.protocol) {
+                words.push(wire.protocol);
+            }
+        }
+        Ok(words)
+    }
+
     /// Opens a link and finds out what is there.
     ///
     /// # Errors
