@@ -474,7 +474,8 @@ impl Axis {
     /// [`Error::Unsupported`] as the command itself would give.
     pub fn rehearse(&self, command: Command) -> Result<Vec<Rehearsal>, Error> {
         let rehearsed = match self.rehearsed(command) {
-            Err(Unsupported::BadArgument) => {
+            // Forbidden as long as the scale is not known.
+            Err(Unsupported::BadArgument | Unsupported::Forbidden(_)) => {
                 self.read_factors_of(command.verb)?;
                 self.rehearsed(command)
             }
