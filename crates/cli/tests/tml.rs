@@ -181,6 +181,9 @@ fn rules_of_the_wires_are_told_before_a_byte_is_printed() {
     assert!(refused(&["?POSERR", "--axis", "g1"]).contains("GiveMeData2"));
     let axis = refused(&["UPD", "--axis", "32", "--via", "technocan"]);
     assert!(axis.contains("multiple of 32"), "{axis}");
+    let above = polepair(&["encode", "tml", "UPD", "--axis", "33", "--via", "technocan"]);
+    assert_eq!((above.code, above.out.as_str()), (0, "121#0801\n"));
+    assert!(above.err.contains("modulo 32"), "{}", above.err);
     assert!(refused(&["UPD", "--axis", "g6", "--via", "technocan"]).contains("groups 1 to 5"));
     assert!(refused(&["UPD", "--via", "can"]).contains("tmlcan or technocan"));
     assert!(refused(&["UPD", "--via", "canopen"]).contains("Wires are serial, rs485"));

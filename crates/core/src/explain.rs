@@ -108,6 +108,8 @@ pub struct Encoded {
     pub extended: bool,
     /// How many bytes the answer has, if there is one.
     pub answer: Option<usize>,
+    /// What the one who sends this should know; empty if nothing.
+    pub warning: &'static str,
 }
 
 /// The wire that a text is encoded for.

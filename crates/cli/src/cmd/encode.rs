@@ -8,7 +8,7 @@ use polepair_core::explain::{
 use polepair_core::{drives, proto};
 
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::Output;
+use crate::terminal::{Output, say};
 
 /// The longest frame there is.
 const FRAME_MAX: usize = polepair_core::medium::STREAM_UNIT_MAX;
@@ -110,6 +110,9 @@ impl Encode {
         let encoded = dissector
             .encode(piece, addressing, &mut buffer)
             .map_err(|error| self.refused(at, piece, error))?;
+        if !encoded.warning.is_empty() {
+            say(&format!("{}: {}", piece.trim(), encoded.warning));
+        }
         let bytes = &buffer[..encoded.len];
         match self.format {
             Format::Text => line(&encoded, bytes, out),

@@ -78,6 +78,7 @@ impl Dissector for TmclDissector {
             id,
             extended: false,
             answer: (!silent).then_some(part.len()),
+            warning: "",
         })
     }
 

@@ -126,7 +126,7 @@ impl Dissector for TmlDissector {
         out.get_mut(..len).ok_or(room)?.copy_from_slice(&bytes[..len]);
         let extended = self.0 == Encapsulation::TmlCan;
         let answer = expect::length(&message, wire);
-        Ok(Encoded { len, id, extended, answer })
+        Ok(Encoded { len, id, extended, answer, warning: warning(wire, to) })
     }
 
     fn named(
@@ -232,6 +232,16 @@ impl TmlDissector {
         let data = frame.bytes();
         out[..data.len()].copy_from_slice(data);
         Ok((out, data.len(), Some(frame.id)))
+    }
+}
+
+/// What TechnoCAN does to axis IDs above 31.
+const fn warning(wire: Wire, to: IdCode) -> &'static str {
+    if matches!(wire, Wire::TechnoCan) && !to.group && technocan::is_ambiguous(to.id) {
+        "TechnoCAN takes axis IDs modulo 32, so another axis may obey too; give drives IDs from 1 to \
+         31"
+    } else {
+        ""
     }
 }
 

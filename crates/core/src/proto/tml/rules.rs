@@ -130,7 +130,11 @@ impl Wire {
     /// # Errors
     /// [`Rule::Rs232HostId`], [`Rule::OwnHostId`].
     pub const fn host_id(self, host: u8, drive: u8) -> Result<(), Rule> {
-        match (self, host == drive) {
+        let same = match self {
+            Self::TechnoCan => host % 32 == drive % 32,
+            _ => host == drive,
+        };
+        match (self, same) {
             (Self::Rs232, false) => Err(Rule::Rs232HostId),
             (Self::Rs485 | Self::TmlCan | Self::TechnoCan, true) => Err(Rule::OwnHostId),
             _ => Ok(()),

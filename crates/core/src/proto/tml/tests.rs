@@ -2,6 +2,7 @@
 
 mod codec;
 mod explain;
+mod garbage;
 mod online;
 mod pair;
 

@@ -267,6 +267,7 @@ fn rules_of_the_serial_wires() {
     assert_eq!(Wire::Rs232.host_id(255, 255), Ok(()));
     assert_eq!(Wire::Rs232.host_id(3, 255), Err(Rule::Rs232HostId));
     assert_eq!(Wire::TmlCan.host_id(5, 5), Err(Rule::OwnHostId));
+    assert_eq!(Wire::TechnoCan.host_id(255, 31), Err(Rule::OwnHostId), "255 acts as 31");
     assert!(Wire::Rs485.acknowledges(IdCode::axis(1)));
     assert!(!Wire::Rs485.acknowledges(IdCode::groups(1)));
     assert!(Wire::Rs232.acknowledges(IdCode::groups(1)));
