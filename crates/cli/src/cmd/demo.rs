@@ -1,4 +1,6 @@
-//! `polepair demo [--headless]`: two makers' drives, simulated, on pseudo-terminals, in real time.
+//! `polepair demo [--headless]`: three makers' drives, simulated, on pseudo-terminals, in real time.
+
+mod relay;
 
 use std::collections::VecDeque;
 use std::io::Write as _;
@@ -29,10 +31,12 @@ const FRAMES_SHOWN: usize = 3;
 /// Reads that are timed on each drive.
 const READS: u32 = 200;
 
-/// Finds, homes, moves, spins, faults and recovers two simulated drives.
+/// Finds, homes, moves, spins, faults and recovers two simulated drives, and turns two behind a
+/// relay.
 ///
 /// A Trinamic TMCM-171 over TMCL and a SYNTRON TS over Modbus RTU, each behind its own protocol on
-/// a pseudo-terminal, through the same axis interface. No hardware is needed.
+/// a pseudo-terminal, and two Technosoft drives on CAN behind a third, all through the same axis
+/// interface. No hardware is needed.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  polepair demo --headless")]
 pub struct Demo {
@@ -100,7 +104,7 @@ type Frames = Arc<Mutex<VecDeque<String>>>;
 impl Demo {
     pub fn run(self) -> Result {
         crate::interrupt::listen(|| ());
-        say("polepair demo: two simulated drives, each behind its own wire protocol\n");
+        say("polepair demo: simulated drives, each behind its own wire protocol\n");
         let mut actors = Vec::new();
         for part in &PARTS {
             actors.push(Actor::enter(part)?);
@@ -108,9 +112,11 @@ impl Demo {
         for actor in &mut actors {
             actor.play(self.headless)?;
         }
-        print!("{}", summary(&actors));
+        let failed = relay::play()?;
+        print!("{}", summary(&actors, failed.as_deref()));
         let _ = std::io::stdout().flush();
-        match actors.iter().all(|actor| actor.failed.is_empty() && errors(actor) == 0) {
+        let played = actors.iter().all(|actor| actor.failed.is_empty() && errors(actor) == 0);
+        match played && failed.is_none() {
             true => Ok(Exit::Ok),
             false => {
                 Err(Problem::new(Exit::Negative, "E112", "the scene did not play as written."))
@@ -377,7 +383,7 @@ fn errors(actor: &Actor) -> u64 {
     counters.late + counters.foreign + counters.corrupt
 }
 
-fn summary(actors: &[Actor]) -> String {
+fn summary(actors: &[Actor], behind_relay: Option<&str>) -> String {
     let mut table =
         Table::with_heads(&["drive", "protocol", "steps", "round trips", "one read", "errors"]);
     for actor in actors {
@@ -398,6 +404,10 @@ fn summary(actors: &[Actor]) -> String {
             "Each was enabled, homed, moved, spun, loaded, faulted and recovered through the\n",
         );
         text.push_str("same axis interface, over its own protocol on a pseudo-terminal.\n");
+    }
+    match behind_relay {
+        None => text.push_str("Two drives on CAN were turned through a third one's serial port.\n"),
+        Some(failed) => text.push_str(&format!("failed: {failed}\n")),
     }
     text.push('\n');
     text.push_str(&table.render(terminal::colour_out()));

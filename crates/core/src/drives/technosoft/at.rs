@@ -59,6 +59,7 @@ addresses! {
     INTTABLE = 0x0307;
     MSR = 0x0308;
     MCR = 0x0309;
+    CSR = 0x030B;
     AAR = 0x030C;
     PROD = 0x030E;
     DER = 0x03AD;

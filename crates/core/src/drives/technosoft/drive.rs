@@ -18,6 +18,7 @@ use super::status::{Status, cer, mer, put, srh, srl};
 use super::sync::Sync;
 use super::units;
 use crate::plant::TICK_S;
+use crate::proto::tml::rules::Wire;
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
 use crate::time::Instant;
 
@@ -108,6 +109,7 @@ impl Drive {
         (self.notices, self.sync, self.outbox) = (Notices::NONE, Sync::SLAVE, Outbox::EMPTY);
         self.events = Events::NONE;
         self.memory.put(at::MASTERID, IdCode::host_at(self.axis).word());
+        self.memory.put(at::CSR, self.hardware());
         self.read_masks();
         self.autorun();
         self.published = false;
@@ -127,6 +129,13 @@ impl Drive {
                 axis
             }
         }
+    }
+
+    /// CSR: bit 14 tells that the axis ID came from hardware, bit 0 that the port is RS-485.
+    fn hardware(&self) -> u16 {
+        let from_table = self.memory.word(at::AAR_TABLE) != 0;
+        let rs485 = self.options.quirks.wire == Some(Wire::Rs485);
+        u16::from(!from_table) << 14 | u16::from(rs485)
     }
 
     /// Runs the ticks up to `now`.

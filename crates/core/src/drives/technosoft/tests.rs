@@ -59,6 +59,13 @@ impl Desk {
         Self { device, now: Instant(1_000_000_000), told: Vec::new() }
     }
 
+    /// With the line's own timing.
+    fn timed() -> Self {
+        let options = DeviceOptions { address: Some(255), untimed: false, ..OPTIONS };
+        let device = Technosoft::device(Technosoft::profiles()[0], &options).unwrap();
+        Self { device, now: Instant(1_000_000_000), told: Vec::new() }
+    }
+
     /// Sends bytes and returns what the drive sends back at once.
     fn bytes(&mut self, bytes: &[u8]) -> Vec<u8> {
         Station::<Stream>::handle_input(&mut self.device, self.now, bytes);

@@ -1,0 +1,87 @@
+//! The scene behind a relay: a host on one drive's serial port turns two others on its CAN bus.
+
+use std::sync::PoisonError;
+use std::time::Duration;
+
+use polepair::simulate;
+use polepair::{Axis, Error};
+use polepair_core::profile::Signal;
+use polepair_link::pty::Pty;
+
+use super::{Frames, connector};
+use crate::outcome;
+use crate::problem::{Problem, Result};
+use crate::session::signal;
+use crate::terminal::say;
+
+const RACK: &str = r#"
+[[link]]
+name = "host"
+protocol = "tml"
+baud = 115200
+
+[[link.drive]]
+name = "relay"
+profile = "technosoft-f514l"
+address = 255
+on = ["host", "bus"]
+
+[[link]]
+name = "bus"
+protocol = "tmlcan"
+
+[[link.drive]]
+name = "x"
+profile = "technosoft-f514l"
+address = 1
+
+[[link.drive]]
+name = "y"
+profile = "technosoft-f514l"
+address = 2
+"#;
+
+/// Plays it. Returns what failed.
+pub(super) fn play() -> Result<Option<String>> {
+    let description = simulate::rack_of_text("demo", RACK, 1).map_err(outcome::error)?;
+    let lines = simulate::lines(&description, 1).map_err(outcome::error)?;
+    let Some(line) = lines.into_iter().next() else {
+        return Err(Problem::usage("E244", "the demo's rack has no link."));
+    };
+    let pty = Pty::open(None).map_err(|error| outcome::link_error(&error))?;
+    let url = description.url(0, &format!("serial://{}", pty.path()));
+    let _served = line.serve(Box::new(pty));
+    say("== Two axes on CAN behind a relay ==");
+    say(&format!("  opening {url}: axis 255 is the relay, 1 and 2 are on its bus"));
+    let frames = Frames::default();
+    let link = connector(&url, &frames).connect(&url).map_err(outcome::error)?;
+    let behind = &link.axes()[1..];
+    let ended = turn(behind);
+    for frame in frames.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+        say(&format!("      {frame}"));
+    }
+    for axis in behind {
+        if let Ok(Some(position)) = signal(axis, Signal::Position) {
+            say(&format!("  axis {:<3} {position}", axis.number()));
+        }
+    }
+    say(if ended.is_ok() { "  both turned at once           ok\n" } else { "  FAILED\n" });
+    Ok(ended.err().map(|error| format!("behind the relay: {error}")))
+}
+
+/// All of them at once, two turns.
+fn turn(axes: &[Axis]) -> std::result::Result<(), Error> {
+    for axis in axes {
+        axis.arm(true);
+        axis.enable()?;
+    }
+    for axis in axes {
+        axis.move_by("2 turn")?;
+    }
+    for axis in axes {
+        axis.wait(Duration::from_secs(10))?;
+        axis.disable()?;
+        axis.arm(false);
+    }
+    Ok(())
+}
