@@ -56,7 +56,7 @@ pub(super) fn play() -> Result<Option<String>> {
     let frames = Frames::default();
     let link = connector(&url, &frames).connect(&url).map_err(outcome::error)?;
     let behind = &link.axes()[1..];
-    let ended = turn(behind);
+    let ended = turn(behind, &frames);
     for frame in frames.lock().unwrap_or_else(PoisonError::into_inner).iter() {
         say(&format!("      {frame}"));
     }
@@ -69,12 +69,13 @@ pub(super) fn play() -> Result<Option<String>> {
     Ok(ended.err().map(|error| format!("behind the relay: {error}")))
 }
 
-/// All of them at once, two turns.
-fn turn(axes: &[Axis]) -> std::result::Result<(), Error> {
+/// All of them at once, two turns. The frames that are kept are those of the move.
+fn turn(axes: &[Axis], frames: &Frames) -> std::result::Result<(), Error> {
     for axis in axes {
         axis.arm(true);
         axis.enable()?;
     }
+    frames.lock().unwrap_or_else(PoisonError::into_inner).clear();
     for axis in axes {
         axis.move_by("2 turn")?;
     }
