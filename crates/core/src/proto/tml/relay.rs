@@ -5,6 +5,7 @@
 //! to, and the host bit tells the two apart.
 
 use super::device::{CanEnd, Firmware, Quirks, SerialEnd, Trouble};
+use super::online::Online;
 use super::rules::Wire;
 use super::wire::{IdCode, Message};
 use crate::medium::{CanLine, Frame, SerialLine};
@@ -41,7 +42,9 @@ impl Relay {
     pub fn handle_bytes(&mut self, now: Instant, bytes: &[u8], firmware: &mut impl Firmware) {
         for &byte in bytes {
             if let Some(message) = self.serial.handle_byte(now, byte) {
-                self.serial.acknowledge(message.to, firmware.axis());
+                if !is_answer(&message) {
+                    self.serial.acknowledge(message.to, firmware.axis());
+                }
                 self.take_serial(now, &message, firmware);
             }
         }
@@ -157,4 +160,21 @@ impl Relay {
 
 fn is_for_others(to: IdCode, axis: u8) -> bool {
     to.group || to.id == 0 || to.id != axis
+}
+
+/// Whether it answers what a drive asked of another on RS-485: nobody acknowledges an answer
+/// (manual, chapter 3).
+fn is_answer(message: &Message) -> bool {
+    use Online::{GotData, Pong, TakeChecksum, TakeData, TakeData2, TakeVersion};
+    Online::parse(&message.instruction).is_some_and(|online| {
+        matches!(
+            online,
+            GotData { .. }
+                | Pong { .. }
+                | TakeChecksum { .. }
+                | TakeData { .. }
+                | TakeData2 { .. }
+                | TakeVersion { .. }
+        )
+    })
 }

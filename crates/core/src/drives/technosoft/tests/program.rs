@@ -10,7 +10,7 @@ use crate::station::Station;
 
 impl Desk {
     /// Downloads words as the vendor's tools do: a pointer in a variable, then word by word.
-    fn load(&mut self, at: u16, words: &[u16]) {
+    pub(super) fn load(&mut self, at: u16, words: &[u16]) {
         self.word(0x032B, at);
         for word in words {
             self.tell(0x9020, &[0x032B, *word]);
