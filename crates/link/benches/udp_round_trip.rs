@@ -1,6 +1,6 @@
-//! A frame and its answer over UDP multicast: our link at both ends beside the least that any
-//! program must do, datagrams of the same length sent and awaited, each end in a process of its
-//! own.
+//! A frame and its answer over UDP multicast: our link, and a whole connection on it, beside the
+//! least that any program must do, datagrams of the same length sent and awaited. The other end is
+//! a process of its own, with our link or without.
 //!
 //! `cargo bench -p polepair-link --bench udp_round_trip`, under `taskset -c 1` for figures that
 //! repeat.
@@ -9,7 +9,8 @@
 fn main() {
     match std::env::args().nth(1).as_deref() {
         Some("floor") => bench::answer_floor(),
-        Some("link") => bench::answer_link(),
+        Some("link") => bench::answer(0),
+        Some("whole") => bench::answer(1),
         _ => bench::run(),
     }
 }
@@ -23,49 +24,65 @@ mod bench {
     use std::process::{Child, Command, Stdio};
     use std::time::Instant as Clock;
 
-    use polepair_core::medium::Frame;
+    use polepair_core::error::Outcome;
+    use polepair_core::lane::Lane;
+    use polepair_core::medium::{Can, Frame};
+    use polepair_core::proto::tmcl::TmclCan;
+    use polepair_core::proto::{HostOptions, Protocol};
+    use polepair_core::station::AxisIndex;
     use polepair_core::time::Instant;
     use polepair_link::udp::{self, GROUP_IPV4, Group, UdpLink};
-    use polepair_link::{Link, Received};
+    use polepair_link::{Connection, Link, Received, clock};
 
     const ROUNDS: usize = 100;
     const TURNS: usize = 50;
     const SERIES: usize = 9;
     /// The ends of the floor hear different ports, so that none wakes for its own datagram.
     const PORTS: [u16; 2] = [43_213, 43_214];
-    /// Ours share one, as the format has it.
-    const GROUP: Group = Group { address: std::net::IpAddr::V4(GROUP_IPV4), port: 43_215, hops: 0 };
-    /// An SDO upload request and its answer, CiA 301 §7.2.4.3.
-    const ASKED: u16 = 0x605;
-    const ANSWERED: u16 = 0x585;
+    /// The ends of ours share one, as the format has it.
+    const GROUPS: [Group; 2] = [group(43_215), group(43_216)];
+    /// Read axis parameter 0 of module 1: 123456. TMCM-170/171 manual §2.1; a module's answers have
+    /// the host's identifier.
+    const ASKED: (u16, [u8; 7]) = (1, [6, 0, 0, 0, 0, 0, 0]);
+    const ANSWERED: (u16, [u8; 7]) = (2, [1, 100, 6, 0, 1, 0xE2, 0x40]);
     /// What python-can makes of such a frame.
-    const DATAGRAM: usize = 175;
+    const DATAGRAM: usize = 172;
+
+    const fn group(port: u16) -> Group {
+        Group { address: std::net::IpAddr::V4(GROUP_IPV4), port, hops: 0 }
+    }
 
     pub(super) fn run() {
-        let (mut floor_end, mut link_end) = (other_end("floor"), other_end("link"));
+        let ends = ["floor", "link", "whole"].map(other_end);
         std::thread::sleep(std::time::Duration::from_millis(300));
-        let (mut floor, mut ours) = (floor(), ours());
-        let mut best = [f64::MAX; 2];
+        let (mut floor, mut link, mut whole) = (floor(), link(), whole());
+        let mut best = [f64::MAX; 3];
         println!(
             "udp multicast: median of {} (µs; floor = send + blocking receive)",
             ROUNDS * TURNS
         );
-        println!("series       floor       ours   ratio");
+        println!("series       floor       link   ratio      whole   ratio");
         for series in 1..=SERIES {
-            let (mut floors, mut our) = (Vec::new(), Vec::new());
+            let mut micros = [const { Vec::new() }; 3];
             for _ in 0..TURNS {
-                timed(&mut floors, &mut floor);
-                timed(&mut our, &mut ours);
+                timed(&mut micros[0], &mut floor);
+                timed(&mut micros[1], &mut link);
+                timed(&mut micros[2], &mut whole);
             }
-            let pair = [median(floors), median(our)];
-            best = [best[0].min(pair[0]), best[1].min(pair[1])];
-            println!("{series:6} {:11.2} {:10.2} {:7.3}", pair[0], pair[1], pair[1] / pair[0]);
+            let medians = micros.map(median);
+            best = std::array::from_fn(|n| best[n].min(medians[n]));
+            show(&format!("{series:6}"), medians);
         }
-        println!("  best {:11.2} {:10.2} {:7.3}", best[0], best[1], best[1] / best[0]);
-        for end in [&mut floor_end, &mut link_end] {
+        show("  best", best);
+        for mut end in ends {
             let _ = end.kill();
             let _ = end.wait();
         }
+    }
+
+    fn show(name: &str, [floor, link, whole]: [f64; 3]) {
+        let ratios = (link / floor, whole / floor);
+        println!("{name} {floor:11.2} {link:10.2} {:7.3} {whole:10.2} {:7.3}", ratios.0, ratios.1);
     }
 
     fn floor() -> impl FnMut() {
@@ -85,19 +102,33 @@ mod bench {
         }
     }
 
-    fn ours() -> impl FnMut() {
-        let link = udp::open(GROUP).unwrap();
+    fn link() -> impl FnMut() {
+        let link = udp::open(GROUPS[0]).unwrap();
         move || {
-            link.send(&Frame::standard(ASKED, &[0x40, 0x64, 0x60, 0, 0, 0, 0, 0])).unwrap();
-            await_frame(&link, ANSWERED);
+            link.send(&Frame::standard(ASKED.0, &ASKED.1)).unwrap();
+            await_frame(&link, ANSWERED.0);
         }
     }
 
-    pub(super) fn answer_link() {
-        let link = udp::open(GROUP).unwrap();
+    fn whole() -> impl FnMut() {
+        let driver = TmclCan::driver(TmclCan::generic(), 1);
+        let host = TmclCan::host(&HostOptions::new(0), &[1]);
+        let lane = Lane::<Can, _>::new(host, [Box::new(driver) as _]);
+        let link = udp::open(GROUPS[1]).unwrap();
+        let connection = Connection::new::<Can>(Box::new(link), Box::new(lane));
+        move || {
+            let deadline = clock::now().plus_ms(1_000);
+            let outcome = connection
+                .ask(deadline, |axes, now, ticket| axes.raw(now, ticket, AxisIndex(0), "GAP 0"));
+            assert!(matches!(outcome, Ok(Some(Outcome::Done(_)))), "{outcome:?}");
+        }
+    }
+
+    pub(super) fn answer(group: usize) {
+        let link = udp::open(GROUPS[group]).unwrap();
         loop {
-            await_frame(&link, ASKED);
-            link.send(&Frame::standard(ANSWERED, &[0x43, 0x64, 0x60, 0, 1, 2, 3, 4])).unwrap();
+            await_frame(&link, ASKED.0);
+            link.send(&Frame::standard(ANSWERED.0, &ANSWERED.1)).unwrap();
         }
     }
 
