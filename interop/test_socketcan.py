@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import POLEPAIR, ROOT
 
 HERE = Path(__file__).resolve().parent / "socketcan"
 GATEWAY = ROOT / "target" / "release" / "examples" / "can_gateway"
@@ -15,6 +15,7 @@ SKIPPED = 77
 CHECKS = [
     "candump_and_cansend_see_the_same_frames",
     "python_can_sees_the_same_frames",
+    "candump_sees_a_simulated_drive_asked_and_answering",
     "the_kernels_slcan_driver_attaches_to_our_adapter",
     "a_bit_rate_is_read_and_compared",
     "our_client_attaches_to_slcanpty",
@@ -33,7 +34,7 @@ def guest(*words):
 
 @pytest.fixture(scope="module")
 def told():
-    return guest(sys.executable, HERE / "foreign.py", GATEWAY)
+    return guest(sys.executable, HERE / "foreign.py", GATEWAY, POLEPAIR)
 
 
 @pytest.mark.parametrize("check", CHECKS)
