@@ -19,6 +19,7 @@
 mod armed;
 mod fail;
 mod running;
+mod streamed;
 
 pub use armed::Armed;
 pub use running::Running;

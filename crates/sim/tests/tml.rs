@@ -13,6 +13,7 @@ use polepair_core::stream::{PathKind, Point};
 use polepair_core::time::Instant;
 use polepair_sim::host;
 use polepair_sim::node::{CAN_PORT, Drive, SERIAL_PORT};
+use polepair_sim::random::Ppm;
 use polepair_sim::serial_line::Serial;
 use polepair_sim::world::{NodeId, WireId, World};
 
@@ -160,6 +161,11 @@ impl Bench {
 
     fn verb(&mut self, axis: u8, verb: Verb) -> Outcome {
         self.command(axis, Command::new(verb))
+    }
+
+    fn raw(&mut self, axis: u8, text: &str) -> Outcome {
+        self.axes(|axes, _| axes.arm(AxisIndex(axis), true));
+        self.run(|axes, now, ticket| axes.raw(now, ticket, AxisIndex(axis), text))
     }
 
     fn truth(&mut self, drive: usize) -> Truth {
@@ -336,4 +342,115 @@ fn ten_thousand_points_arrive_with_their_counter_whole() {
         assert!((bench.truth(drive).position - end).abs() < 0.02, "{n}: {:?}", bench.truth(drive));
         assert_eq!(bench.counters().silent, 0);
     }
+}
+
+#[test]
+fn a_point_whose_acknowledgement_is_lost_is_sent_once() {
+    let mut bench = Bench::relay("tmlcan", &[1]);
+    assert!(done(bench.verb(0, Verb::Enable)));
+    // One transmission in a hundred is lost, questions and acknowledgements alike.
+    if let Some(faults) = bench.world.faults(bench.wire) {
+        (faults.lose_request, faults.lose_reply) = (Ppm(3_000), Ppm(3_000));
+    }
+    let outcome = stream(&mut bench, 0, 500, 0.060);
+    if let Some(faults) = bench.world.faults(bench.wire) {
+        *faults = polepair_sim::fault::Faults::default();
+    }
+    assert_eq!(outcome, Outcome::Done(500));
+    assert!(bench.counters().silent > 0, "{:?}", bench.counters());
+    let end = 2.0 * (1.0 - (500.0_f64 / 50.0).cos());
+    assert!((bench.truth(0).position - end).abs() < 0.02, "{:?}", bench.truth(0));
+}
+
+#[test]
+fn a_stop_ends_a_path() {
+    let mut bench = Bench::relay("tmlcan", &[1]);
+    assert!(done(bench.verb(0, Verb::Enable)));
+    let ticket = Ticket(900);
+    bench.axes(|axes, now| axes.stream(now, ticket, AxisIndex(0), PathKind::Pvt).unwrap());
+    let far: Vec<Point> = (1..=400)
+        .map(|n| Point { position: f64::from(n) * 0.2, velocity: 10.0, time: 0.02 })
+        .collect();
+    assert_eq!(bench.axes(|axes, _| axes.feed(ticket, &far, false)), Some(400));
+    let until = bench.world.now().plus_ms(500);
+    bench.world.run_until(until);
+    assert!((bench.truth(0).velocity - 10.0).abs() < 1.0);
+    bench.axes(|axes, now| {
+        axes.command(now, Ticket(901), AxisIndex(0), Command::new(Verb::Stop)).unwrap();
+    });
+    let until = bench.world.now().plus_ms(500);
+    bench.world.run_until(until);
+    assert!(bench.truth(0).velocity.abs() < 0.5, "{:?}", bench.truth(0));
+    let mut ends: Vec<_> =
+        bench.axes(|axes, _| std::iter::from_fn(|| axes.poll_outcome()).collect());
+    ends.sort_by_key(|(ticket, _)| ticket.0);
+    assert_eq!(ends[0], (ticket, Outcome::Unknown(Failure::Cancelled)));
+    assert!(matches!(ends[1], (Ticket(901), Outcome::Done(_))));
+    assert_eq!(bench.axes(|axes, _| axes.feed(ticket, &far, false)), None);
+}
+
+#[test]
+fn a_path_that_starves_is_told() {
+    let mut bench = Bench::can("tmlcan", HostOptions::new(BIT_RATE), &[1], &[1]);
+    assert!(done(bench.verb(0, Verb::Enable)));
+    let ticket = Ticket(900);
+    bench.axes(|axes, now| axes.stream(now, ticket, AxisIndex(0), PathKind::Pvt).unwrap());
+    let few: Vec<Point> = (1..=20)
+        .map(|n| Point { position: f64::from(n) * 0.2, velocity: 10.0, time: 0.02 })
+        .collect();
+    bench.axes(|axes, _| axes.feed(ticket, &few, false));
+    let until = bench.world.now().plus_ms(3000);
+    bench.world.run_until(until);
+    let outcome = bench.axes(|axes, _| axes.poll_outcome());
+    let Some((_, Outcome::Unknown(Failure::NotReady { hint }))) = outcome else {
+        panic!("{outcome:?}")
+    };
+    assert!(hint.contains("ran out of points"));
+    assert!(bench.truth(0).velocity.abs() < 0.5);
+}
+
+#[test]
+fn a_group_starts_at_once_with_one_message() {
+    let options = HostOptions::new(BIT_RATE);
+    let mut bench = Bench::can("tmlcan", options, &[5, 7, GROUP | 1], &[5, 7]);
+    assert!(done(bench.verb(2, Verb::Enable)));
+    assert!(bench.truth(0).enabled && bench.truth(1).enabled);
+    assert!(done(bench.command(2, velocity(20.0))));
+    let until = bench.world.now().plus_ms(1000);
+    bench.world.run_until(until);
+    let (a, b) = (bench.truth(0), bench.truth(1));
+    assert!((a.velocity - 20.0).abs() < 1.0 && (a.position - b.position).abs() < 0.02);
+    assert!(done(bench.verb(2, Verb::Stop)));
+    assert!(bench.truth(0).velocity.abs() < 1.0 && bench.truth(1).velocity.abs() < 1.0);
+}
+
+#[test]
+fn setsync_keeps_ten_drives_within_a_slow_loop() {
+    let mut world = World::new(1);
+    let wire = world.can(CanLine { bit_rate: BIT_RATE });
+    let axes: Vec<u32> = (1..=10).collect();
+    let with_group: Vec<u32> = axes.iter().copied().chain([GROUP | 1]).collect();
+    let host = world.add(lane("tmlcan", HostOptions::new(BIT_RATE), &with_group));
+    world.plug_host(wire, host, 0);
+    let mut drives = Vec::new();
+    for axis in &axes {
+        let ppm = (i64::from(*axis) * 180 - 990).to_string();
+        let drive = world.add(device(*axis, &[("can", "tmlcan"), ("clock-ppm", &ppm)]));
+        world.plug_drive(wire, drive, CAN_PORT);
+        drives.push(drive);
+    }
+    let mut bench = Bench::of(world, wire, host, drives);
+    for axis in 0..10 {
+        assert!(done(bench.raw(axis, "ENDINIT")));
+    }
+    assert!(done(bench.raw(0, "SETSYNC 20")));
+    let until = bench.world.now().plus_ms(20_000);
+    bench.world.run_until(until);
+    // One question to all of them, so that all look at their clocks at the same time.
+    let _ = bench.read(10, "ATIME");
+    let times: Vec<i64> = bench.parts.iter().map(|(_, time)| *time).collect();
+    let (least, most) = (times.iter().min().unwrap(), times.iter().max().unwrap());
+    assert_eq!(times.len(), 10);
+    assert!(most - least <= 1, "{times:?}");
+    assert!(*least > 19_900);
 }

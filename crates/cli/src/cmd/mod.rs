@@ -13,6 +13,7 @@ mod ports;
 mod scan;
 mod set;
 mod sim;
+mod stream;
 mod verbs;
 mod watch;
 
@@ -78,6 +79,8 @@ pub enum Verb {
     Home(moves::Home),
     /// Turn a motor slowly until Ctrl-C
     Jog(moves::Jog),
+    /// Move an axis along the points of a file
+    Stream(stream::Stream),
     /// Show signals or parameters again and again
     Watch(watch::Watch),
     /// List the serial adapters, and why one cannot be used
@@ -111,6 +114,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Torque(verb) => verb.run(),
         Verb::Home(verb) => verb.run(),
         Verb::Jog(verb) => verb.run(),
+        Verb::Stream(verb) => verb.run(),
         Verb::Watch(verb) => verb.run(),
         Verb::Ports(verb) => verb.run(),
         Verb::Params(verb) => verb.run(),

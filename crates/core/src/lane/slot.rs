@@ -223,8 +223,8 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         let id = like.ok_or(Unsupported::BadArgument)?;
         let parameter = self.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
         let raw = self.to_raw(id, si).ok_or(match self.si(id) {
-            Some(_) => Unsupported::BadArgument,
-            None => Unsupported::Forbidden(NO_SCALE),
+            None if self.missing(id).is_none() => Unsupported::Forbidden(NO_SCALE),
+            _ => Unsupported::BadArgument,
         })?;
         in_range(parameter, id, raw)?;
         Ok(Some(raw))
