@@ -15,17 +15,23 @@ use std::time::Duration;
 
 /// Keeps the frames that passed, and counts runs of bytes.
 #[derive(Clone, Default)]
-struct Watcher(Arc<Mutex<(Vec<(Direction, Frame)>, usize)>>);
+struct Watcher(Arc<Mutex<Passed>>);
+
+#[derive(Default)]
+struct Passed {
+    frames: Vec<(Direction, Frame)>,
+    runs: usize,
+}
 
 impl Tap<Can> for Watcher {
     fn unit(&mut self, _: Instant, direction: Direction, frame: &Frame) {
-        self.0.lock().unwrap().0.push((direction, *frame));
+        self.0.lock().unwrap().frames.push((direction, *frame));
     }
 }
 
 impl Tap<Stream> for Watcher {
     fn unit(&mut self, _: Instant, _: Direction, _: &[u8]) {
-        self.0.lock().unwrap().1 += 1;
+        self.0.lock().unwrap().runs += 1;
     }
 }
 
@@ -50,11 +56,12 @@ fn tmcl_modules_on_a_bus_are_found_and_turned() {
         assert!((speed - std::f64::consts::TAU).abs() < 0.3, "{speed}");
     }
     assert!(link.simulation().unwrap().truth(0, 0).unwrap().velocity.abs() < 1e-6);
-    let (frames, bytes) = &*watcher.0.lock().unwrap();
-    let to = |direction| frames.iter().filter(move |(d, _)| *d == direction).map(|(_, f)| f.id);
+    let passed = watcher.0.lock().unwrap();
+    let to =
+        |direction| passed.frames.iter().filter(move |(d, _)| *d == direction).map(|(_, f)| f.id);
     assert!(to(Direction::ToDrive).all(|id| id == 1 || id == 3));
     assert!(to(Direction::ToHost).all(|id| id == 2) && to(Direction::ToHost).count() > 5);
-    assert_eq!(*bytes, 0);
+    assert_eq!(passed.runs, 0);
 }
 
 #[test]
@@ -79,8 +86,14 @@ fn one_question_finds_every_drive_where_the_protocol_has_one() {
         assert_eq!(numbers, [5, 7, 31], "{url}");
         assert!(found.tried[0].ends_with("all with one question"), "{:?}", found.tried);
         // One to all; the rest asks those three what they are.
-        let sent =
-            watcher.0.lock().unwrap().0.iter().filter(|(d, _)| *d == Direction::ToDrive).count();
+        let sent = watcher
+            .0
+            .lock()
+            .unwrap()
+            .frames
+            .iter()
+            .filter(|(d, _)| *d == Direction::ToDrive)
+            .count();
         assert!(sent < 40, "{sent}");
     }
 }
