@@ -144,8 +144,8 @@ fn lines_are_the_same_however_the_capture_is_cut() {
 
 #[test]
 fn the_nearest_word_is_found_or_none() {
-    let words = ["tmcl", "modbus-rtu", "modbus-ascii"];
-    assert_eq!(nearest("tmlc", words), Some("tmcl"));
+    let words = ["tmcl", "modbus-rtu", "modbus-ascii", "tml"];
+    assert_eq!(nearest("tmlc", words), Some("tmcl"), "swapped letters are one slip");
     assert_eq!(nearest("modbus", words), Some("modbus-rtu"));
     assert_eq!(nearest("ethercat", words), None);
     let error = Rules::parse("no-such-protocol@3").expect_err("unknown");
