@@ -206,7 +206,7 @@ impl Connector {
         line: &Line,
         simulation: Option<&Simulation>,
     ) -> Result<Vec<Axis>, Error> {
-        let named = url.key("profile").map(|name| self.named_profile(name, line)).transpose()?;
+        let named = self.chosen_profile(url, line)?;
         let mut found = Vec::new();
         for &number in &line.numbers {
             found.push(match named {
@@ -247,8 +247,8 @@ impl Connector {
         profile: &'static polepair_core::profile::Profile,
         identified: Identified,
     ) -> Result<Axis, Error> {
-        let (profile, identified) = match url.key("profile") {
-            Some(name) => (self.named_profile(name, line)?, Identified::Named),
+        let (profile, identified) = match self.chosen_profile(url, line)? {
+            Some(profile) => (profile, Identified::Named),
             None => (profile, identified),
         };
         let (connection, before) = line.probe(&[(profile, number)])?;
@@ -263,6 +263,23 @@ impl Connector {
             identified,
             simulation: None,
         })
+    }
+
+    /// The profile that a connection string chooses: by name, or a drive's set-up archive.
+    fn chosen_profile(
+        &self,
+        url: &Url,
+        line: &Line,
+    ) -> Result<Option<&'static polepair_core::profile::Profile>, Error> {
+        if let Some(file) = url.key("setup") {
+            let profile = crate::profile::load(Path::new(file))?;
+            if profile.protocol == line.spoken.profile {
+                return Ok(Some(profile));
+            }
+            let what = format!("the set-up {file} is not of a {} drive", line.spoken.name);
+            return Err(Error::usage("E213", what, "choose another profile, or leave setup= out"));
+        }
+        url.key("profile").map(|name| self.named_profile(name, line)).transpose()
     }
 
     fn named_profile(

@@ -26,9 +26,10 @@ pub const AXES_MAX: usize = 256;
 const KEYS_MAX: usize = 32;
 
 const LINKS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
-const SERIAL_KEYS: [&str; 10] =
-    ["profile", "timeout", "gap", "host", "echo", "parity", "stop", "wire", "ack", "pause"];
-const CAN_KEYS: [&str; 5] = ["profile", "timeout", "host", "bitrate", "ack"];
+const SERIAL_KEYS: [&str; 11] = [
+    "profile", "setup", "timeout", "gap", "host", "echo", "parity", "stop", "wire", "ack", "pause",
+];
+const CAN_KEYS: [&str; 6] = ["profile", "setup", "timeout", "host", "bitrate", "ack"];
 const SIM_KEYS: [&str; 13] = [
     "axes", "seed", "time", "profile", "timeout", "gap", "host", "echo", "baud", "bitrate", "wire",
     "ack", "pause",

@@ -127,7 +127,7 @@ pub fn run(verb: Verb) -> Result {
 /// A user's own profile.
 #[derive(Args, Debug)]
 pub struct ProfileFile {
-    /// Describe a drive by a TOML file of your own
+    /// Describe a drive by a TOML file of your own, or by a TML drive's set-up archive (.t.zip)
     #[arg(long = "profile", value_name = "FILE")]
     file: Option<PathBuf>,
 }

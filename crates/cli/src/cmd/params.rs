@@ -25,6 +25,9 @@ pub struct Params {
     family: Option<String>,
     /// One parameter, by its name or by the manual's symbol, or a part of it
     name: Option<String>,
+    /// Write the memory of a TML drive as a set-up archive, NAME.t.zip
+    #[arg(long, value_name = "FILE", requires = "family", conflicts_with = "name")]
+    write_setup: Option<std::path::PathBuf>,
     #[command(flatten)]
     profiles: super::ProfileFile,
 }
@@ -32,6 +35,11 @@ pub struct Params {
 impl Params {
     pub fn run(self) -> Result {
         let known = self.profiles.known()?;
+        if let (Some(family), Some(file)) = (&self.family, &self.write_setup) {
+            let written = polepair::profile::write_setup(find(&known, family)?, file);
+            written.map_err(|error| crate::outcome::error(error.into()))?;
+            return Ok(Exit::Ok);
+        }
         let text = match (&self.family, &self.name) {
             (None, _) => drives_known(&known),
             (Some(family), None) => parameters(find(&known, family)?, |_| true),

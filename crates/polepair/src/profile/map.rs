@@ -3,13 +3,13 @@
 //! A map is the whole truth of a firmware: parameters that are known keep their words and take its
 //! addresses and types, others come without words, and what the map does not name is not there.
 
-use super::draft::{Draft, DraftParameter};
+use super::draft::{Draft, DraftParameter, DraftStep, Named};
 use super::read::{ENTRIES_MAX, encoding_range};
 use crate::file::{FileError, Found, Place};
 use crate::words::folded;
 use polepair_core::profile::{Access, Certainty, Encoding, Persistence};
 use polepair_core::units::Unit;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// What speeds and positions are computed with.
 const COUNTS_PER_TURN: &str = "ENCRESLONG";
@@ -38,34 +38,97 @@ pub(crate) struct Entry<'a> {
 
 /// Makes the draft's parameters those of the map.
 pub(crate) fn apply(draft: &mut Draft, map: &Found<String>) -> Result<(), FileError> {
-    let entries = entries(&map.value).map_err(|reason| map.place.error(reason))?;
+    let entries = entries(&map.value, true).map_err(|reason| map.place.error(reason))?;
+    apply_entries(draft, entries, &map.place);
+    Ok(())
+}
+
+/// As [`apply`], of names that are read already.
+pub(crate) fn apply_entries(draft: &mut Draft, entries: Vec<Entry<'_>>, place: &Place) {
     let known = draft.parameters.drain(..).map(|p| (folded(symbol(&p)), p));
     let mut known: HashMap<String, DraftParameter> = known.collect();
     let mut parameters = Vec::with_capacity(entries.len());
     for entry in entries {
         parameters.push(match known.remove(&folded(entry.name)) {
             Some(parameter) => moved(parameter, &entry),
-            None => unnamed(&entry, &map.place),
+            None => unnamed(&entry, place),
         });
     }
     draft.parameters = parameters;
-    Ok(())
+    raw_without_scale(draft);
+    without_missing(draft);
+}
+
+/// What is scaled by a parameter that the map lacks is shown raw.
+fn raw_without_scale(draft: &mut Draft) {
+    let known: HashSet<String> =
+        draft.parameters.iter().flat_map(|p| [folded(&p.name), folded(&p.symbol)]).collect();
+    for p in &mut draft.parameters {
+        let lacks = |name: &Option<Named>| {
+            name.as_ref().is_some_and(|name| !known.contains(&folded(&name.value)))
+        };
+        if lacks(&p.times) || lacks(&p.over) {
+            (p.times, p.over, p.unit) = (None, None, Unit::None);
+            p.factor = if p.encoding == Encoding::Fixed { 1.0 / 65536.0 } else { 1.0 };
+        }
+    }
+}
+
+/// Drops steps and readings of what this drive does not have.
+fn without_missing(draft: &mut Draft) {
+    let known: HashSet<String> =
+        draft.parameters.iter().flat_map(|p| [folded(&p.name), folded(&p.symbol)]).collect();
+    let has = |name: &Named| known.contains(&folded(&name.value));
+    draft.signals.retain(|signal| has(&signal.parameter));
+    draft.plans.retain(|plan| {
+        let steps = plan.steps.iter().chain(&plan.undo);
+        steps.flat_map(named).all(has)
+    });
+    draft.identity = draft.identity.take().filter(|it| it.parameter.as_ref().is_none_or(has));
+}
+
+/// Parameters that a step names.
+fn named(step: &DraftStep) -> Vec<&Named> {
+    match step {
+        DraftStep::Write(name, ..) | DraftStep::Ensure(name, ..) => vec![name],
+        DraftStep::Read(name) | DraftStep::Keep(name) => vec![name],
+        DraftStep::Copy { from, to } => vec![from, to],
+        DraftStep::Require { read, .. }
+        | DraftStep::NoFault { read, .. }
+        | DraftStep::Until { read, .. } => vec![read],
+        DraftStep::Send { like, .. } => like.iter().collect(),
+        DraftStep::Wait { .. } => Vec::new(),
+    }
+}
+
+/// The vendor's word for a type.
+pub(crate) fn type_of(encoding: Encoding) -> &'static str {
+    TYPES.iter().find(|(_, known)| *known == encoding).map_or("INT", |(word, _)| word)
 }
 
 fn symbol(p: &DraftParameter) -> &str {
     if p.symbol.is_empty() { &p.name } else { &p.symbol }
 }
 
-/// The names of a map; what lies outside the address space or has a foreign type is left out.
-pub(crate) fn entries(text: &str) -> Result<Vec<Entry<'_>>, String> {
-    let mut entries = Vec::new();
+/// The names of a map; what lies outside the address space or has a foreign type is left out. Lines
+/// that make no sense are errors in a `strict` map, which people write; in a tool's they are left
+/// out as well, as is a name's second line.
+pub(crate) fn entries(text: &str, strict: bool) -> Result<Vec<Entry<'_>>, String> {
+    let mut entries: Vec<Entry<'_>> = Vec::new();
+    let mut names = HashSet::new();
     for (at, line) in text.lines().enumerate() {
         let line = line.split('#').next().unwrap_or("").trim();
         if line.is_empty() {
             continue;
         }
-        let entry = entry(line).map_err(|reason| format!("map, line {}: {reason}", at + 1))?;
-        entries.extend(entry);
+        match entry(line) {
+            Ok(entry) => {
+                let new = |entry: &Entry<'_>| strict || names.insert(folded(entry.name));
+                entries.extend(entry.filter(new));
+            }
+            Err(reason) if strict => return Err(format!("map, line {}: {reason}", at + 1)),
+            Err(_) => {}
+        }
         if entries.len() > ENTRIES_MAX {
             return Err(format!("the map has more than {ENTRIES_MAX} names"));
         }

@@ -27,9 +27,12 @@ mod draft;
 mod map;
 mod read;
 mod resolve;
+mod setup;
 mod step;
 #[cfg(test)]
 mod tests;
+
+pub use setup::write_setup;
 
 use crate::file::{FileError, Found};
 use crate::words;
@@ -57,12 +60,15 @@ pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
     kept(&Shelf { folder: None }.draft(file, text, 0)?)
 }
 
-/// Reads a profile file. `extends` may name another file of its folder, or a profile that is
+/// Reads a profile file, or the set-up archive of a TML drive (`.t.zip`). `extends` may name another file of its folder, or a profile that is
 /// compiled in.
 ///
 /// # Errors
 /// [`FileError`], also for a file that cannot be read.
 pub fn load(path: &Path) -> Result<&'static Profile, FileError> {
+    if setup::is_archive(path) {
+        return kept(&setup::draft(path)?);
+    }
     let text = text_of(path)?;
     let folder = path.parent().map(Path::to_path_buf);
     kept(&Shelf { folder }.draft(&path.display().to_string(), &text, 0)?)

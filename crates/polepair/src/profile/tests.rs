@@ -340,3 +340,12 @@ fn a_bad_map_names_its_line() {
         assert_eq!(error.to_string(), format!("m.toml:3:7: map, line 2: {reason}"));
     }
 }
+
+#[test]
+fn both_firmwares_of_technosoft_have_every_verb_and_reading() {
+    let shipped = polepair_core::drives::profiles().iter().filter(|p| p.family == "technosoft");
+    let counts: Vec<_> =
+        shipped.map(|p| (p.plans.len(), p.signals.len(), p.faults.len())).collect();
+    assert_eq!(counts.len(), 2);
+    assert_eq!(counts[0], counts[1]);
+}

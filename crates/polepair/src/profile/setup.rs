@@ -1,0 +1,201 @@
+//! Set-up archives of TML drives, `NAME.t.zip`: `variables.cfg` lists the memory of exactly that
+//! drive's firmware, user variables included.
+//!
+//! The words, units, faults and steps come from the shipped profile whose memory is most alike; what
+//! the archive does not name is not offered. The values of the set-up table stand in `setup.cfg`,
+//! whose form no source gives: it is not read.
+
+use super::draft::Draft;
+use super::map;
+use super::read::MEMORY;
+use crate::file::{FileError, Place};
+use crate::words::folded;
+use polepair_core::profile::{Parameter, Profile};
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::Path;
+use zip::write::SimpleFileOptions;
+use zip::{ZipArchive, ZipWriter};
+
+/// The file with the memory's names.
+const VARIABLES: &str = "variables.cfg";
+/// The largest archive, bytes.
+const ARCHIVE_MAX: u64 = 4 << 20;
+/// Files in an archive.
+const FILES_MAX: usize = 256;
+/// The longest list of variables, bytes unpacked.
+const VARIABLES_MAX: u64 = 1 << 20;
+
+/// Whether a file is an archive, by its name.
+pub(super) fn is_archive(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zip"))
+}
+
+/// Reads an archive.
+pub(super) fn draft(path: &Path) -> Result<Draft, FileError> {
+    let file = path.display().to_string();
+    let text = variables(path).map_err(|reason| FileError::whole(&file, reason))?;
+    let place = Place::built_in(&format!("{file}: {VARIABLES}"));
+    let entries = map::entries(&text, false).map_err(|reason| place.error(reason))?;
+    let base = alike(&entries).ok_or_else(|| {
+        place.error("no variable stands where a shipped TML profile has it: is this a TML drive's?")
+    })?;
+    let mut draft = Draft::of(base);
+    draft.name = name_of(path);
+    draft.title = format!("{} with the set-up of {}", base.title, draft.name);
+    draft.place = place.clone();
+    map::apply_entries(&mut draft, entries, &place);
+    Ok(draft)
+}
+
+/// The text of `variables.cfg`; bytes that are no UTF-8 can only stand in comments.
+fn variables(path: &Path) -> Result<String, String> {
+    let file = File::open(path).map_err(|e| e.to_string())?;
+    if file.metadata().is_ok_and(|meta| meta.len() > ARCHIVE_MAX) {
+        return Err(format!("larger than {ARCHIVE_MAX} bytes"));
+    }
+    let mut archive = ZipArchive::new(file).map_err(|e| format!("no archive: {e}"))?;
+    if archive.len() > FILES_MAX {
+        return Err(format!("more than {FILES_MAX} files in it"));
+    }
+    let last = |name: &str| name.rsplit(['/', '\\']).next().unwrap_or("").to_ascii_lowercase();
+    let names = archive.file_names().filter_map(Result::ok).map(std::borrow::Cow::into_owned);
+    let known = names.into_iter().find(|name| last(name) == VARIABLES);
+    let known = known.ok_or_else(|| format!("no {VARIABLES} in it"))?;
+    let packed = archive.by_name(&known).map_err(|e| format!("{known}: {e}"))?;
+    let mut bytes = Vec::new();
+    let read = packed.take(VARIABLES_MAX + 1).read_to_end(&mut bytes);
+    read.map_err(|e| format!("{known}: {e}"))?;
+    if bytes.len() as u64 > VARIABLES_MAX {
+        return Err(format!("{known}: longer than {VARIABLES_MAX} bytes"));
+    }
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// The shipped profile that has most names at the same addresses.
+fn alike(entries: &[map::Entry<'_>]) -> Option<&'static Profile> {
+    let places: HashSet<(String, u16)> =
+        entries.iter().map(|entry| (folded(entry.name), entry.address)).collect();
+    let common = |profile: &&&'static Profile| {
+        let same = |p: &&Parameter| places.contains(&(folded(p.symbol), p.index));
+        profile.parameters.iter().filter(same).count()
+    };
+    let memories = polepair_core::drives::profiles().iter().filter(|p| p.protocol == MEMORY);
+    // Of equals the first: maps share most of their names.
+    let best = memories.rev().max_by_key(common).copied()?;
+    (common(&&best) > 0).then_some(best)
+}
+
+/// `My drive.t.zip` → `my-drive`.
+fn name_of(path: &Path) -> String {
+    let stem = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let stem = stem.trim_end_matches(".zip").trim_end_matches(".t");
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c);
+    let name: String = stem.chars().map(|c| if plain(c) { c } else { '-' }).collect();
+    if name.is_empty() { "setup".to_owned() } else { name }
+}
+
+/// Writes the memory of a profile as a set-up archive, which [`load`](super::load) reads again.
+///
+/// # Errors
+/// [`FileError`] for a profile that is no memory, and for a file that cannot be written.
+pub fn write_setup(profile: &Profile, path: &Path) -> Result<(), FileError> {
+    let file = path.display().to_string();
+    if profile.protocol != MEMORY {
+        let reason = format!("`{}` has no memory map: only TML drives have set-ups", profile.name);
+        return Err(FileError::whole(file, reason));
+    }
+    let pack = || -> zip::result::ZipResult<()> {
+        let mut archive = ZipWriter::new(File::create(path)?);
+        archive.start_file(VARIABLES, SimpleFileOptions::default())?;
+        writeln!(archive, "# {}", profile.title)?;
+        for p in profile.parameters {
+            writeln!(archive, "{} {} @0x{:04X}", map::type_of(p.encoding), p.symbol, p.index)?;
+        }
+        archive.finish()?.sync_all()?;
+        Ok(())
+    };
+    pack().map_err(|e| FileError::whole(file, e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ARCHIVE_MAX, name_of, write_setup};
+    use crate::profile::load;
+    use polepair_core::drives::profiles;
+    use std::io::Write;
+    use std::path::{Path, PathBuf};
+    use zip::write::SimpleFileOptions;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("polepair-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    fn archive(path: &Path, file: &str, text: &[u8]) {
+        let mut zip = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
+        zip.start_file(file, SimpleFileOptions::default()).unwrap();
+        zip.write_all(text).unwrap();
+        zip.finish().unwrap();
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let folder = folder("setup");
+        for profile in profiles().iter().filter(|p| p.protocol == "tml") {
+            let path = folder.join("My Drive.t.zip");
+            write_setup(profile, &path).unwrap();
+            let read = load(&path).unwrap();
+            assert_eq!((read.name, read.protocol), ("my-drive", "tml"));
+            assert_eq!(read.parameters.len(), profile.parameters.len());
+            for (a, b) in read.parameters.iter().zip(profile.parameters) {
+                assert_eq!((a.symbol, a.index, a.encoding), (b.symbol, b.index, b.encoding));
+                assert_eq!((a.name, a.about), (b.name, b.about));
+            }
+            assert_eq!(read.signals.len(), profile.signals.len());
+            assert_eq!(read.plans.len(), profile.plans.len());
+        }
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn an_archive_brings_its_own_variables_and_drops_what_it_lacks() {
+        let folder = folder("setup-own");
+        let path = folder.join("cell.t.zip");
+        let text = b"# caf\xE9\r\nLONG APOS @0x0228 [rot]\r\nINT my_counter @0x03B0\r\n\
+                     UINT SRL @0x090E\r\nCHAR odd @0x1\r\nLONG APOS @0x0300\r\n";
+        archive(&path, "Setup/Variables.cfg", text);
+        let profile = load(&path).unwrap();
+        let symbols: Vec<_> = profile.parameters.iter().map(|p| (p.symbol, p.index)).collect();
+        assert_eq!(symbols, [("APOS", 0x228), ("my_counter", 0x3B0), ("SRL", 0x90E)]);
+        assert!(profile.signal(polepair_core::profile::Signal::Position).is_some());
+        assert!(profile.signal(polepair_core::profile::Signal::Fault).is_none());
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn hostile_archives_are_refused_with_a_reason() {
+        let folder = folder("setup-bad");
+        let path = folder.join("x.t.zip");
+        let reason = || load(&path).unwrap_err().reason;
+        std::fs::write(&path, b"PK\x03\x04 and nothing else").unwrap();
+        assert!(reason().contains("no archive"), "{}", reason());
+        archive(&path, "setup.cfg", b"");
+        assert_eq!(reason(), "no variables.cfg in it");
+        archive(&path, "variables.cfg", b"INT NOBODY @0x0001");
+        assert!(reason().contains("is this a TML drive's"), "{}", reason());
+        archive(&path, "variables.cfg", &vec![b'\n'; (1 << 20) + 1]);
+        assert!(reason().contains("longer than"), "a small archive with much in it: {}", reason());
+        std::fs::File::create(&path).unwrap().set_len(ARCHIVE_MAX + 1).unwrap();
+        assert!(reason().contains("larger than"), "{}", reason());
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn names_of_files_become_names_of_profiles() {
+        assert_eq!(name_of(Path::new("/a/Axis 7.T.ZIP")), "axis-7");
+        assert_eq!(name_of(Path::new(".zip")), "setup");
+    }
+}
