@@ -146,12 +146,13 @@ impl Witness {
         if asked > velocity.max(asked_before) + ROUNDING {
             return Some(("I14", format!("set to {asked:.2} rad/s, held to {velocity:.2}")));
         }
-        let seconds = now.since(at).as_secs_f64();
-        if asked - asked_before > acceleration * (seconds + TICK_S) + ROUNDING {
-            let gain = (asked - asked_before) / seconds;
+        let (turns, turned) = (truth.velocity.abs(), before.velocity.abs());
+        // A drive may start its ramp anew from the motor, as fast as that is.
+        let (seconds, slowest) = (now.since(at).as_secs_f64(), asked_before.max(turned));
+        if asked - slowest > acceleration * (seconds + TICK_S) + ROUNDING {
+            let gain = (asked - slowest) / seconds;
             return Some(("I14", format!("set to {gain:.1} rad/s², held to {acceleration:.1}")));
         }
-        let (turns, turned) = (truth.velocity.abs(), before.velocity.abs());
         let top = velocity.max(asked).max(asked_before).max(turned);
         if turns > top * (1.0 + OVERSHOOT.0) + OVERSHOOT.1 {
             return Some(("I14", format!("turns at {turns:.2} rad/s, held to {velocity:.2}")));

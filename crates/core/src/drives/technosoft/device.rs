@@ -128,9 +128,9 @@ impl Bench for Device {
             fault: drive.faults(),
             flash_writes: drive.memory.writes,
             unrepeatable: drive.unrepeatable,
+            starts: drive.starts,
             bounds: drive.shaft.servo.bounds(),
             setpoint: drive.shaft.servo.regulated(),
-            ..Truth::default()
         }
     }
 

@@ -46,6 +46,8 @@ pub(super) struct Drive {
     pub baud: u32,
     pub bit_rate: u32,
     pub unrepeatable: u64,
+    /// What powered the motor or gave it somewhere to go: AXISON, UPD, a position written to TPOS.
+    pub starts: u64,
     pub notice: Option<&'static str>,
     /// What programs and hosts read is as old as the last tick or instruction.
     published: bool,
@@ -83,6 +85,7 @@ impl Drive {
             baud: 0,
             bit_rate: 0,
             unrepeatable: 0,
+            starts: 0,
             notice: None,
             published: false,
             options,
@@ -266,6 +269,7 @@ impl Drive {
             }
         }
         self.status.srl |= srl::AXIS_ON;
+        self.starts += 1;
         true
     }
 

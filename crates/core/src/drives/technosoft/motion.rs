@@ -122,6 +122,7 @@ impl Drive {
         }
         self.memory.put_long(at::POS0, self.shaft.count());
         self.begin(mode, word);
+        self.starts += 1;
         Ok(())
     }
 
@@ -143,6 +144,7 @@ impl Drive {
         let position = self.shaft.place(self.memory.long(at::TPOS));
         self.shaft.servo.follow(Setpoint { position, ..Setpoint::default() });
         self.shaft.servo.go(Goal::Position(position));
+        self.starts += u64::from(self.shaft.servo.is_enabled());
     }
 
     /// Whether a ramp to rest is under way.

@@ -60,6 +60,18 @@ fn a_way_that_is_left_is_noticed() {
 }
 
 #[test]
+fn a_ramp_may_start_anew_from_the_motor() {
+    let set = |velocity| Some(Setpoint { velocity, ..Setpoint::default() });
+    let turning = Truth { velocity: 3.0, ..held() };
+    for (asked, expected) in [(3.9, None), (4.9, Some("I14"))] {
+        let mut witness = rested();
+        assert_eq!(witness.look(at(1_010), turning, true), None);
+        let anew = Truth { setpoint: set(asked), ..turning };
+        assert_eq!(invariant(witness.look(at(1_020), anew, true)), expected);
+    }
+}
+
+#[test]
 fn what_is_beyond_a_bound_is_noticed() {
     let set = |velocity| Some(Setpoint { velocity, ..Setpoint::default() });
     let cases = [

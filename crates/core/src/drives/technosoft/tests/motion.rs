@@ -53,6 +53,15 @@ fn relative_moves_add_up_and_additive_ones_to_the_last_target() {
     assert_eq!(desk.read_long(0x02B2), 4000);
     assert!((desk.read_long(0x0228) - 4000).abs() <= 1);
     assert_eq!(desk.device.truth(desk.now).unrepeatable, 4);
+    let starts = desk.device.truth(desk.now).starts;
+    assert_eq!(starts, 5, "AXISON and four moves");
+    desk.tell(0x0002, &[]);
+    desk.update();
+    desk.long(0x02B2, 5000);
+    assert_eq!(desk.device.truth(desk.now).starts, starts, "without power nothing starts");
+    desk.tell(0x0102, &[]);
+    desk.long(0x02B2, 5000);
+    assert_eq!(desk.device.truth(desk.now).starts, starts + 2);
 }
 
 #[test]
