@@ -1,5 +1,7 @@
 extern crate std;
 
+mod axis;
+mod checks;
 mod codec;
 mod pair;
 mod world;

@@ -252,6 +252,22 @@ fn a_reply_to_what_was_asked_before_a_cut_answers_nothing_after_it() {
 }
 
 #[test]
+fn a_late_reply_prolongs_the_quarantine() {
+    // The read's answer comes late, the probe's later still: it must not answer what is asked next.
+    for format in formats() {
+        let mut world = World::plain(format);
+        let lateness = |n| [250 * MS, 400 * MS].get(n - 1).copied().unwrap_or(0);
+        world.fault = Box::new(move |n, bytes| vec![(lateness(n), bytes)]);
+        let before = world.now;
+        assert_eq!(world.read(3, 1).unwrap().words[0], 771);
+        let coil = Ask::Read { space: Space::Coil, start: 1, count: 1 };
+        assert_eq!(world.ask(1, coil, Class::Idempotent).unwrap().words[0], 0, "{format:?}");
+        assert!(world.now >= before.plus_ms(500), "asked before the probe was answered");
+        assert_eq!(world.replies, 3);
+    }
+}
+
+#[test]
 fn a_stop_is_let_into_the_quarantine() {
     let mut world = World::plain(Format::Rtu);
     world.fault = Box::new(|n, bytes| vec![(if n == 1 { 250 * MS } else { 0 }, bytes)]);
