@@ -413,6 +413,7 @@ fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         gap_us: gap_us.or((baud == 0).then_some(0)),
         host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
         echo: url.flag("echo")?,
+        answers_only: answers_only(url)?,
         ..HostOptions::new(baud)
     })
 }
@@ -446,6 +447,18 @@ fn standard(url: &Url) -> Result<Option<proto::Wire>, Error> {
         Some(other) => {
             let what = format!("`wire={other}` is neither rs232 nor rs485");
             Err(Error::usage("E210", what, ""))
+        }
+    }
+}
+
+/// Whether the bus behind a relay brings back nothing but answers to one axis.
+fn answers_only(url: &Url) -> Result<bool, Error> {
+    match url.key("relay") {
+        None | Some("tmlcan") => Ok(false),
+        Some("technocan") => Ok(true),
+        Some(other) => {
+            let what = format!("`relay={other}` is neither tmlcan nor technocan");
+            Err(Error::usage("E210", what, "it is what the relay speaks on its CAN bus"))
         }
     }
 }

@@ -26,13 +26,14 @@ pub const AXES_MAX: usize = 256;
 const KEYS_MAX: usize = 32;
 
 const LINKS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
-const SERIAL_KEYS: [&str; 11] = [
+const SERIAL_KEYS: [&str; 12] = [
     "profile", "setup", "timeout", "gap", "host", "echo", "parity", "stop", "wire", "ack", "pause",
+    "relay",
 ];
 const CAN_KEYS: [&str; 6] = ["profile", "setup", "timeout", "host", "bitrate", "ack"];
-const SIM_KEYS: [&str; 13] = [
+const SIM_KEYS: [&str; 14] = [
     "axes", "seed", "time", "profile", "timeout", "gap", "host", "echo", "baud", "bitrate", "wire",
-    "ack", "pause",
+    "ack", "pause", "relay",
 ];
 
 /// A connection string, taken apart.

@@ -282,6 +282,30 @@ fn a_question_to_a_group_on_rs485_is_refused_before_a_byte_is_sent() {
 }
 
 #[test]
+fn behind_a_technocan_relay_nobody_speaks_but_when_asked() {
+    let options = HostOptions { answers_only: true, ..HostOptions::new(9600) };
+    let mut world = World::new(1);
+    let (wire, can) = (world.serial(Serial::RS232), world.can(CanLine { bit_rate: BIT_RATE }));
+    let host = world.add(lane("tml", options, &[255, 1, GROUP | 1]));
+    world.plug_host(wire, host, 0);
+    let drives: Vec<NodeId> = [255, 1]
+        .iter()
+        .map(|axis| {
+            let drive = world.add(device(*axis, &[("can", "technocan")]));
+            world.plug_drive(can, drive, CAN_PORT);
+            drive
+        })
+        .collect();
+    world.plug_drive(wire, drives[0], SERIAL_PORT);
+    let mut bench = Bench::of(world, wire, host, drives);
+    for outcome in [bench.read(2, "MER"), bench.write(1, "SRL_MASK", 0x0400)] {
+        assert!(hint(outcome).is_some_and(|hint| hint.contains("no drive receives TakeData2")));
+    }
+    assert_eq!(bench.counters().sent, 0);
+    assert_eq!(bench.read(1, "KPP"), Outcome::Done(288), "one axis is asked as ever");
+}
+
+#[test]
 fn the_wrong_host_id_is_refused_with_its_reason() {
     let wrong = HostOptions { host: Some(5), ..HostOptions::new(BIT_RATE) };
     let mut bench = Bench::can("tmlcan", wrong, &[5], &[5]);
