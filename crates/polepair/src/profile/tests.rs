@@ -318,7 +318,8 @@ fn a_map_moves_known_parameters_and_drops_the_others() {
     let text = "name = \"moved\"\nextends = \"technosoft-f514l\"\nmap = \"\"\"\n\
                 LONG APOS @0x0A28\nFIXED ASPD @0x022C\nINT IQ @0x230\nLONG TPOS @0x2B2\n\
                 FIXED TSPD @0x2B4\nUINT MER @0x8FC\nUINT SRL @0x90E\nUINT MCR @0x309\n\
-                ULONG ENCRESLONG @0x84C\nINT MINE @0x366\n\"\"\"\n";
+                ULONG ENCRESLONG @0x84C\nINT MINE @0x366\nLONG CPOS @0x29E\nFIXED CSPD @0x2A0\n\
+                FIXED CACC @0x2A2\nFIXED HOMESPD @0x994\nULONG SR32 @0x90E\n\"\"\"\n";
     let moved = crate::profile::parse("moved.toml", text).unwrap();
     let position = moved.parameter(moved.find("actual position").unwrap()).unwrap();
     assert_eq!((position.symbol, position.index), ("APOS", 0x0A28));
