@@ -21,7 +21,7 @@ use crate::medium::Medium;
 use crate::plan::Step;
 use crate::profile::{ParameterId, Profile};
 use crate::station::{
-    AxisIndex, Class, Counters, Host, LineEvent, Request, Station, Ticket, Timed, To,
+    AxisIndex, Class, Counters, Event, Host, LineEvent, Request, Station, Ticket, Timed, To,
 };
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
@@ -86,27 +86,13 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     /// Takes what the host has to tell, as it may after every call.
     #[inline]
     fn settle(&mut self, now: Instant) {
-        while let Some((to, answer)) = self.host.poll_event() {
-            match (to, answer) {
-                (To::Ticket(Ticket(n)), _) => {
-                    self.jobs.answered(now, &mut self.slots, *n as usize, answer);
-                }
-                (To::Address(address), Ok(answer)) => {
-                    slot::unasked(now, &mut self.slots, *address, answer);
-                }
-                (To::Part(Ticket(n), address), _) => {
-                    let part = (*n as usize, *address);
-                    let part = self.jobs.part(now, &mut self.slots, part, answer);
-                    if let Some(part) = part.filter(|_| self.parts.len() < self.parts.capacity()) {
-                        self.parts.push_back(part);
-                    }
-                }
-                (To::Address(_), Err(_)) => {}
-            }
+        while let Some(event) = self.host.poll_event() {
+            take(now, &mut self.jobs, &mut self.slots, &mut self.parts, event);
         }
     }
 
     /// Hands the host the next request, if one is ready and the host can take it.
+    #[inline]
     fn feed(&mut self, now: Instant) {
         while let Some((n, job)) = self.jobs.next() {
             let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
@@ -130,6 +116,28 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             // A host may end a request at once that its protocol's rules forbid.
             self.settle(now);
         }
+    }
+}
+
+/// Takes one thing that the host had to tell.
+#[inline(never)]
+fn take<R: Request, A: Copy + 'static>(
+    now: Instant,
+    jobs: &mut Table<R>,
+    slots: &mut [Slot<R, A>],
+    parts: &mut VecDeque<Part>,
+    (to, answer): &Event<A>,
+) {
+    match (to, answer) {
+        (To::Ticket(Ticket(n)), _) => jobs.answered(now, slots, *n as usize, answer),
+        (To::Address(address), Ok(answer)) => slot::unasked(now, slots, *address, answer),
+        (To::Part(Ticket(n), address), _) => {
+            let part = jobs.part(now, slots, (*n as usize, *address), answer);
+            if let Some(part) = part.filter(|_| parts.len() < parts.capacity()) {
+                parts.push_back(part);
+            }
+        }
+        (To::Address(_), Err(_)) => {}
     }
 }
 

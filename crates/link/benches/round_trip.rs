@@ -1,5 +1,6 @@
 //! Request and reply over a pty: a whole connection beside the least that any program must do,
-//! write and blocking read, in turns against the same responder in another process.
+//! write and blocking read, in turns against the same responder in another process. And how soon
+//! another thread ends a wait.
 //!
 //! `cargo bench -p polepair-link`, under `taskset -c 1` for figures that repeat.
 
@@ -19,7 +20,8 @@ mod bench {
     use std::fs::File;
     use std::io::{Read, Write};
     use std::process::{Child, Command, Stdio};
-    use std::time::Instant as Clock;
+    use std::sync::{Arc, Mutex};
+    use std::time::{Duration, Instant as Clock};
 
     use polepair_core::error::Outcome;
     use polepair_core::lane::Lane;
@@ -28,12 +30,15 @@ mod bench {
     use polepair_core::proto::tmcl::Tmcl;
     use polepair_core::proto::{HostOptions, Protocol};
     use polepair_core::station::AxisIndex;
-    use polepair_link::{Connection, clock, serial};
+    use polepair_core::time::Instant;
+    use polepair_link::pty::Pty;
+    use polepair_link::{Connection, Link, Received, clock, serial};
     use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 
     const ROUNDS: usize = 100;
     const TURNS: usize = 50;
     const SERIES: usize = 9;
+    const WAKE_UPS: usize = 2_000;
 
     /// What goes over the wire: the floor's request, and what the responder answers to any.
     struct Exchange {
@@ -71,6 +76,32 @@ mod bench {
     pub(super) fn run() {
         compare::<Tmcl>(&TMCL);
         compare::<Rtu>(&MODBUS);
+        wake_up();
+    }
+
+    /// From the waker's use in one thread to the end of the wait in another.
+    fn wake_up() {
+        let pty = Pty::open(None).unwrap();
+        let mut buffer = [0; 16];
+        assert_eq!(pty.receive(&mut buffer, Instant::ZERO).unwrap(), Received::TimedOut);
+        let (waker, woken) = (pty.waker(), Arc::new(Mutex::new(Clock::now())));
+        let its = Arc::clone(&woken);
+        let other = std::thread::spawn(move || {
+            for _ in 0..WAKE_UPS {
+                std::thread::sleep(Duration::from_micros(500));
+                *its.lock().unwrap() = Clock::now();
+                waker.wake();
+            }
+        });
+        let mut micros: Vec<f64> = Vec::new();
+        while !other.is_finished() {
+            if pty.receive(&mut buffer, clock::now().plus_ms(5)).unwrap() == Received::Woken {
+                micros.push(woken.lock().unwrap().elapsed().as_secs_f64() * 1e6);
+            }
+        }
+        other.join().unwrap();
+        let best = micros.iter().copied().fold(f64::MAX, f64::min);
+        println!("wake-up: best {best:.1}, median {:.1} (µs)", median(micros));
     }
 
     fn compare<P: Protocol<Medium = Stream>>(exchange: &'static Exchange) {

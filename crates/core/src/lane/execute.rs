@@ -43,7 +43,7 @@ pub fn plain_read<'a, R: Request, A: Copy + 'static>(
 }
 
 /// The request that a ready job has next. Changes nothing that matters if the host will not have it.
-#[inline]
+#[inline(never)]
 pub fn next<R: Request, A: Copy + 'static>(
     now: Instant,
     job: &mut Job<R>,

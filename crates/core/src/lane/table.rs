@@ -26,8 +26,8 @@ pub struct Table<R> {
     sleeping: u64,
     /// Has its outcome.
     ended: u64,
-    /// Who was served last: the next one is looked for behind it.
-    turn: u32,
+    /// Those behind who was served last: the next one is looked for among them first.
+    behind: u64,
     /// When the first of those that wait goes on.
     pub wake: Option<Instant>,
 }
@@ -42,7 +42,7 @@ impl<R: Request> Table<R> {
             going: 0,
             sleeping: 0,
             ended: 0,
-            turn: 0,
+            behind: !1,
             wake: None,
         }
     }
@@ -95,7 +95,7 @@ impl<R: Request> Table<R> {
             (0, going) => going,
             (urgent, _) => urgent,
         };
-        let behind = from & (u64::MAX << (self.turn + 1).min(63));
+        let behind = from & self.behind;
         let pick = if behind == 0 { from } else { behind };
         let n = pick.trailing_zeros() as usize;
         Some((n, self.jobs.get_mut(n)?.as_mut()?))
@@ -105,7 +105,7 @@ impl<R: Request> Table<R> {
     #[inline]
     pub fn sent(&mut self, n: usize) {
         self.ready &= !(1 << n);
-        self.turn = n as u32;
+        self.behind = !1 << n;
     }
 
     /// Job `n` had its turn and sent nothing.
@@ -115,6 +115,7 @@ impl<R: Request> Table<R> {
     }
 
     /// What the answer to its request makes of job `n`.
+    #[inline]
     pub fn answered<A: Copy + 'static>(
         &mut self,
         now: Instant,
@@ -129,15 +130,14 @@ impl<R: Request> Table<R> {
             Ok(answer) => slot.driver.answer(parameter, answer),
             Err(failure) => Err(*failure),
         };
-        let raw = match job.parts {
-            Parts::None => raw,
-            _ => execute::together(job, raw),
-        };
         // What happens most, ahead of everything else: a read was answered.
-        if let (Task::Read(_), Asked::Read(id), Ok(raw)) = (&job.task, job.asked, &raw) {
-            slot.note(now, id, *raw);
-            return self.end(n, Outcome::Done(*raw));
+        if let (Task::Read(_), Asked::Read(id), Parts::None, Ok(raw)) =
+            (&job.task, job.asked, job.parts, raw)
+        {
+            slot.note(now, id, raw);
+            return self.end(n, Outcome::Done(raw));
         }
+        let raw = execute::together(job, raw);
         let next = execute::answered(now, job, slot, raw);
         self.follow(n, next);
     }

@@ -8,8 +8,10 @@
 use crate::medium::SerialLine;
 use crate::time::Instant;
 
-/// Clocks of both ends may differ by a twentieth; receivers bear less.
-const fn tolerated(ns: u64) -> u64 {
+/// The least that `ns` on the wire may last: clocks of both ends may differ by a twentieth, and
+/// receivers bear less.
+#[must_use]
+pub const fn tolerated(ns: u64) -> u64 {
     ns - ns / 20
 }
 

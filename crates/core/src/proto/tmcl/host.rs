@@ -10,7 +10,7 @@ use super::session::{Answer, Ask, Session};
 use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::HostOptions;
-use crate::proto::pace::Pace;
+use crate::proto::pace::{Pace, tolerated};
 use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
 
@@ -28,8 +28,8 @@ const SHIFT_PAUSE_MS: u32 = 35;
 pub struct SerialHost {
     session: Session,
     line: SerialLine,
-    /// How long a request and its reply take on the wire.
-    on_wire_ns: u64,
+    /// How long a request and its reply take on the wire, at least and at most.
+    on_wire_ns: (u64, u64),
     pace: Pace,
     /// Silence before a request after bytes that were no reply.
     quiet_ns: u64,
@@ -51,10 +51,11 @@ impl SerialHost {
         let host = options.host.and_then(|host| u8::try_from(host).ok()).unwrap_or(HOST);
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
         let line = SerialLine::n81(options.baud);
+        let on_wire_ns = line.characters_ns(2 * DATAGRAM as u32);
         Self {
             session: Session::new(host.into(), timeout),
             line,
-            on_wire_ns: line.characters_ns(2 * DATAGRAM as u32),
+            on_wire_ns: (tolerated(on_wire_ns), on_wire_ns),
             pace: Pace::new(&line),
             quiet_ns: line.characters_ns(QUIET_CHARACTERS),
             host,
@@ -191,7 +192,7 @@ impl Station<Stream> for SerialHost {
         self.shifted = false;
         self.session.counters.skipped += self.len as u64;
         self.len = 0;
-        self.pace.sent(now, self.on_wire_ns / 2);
+        self.pace.sent(now, self.on_wire_ns.1 / 2);
         let bytes = request.emit();
         self.sent = bytes;
         self.echo_due = true;
@@ -292,7 +293,7 @@ impl Station<Can> for CanHost {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        let request = self.session.transmit(now, 0)?;
+        let request = self.session.transmit(now, (0, 0))?;
         *out = self.frame(&request);
         Some(1)
     }

@@ -20,6 +20,13 @@ macro_rules! named {
             /// All that have names, by number.
             pub const NAMED: &'static [Self] = &[$(Self::$variant),+];
 
+            /// A bit for each number that has a name: every reply is asked for its own.
+            const NAMED_BITS: [u64; 4] = {
+                let mut bits = [0; 4];
+                $(bits[$number >> 6] |= 1 << ($number & 63);)+
+                bits
+            };
+
             /// The number on the wire.
             #[must_use]
             #[inline]
@@ -31,7 +38,7 @@ macro_rules! named {
             #[must_use]
             #[inline]
             pub const fn is_named(self) -> bool {
-                matches!(self.0, $($number)|+)
+                Self::NAMED_BITS[(self.0 >> 6) as usize] >> (self.0 & 63) & 1 != 0
             }
 
             /// The short name; empty for a number without one.

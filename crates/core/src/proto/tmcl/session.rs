@@ -212,17 +212,21 @@ impl Session {
         self.events.next()
     }
 
-    /// The request to send now, if one waits. `on_wire_ns` is how long it and its reply take on
-    /// the wire.
+    /// The request to send now, if one waits. It and its reply are on the wire
+    /// for `soonest_ns` at least, `on_wire_ns` at most.
     #[inline]
-    pub(super) fn transmit(&mut self, now: Instant, on_wire_ns: u64) -> Option<Request> {
+    pub(super) fn transmit(
+        &mut self,
+        now: Instant,
+        (soonest_ns, on_wire_ns): (u64, u64),
+    ) -> Option<Request> {
         let pending = self.pending.as_mut()?;
         if pending.sent || now < pending.not_before {
             return None;
         }
         let request = pending.ask.request;
         pending.sent = true;
-        pending.earliest = now.plus_ns(on_wire_ns - on_wire_ns / 20);
+        pending.earliest = now.plus_ns(soonest_ns);
         pending.deadline = now.plus_ns(on_wire_ns + self.timeout_ns);
         self.counters.sent += 1;
         if pending.attempts > 0 {
