@@ -90,6 +90,9 @@ fn a_dry_run_sends_nothing_of_it() {
     let last = "01 01 00 00 00 00 00 C8 CA  send ROR 0, 200: rotate right";
     assert_eq!(lines.last(), Some(&last), "{shown}");
     assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
+    // Degrees depend on the encoder's resolution, which is read first.
+    let shown = ok(&["move", &sim.url, "90deg", "--dry-run"]);
+    assert!(shown.contains("send MVP ABS, 0, 1024"), "{shown}");
     sim.end();
 }
 

@@ -474,14 +474,8 @@ impl Axis {
     /// # Errors
     /// [`Error::Unsupported`] as the command itself would give.
     pub fn rehearse(&self, command: Command) -> Result<Vec<Rehearsal>, Error> {
-        let rehearsed = match self.rehearsed(command) {
-            // Forbidden as long as the scale is not known.
-            Err(Unsupported::BadArgument | Unsupported::Forbidden(_)) => {
-                self.read_factors_of(command.verb)?;
-                self.rehearsed(command)
-            }
-            other => other,
-        };
+        self.read_factors_of(command.verb)?;
+        let rehearsed = self.rehearsed(command);
         rehearsed.map_err(|why| self.refuse(command.verb.name(), why))
     }
 
@@ -495,7 +489,7 @@ impl Axis {
         Ok(steps)
     }
 
-    /// Reads what the scales of a verb's arguments depend on.
+    /// Reads what the scales of a verb's arguments depend on, where it is not known yet.
     fn read_factors_of(&self, verb: Verb) -> Result<(), Error> {
         let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
         let scaled = steps.iter().filter_map(|step| match step {
@@ -503,7 +497,8 @@ impl Axis {
             Step::Send { like, .. } => *like,
             _ => None,
         });
-        scaled.filter_map(|id| self.profile.parameter(id)).try_for_each(|p| self.read_factors(p))
+        let mut parameters = scaled.filter_map(|id| self.profile.parameter(id));
+        parameters.try_for_each(|p| self.read_unread_factors(p))
     }
 
     /// Reads signals now, in SI, each parameter once.
