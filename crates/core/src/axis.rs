@@ -91,6 +91,7 @@ impl Verb {
             Self::Velocity => matches!(argument, Velocity | Acceleration),
             Self::Torque => matches!(argument, Torque),
             Self::MoveTo | Self::MoveBy => matches!(argument, Target | Velocity | Acceleration),
+            Self::Home => matches!(argument, Velocity),
             _ => false,
         }
     }

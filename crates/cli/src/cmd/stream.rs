@@ -22,7 +22,7 @@ pub struct Stream {
     target: Target,
     /// The points
     #[arg(value_name = "FILE")]
-    file: PathBuf,
+    path: PathBuf,
     /// Lines are `position, time`: the drive interpolates positions alone
     #[arg(long)]
     pt: bool,
@@ -37,6 +37,7 @@ impl Stream {
                 .why("Name it in the connection string: URL#1."));
         };
         caution(&session);
+        session.listen();
         let armed = axis.armed().map_err(outcome::error)?;
         let kind = if self.pt { PathKind::Pt } else { PathKind::Pvt };
         let count = armed.stream(kind, points).map_err(outcome::error)?;
@@ -46,8 +47,8 @@ impl Stream {
     }
 
     fn points(&self) -> Result<Vec<Point>> {
-        let name = self.file.display();
-        let text = std::fs::read_to_string(&self.file).map_err(|error| {
+        let name = self.path.display();
+        let text = std::fs::read_to_string(&self.path).map_err(|error| {
             Problem::usage("E210", format!("{name} cannot be read.")).why(error.to_string())
         })?;
         let numbered = text.lines().enumerate().map(|(n, line)| (n + 1, line));
