@@ -60,8 +60,8 @@ pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
     kept(&Shelf { folder: None }.draft(file, text, 0)?)
 }
 
-/// Reads a profile file, or the set-up archive of a TML drive (`.t.zip`). `extends` may name another file of its folder, or a profile that is
-/// compiled in.
+/// Reads a profile file, or the set-up archive of a TML drive (`.t.zip`). `extends` may name another
+/// file of its folder, or a profile that is compiled in.
 ///
 /// # Errors
 /// [`FileError`], also for a file that cannot be read.
