@@ -15,7 +15,7 @@ program serves both directions, and this page is made from it.
 ```sh
 polepair encode tml \"CPOS = -1000L\" --axis 5
 polepair encode technocan \"[G2]{STOP}\" --axis 3
-polepair decode tml 06 0F F0 20 5E 00 05 88
+polepair explain tml \"06 0F F0 20 5E 00 05 88\"
 ```
 
 ## How it is written
