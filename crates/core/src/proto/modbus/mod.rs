@@ -47,7 +47,7 @@ macro_rules! protocol {
             type Host = Host;
             const NAME: &'static str = $name;
             const PROFILE: &'static str = "modbus";
-            // TS manual V2 §2.2 and fine print: 1 to 127 on the drives known here; the standard
+            // TS manual V2 §2.2: 1 to 127 on the drives known here; the standard
             // allows up to 247.
             const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
             const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 1..=247;
