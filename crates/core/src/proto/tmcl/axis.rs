@@ -25,29 +25,13 @@ pub const AXIS_BITS: u8 = 4;
 pub struct Axis {
     profile: &'static Profile,
     module: u8,
-    motor: u8,
-    axis_bits: u8,
 }
 
 impl Axis {
     /// The first axis of the module at `address`.
     #[must_use]
     pub fn new(profile: &'static Profile, address: u32) -> Self {
-        Self { profile, module: address as u8, motor: 0, axis_bits: AXIS_BITS }
-    }
-
-    /// Another axis of the same module.
-    #[must_use]
-    pub const fn with_motor(mut self, motor: u8) -> Self {
-        self.motor = motor;
-        self
-    }
-
-    /// Bits of the motor byte that name the axis (GET INFO 20 tells 16 minus them), 1 to 8.
-    #[must_use]
-    pub const fn with_axis_bits(mut self, bits: u8) -> Self {
-        self.axis_bits = bits;
-        self
+        Self { profile, module: address as u8 }
     }
 
     /// A request on a parameter, by the opcodes for axis and for global ones.
@@ -57,9 +41,9 @@ impl Axis {
         [axis, global]: [Opcode; 2],
         value: i32,
     ) -> Result<Request, Unsupported> {
-        let upper = u32::from(parameter.index >> 8) << self.axis_bits;
+        let upper = u32::from(parameter.index >> 8) << AXIS_BITS;
         let (opcode, motor) = match parameter.space {
-            0 => (axis, u32::from(self.motor) | upper),
+            0 => (axis, upper),
             bank => (global, (u32::from(bank) - 1) | upper),
         };
         let motor = u8::try_from(motor)
@@ -123,7 +107,7 @@ impl Driver for Axis {
     fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
         let mut told = [None; TOLD_MAX];
         if let Answer::Event(reply) = answer {
-            let reached = i64::from(reply.value >> self.motor & 1);
+            let reached = i64::from(reply.value & 1);
             told[0] = Some(Told::Signal(Signal::Reached, reached));
         }
         told
@@ -187,8 +171,9 @@ impl Protocol for TmclCan {
     const NAME: &'static str = "tmcl";
     const PROFILE: &'static str = "tmcl";
     const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
-    // Standard CAN identifiers.
-    const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 0..=0x7FF;
+    // Identifiers go to 0x7FF, but a request holds its address in a byte: beyond it another module
+    // would be meant.
+    const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 0..=255;
     const HOST: Option<u32> = Some(super::wire::HOST as u32);
     const BAUD: u32 = 250_000;
 
