@@ -53,6 +53,11 @@ impl Place {
         Self { file: name.into(), line: 0, column: 0 }
     }
 
+    /// The beginning of a line, counted from 1.
+    pub(crate) fn line(file: &Arc<str>, line: usize) -> Self {
+        Self { file: Arc::clone(file), line: u32::try_from(line).unwrap_or(u32::MAX), column: 1 }
+    }
+
     /// So many characters further on the line.
     pub(crate) fn shifted(&self, characters: usize) -> Self {
         let more = u32::try_from(characters).unwrap_or(0);

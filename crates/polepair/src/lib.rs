@@ -19,6 +19,7 @@ pub mod amount;
 pub mod axis;
 pub mod config;
 pub mod connect;
+pub mod eds;
 pub mod error;
 mod file;
 mod identify;

@@ -1,0 +1,169 @@
+//! Electronic data sheets: a CANopen device's objects as its vendor lists them (EDS), and as one node
+//! of a network is configured (DCF). CiA 306-1.
+//!
+//! Vendors' files keep few of the standard's rules. What can only mean one thing is taken, with a
+//! warning that names the line; what can mean two is refused.
+//!
+//! ```
+//! let text = "[DeviceInfo]\nProductName=Feeder\n\
+//!             [MandatoryObjects]\nSupportedObjects=1\n1=0x1000\n\
+//!             [1000]\nParameterName=Device type\nObjectType=0x7\nDataType=0x0007\n\
+//!             AccessType=ro\nDefaultValue=0x00020192\n";
+//! let eds = polepair::eds::parse("feeder.eds", text)?;
+//! let kind = eds.entry(0x1000, 0).unwrap();
+//! assert_eq!((kind.name.as_str(), kind.default_at(5)), ("Device type", Some(0x0002_0192)));
+//! assert_eq!(polepair::eds::parse("again.eds", &eds.to_string())?.objects, eds.objects);
+//! # Ok::<(), polepair::FileError>(())
+//! ```
+
+mod ini;
+mod kind;
+mod read;
+#[cfg(test)]
+mod tests;
+mod value;
+mod write;
+
+pub use kind::{Access, DataType, ObjectType};
+pub use value::Literal;
+
+use crate::file::FileError;
+use std::path::Path;
+
+/// Objects of one file at most.
+pub const OBJECTS_MAX: usize = 16_384;
+/// Entries of one file at most, sub-indices counted each.
+pub const ENTRIES_MAX: usize = 65_536;
+/// Warnings that are kept at most; the last says how many more there were.
+pub const WARNINGS_MAX: usize = 100;
+
+/// What a file says.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Eds {
+    /// `[FileInfo]`, as it stands.
+    pub file: Vec<(String, String)>,
+    /// `[DeviceInfo]`, as it stands.
+    pub device: Vec<(String, String)>,
+    /// `[DeviceComissioning]`, as the standard spells it; empty in an EDS.
+    pub commissioning: Vec<(String, String)>,
+    /// The lines of `[Comments]`.
+    pub comments: Vec<String>,
+    /// The objects, by index.
+    pub objects: Vec<Object>,
+    /// Sections that describe no object, as they stand.
+    pub others: Vec<(String, Vec<(String, String)>)>,
+    /// What was taken although the standard has it otherwise.
+    pub warnings: Vec<FileError>,
+}
+
+/// One object.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Object {
+    /// Index, 0x0001 to 0xFFFF.
+    pub index: u16,
+    /// Its name.
+    pub name: String,
+    /// What it is.
+    pub kind: ObjectType,
+    /// `ObjFlags`: bit 0 refuses to be written by a download of the whole file, bit 1 refuses to be
+    /// read by a scan.
+    pub flags: u32,
+    /// Its entries by sub-index; a variable or domain has sub-index 0 alone.
+    pub entries: Vec<Entry>,
+    /// What else stands in its section.
+    pub others: Vec<(String, String)>,
+}
+
+/// One entry of the object dictionary.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Entry {
+    /// Sub-index.
+    pub sub: u8,
+    /// Its name; the object's for a variable.
+    pub name: String,
+    /// How its value lies on the wire.
+    pub data_type: DataType,
+    /// What SDO and PDO may do with it.
+    pub access: Access,
+    /// Whether a PDO may carry it.
+    pub mappable: bool,
+    /// Least value.
+    pub low: Option<Literal>,
+    /// Greatest value.
+    pub high: Option<Literal>,
+    /// Value from the factory.
+    pub default: Option<Literal>,
+    /// Value of this node (DCF).
+    pub value: Option<Literal>,
+    /// What else stands in its section: nothing for a variable, whose section is the object's.
+    pub others: Vec<(String, String)>,
+}
+
+impl Entry {
+    /// The value from the factory of the node of that id, where it is a whole number.
+    #[must_use]
+    pub fn default_at(&self, node: u8) -> Option<i64> {
+        self.default.as_ref()?.integer(node)
+    }
+}
+
+impl Eds {
+    /// The object of that index.
+    #[must_use]
+    pub fn object(&self, index: u16) -> Option<&Object> {
+        let at = self.objects.binary_search_by_key(&index, |object| object.index).ok()?;
+        Some(&self.objects[at])
+    }
+
+    /// The entry at that index and sub-index.
+    #[must_use]
+    pub fn entry(&self, index: u16, sub: u8) -> Option<&Entry> {
+        self.object(index)?.entries.iter().find(|entry| entry.sub == sub)
+    }
+
+    /// A line of `[DeviceInfo]`, letter case ignored.
+    #[must_use]
+    pub fn device_info(&self, key: &str) -> Option<&str> {
+        line(&self.device, key)
+    }
+
+    /// The node-ID that a DCF gives.
+    #[must_use]
+    pub fn node_id(&self) -> Option<u8> {
+        let text = line(&self.commissioning, "NodeID")?;
+        let id = value::number(text)?.value;
+        u8::try_from(id).ok().filter(|id| (1..=127).contains(id))
+    }
+}
+
+fn line<'a>(lines: &'a [(String, String)], key: &str) -> Option<&'a str> {
+    let found = lines.iter().find(|(known, _)| known.eq_ignore_ascii_case(key));
+    found.map(|(_, value)| value.as_str()).filter(|value| !value.is_empty())
+}
+
+/// Reads an EDS or DCF from text; `file` is its name in complaints.
+///
+/// # Errors
+/// [`FileError`] with line and reason, when no object can be made of it.
+pub fn parse(file: &str, text: &str) -> Result<Eds, FileError> {
+    read::eds(file, text)
+}
+
+/// Reads an EDS or DCF file. Bytes that are no UTF-8 are taken for Latin-1, in which most are
+/// written.
+///
+/// # Errors
+/// [`FileError`], also for a file that cannot be read.
+pub fn load(path: &Path) -> Result<Eds, FileError> {
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|e| FileError::whole(&name, e.to_string()))?;
+    if bytes.len() > FILE_MAX {
+        return Err(FileError::whole(name, format!("larger than {FILE_MAX} bytes")));
+    }
+    let text = String::from_utf8(bytes)
+        .unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect());
+    parse(&name, &text)
+}
+
+/// The largest file, bytes.
+const FILE_MAX: usize = 16 << 20;

@@ -1,0 +1,106 @@
+//! Writing a sheet as the standard orders it.
+
+use super::kind::{Access, ObjectType};
+use super::{Eds, Entry, Object};
+use std::fmt;
+
+/// Objects that every device has (CiA 301 §7.5.1).
+const MANDATORY: [u16; 3] = [0x1000, 0x1001, 0x1018];
+
+impl fmt::Display for Eds {
+    /// As a file: an EDS, or a DCF where values or a node-ID are given. Lines end as the standard
+    /// has it, with CR and LF.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        section(f, "FileInfo", &self.file)?;
+        section(f, "DeviceInfo", &self.device)?;
+        section(f, "DeviceComissioning", &self.commissioning)?;
+        if !self.comments.is_empty() {
+            write!(f, "[Comments]\r\nLines={}\r\n", self.comments.len())?;
+            for (n, line) in self.comments.iter().enumerate() {
+                write!(f, "Line{}={line}\r\n", n + 1)?;
+            }
+            f.write_str("\r\n")?;
+        }
+        for (name, lines) in &self.others {
+            section(f, name, lines)?;
+        }
+        let is_vendors = |index: u16| (0x2000..0x6000).contains(&index);
+        self.list(f, "MandatoryObjects", |index| MANDATORY.contains(&index))?;
+        self.list(f, "OptionalObjects", |i| !MANDATORY.contains(&i) && !is_vendors(i))?;
+        self.list(f, "ManufacturerObjects", is_vendors)?;
+        self.objects.iter().try_for_each(|object| write_object(f, object))
+    }
+}
+
+impl Eds {
+    fn list(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        name: &str,
+        belongs: impl Fn(u16) -> bool,
+    ) -> fmt::Result {
+        let indices = || self.objects.iter().map(|object| object.index).filter(|i| belongs(*i));
+        write!(f, "[{name}]\r\nSupportedObjects={}\r\n", indices().count())?;
+        for (n, index) in indices().enumerate() {
+            write!(f, "{}=0x{index:04X}\r\n", n + 1)?;
+        }
+        f.write_str("\r\n")
+    }
+}
+
+fn section(f: &mut fmt::Formatter<'_>, name: &str, lines: &[(String, String)]) -> fmt::Result {
+    if lines.is_empty() {
+        return Ok(());
+    }
+    write!(f, "[{name}]\r\n")?;
+    pairs(f, lines)?;
+    f.write_str("\r\n")
+}
+
+fn pairs(f: &mut fmt::Formatter<'_>, lines: &[(String, String)]) -> fmt::Result {
+    lines.iter().try_for_each(|(key, value)| write!(f, "{key}={value}\r\n"))
+}
+
+fn write_object(f: &mut fmt::Formatter<'_>, object: &Object) -> fmt::Result {
+    let Object { index, name, kind, .. } = object;
+    write!(f, "[{index:04X}]\r\nParameterName={name}\r\nObjectType=0x{:X}\r\n", kind.code())?;
+    if object.flags != 0 {
+        write!(f, "ObjFlags=0x{:X}\r\n", object.flags)?;
+    }
+    if kind.has_subs() {
+        write!(f, "SubNumber={}\r\n", object.entries.len())?;
+    } else if let Some(entry) = object.entries.first() {
+        write_value(f, entry)?;
+    }
+    pairs(f, &object.others)?;
+    f.write_str("\r\n")?;
+    if !kind.has_subs() {
+        return Ok(());
+    }
+    for entry in &object.entries {
+        write!(f, "[{index:04X}sub{:X}]\r\nParameterName={}\r\n", entry.sub, entry.name)?;
+        write!(f, "ObjectType=0x{:X}\r\n", ObjectType::Variable.code())?;
+        write_value(f, entry)?;
+        pairs(f, &entry.others)?;
+        f.write_str("\r\n")?;
+    }
+    Ok(())
+}
+
+fn write_value(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
+    let Entry { data_type, access, .. } = entry;
+    write!(f, "DataType=0x{:04X}\r\nAccessType={}\r\n", data_type.0, Access::word(*access))?;
+    write!(f, "PDOMapping={}\r\n", u8::from(entry.mappable))?;
+    let values = [
+        ("LowLimit", &entry.low),
+        ("HighLimit", &entry.high),
+        ("DefaultValue", &entry.default),
+        ("ParameterValue", &entry.value),
+    ];
+    for (key, value) in values {
+        if let Some(value) = value {
+            write!(f, "{key}={value}\r\n")?;
+        }
+    }
+    Ok(())
+}
