@@ -1,5 +1,6 @@
 //! The protocols. This is the one list of them: nothing outside names one.
 
+pub mod canopen;
 pub mod events;
 pub mod modbus;
 pub mod pace;

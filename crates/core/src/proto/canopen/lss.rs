@@ -1,0 +1,238 @@
+//! Layer setting services: node-ID and bit rate by the four numbers of object 1018h (CiA 305).
+
+use super::cob;
+use crate::error::WireError;
+use crate::medium::Frame;
+
+/// One of the four numbers that name a device, in the order of object 1018h.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Number {
+    /// Vendor-ID, sub-index 1.
+    Vendor,
+    /// Product code, sub-index 2.
+    Product,
+    /// Revision number, sub-index 3.
+    Revision,
+    /// Serial number, sub-index 4.
+    Serial,
+}
+
+impl Number {
+    /// All of them, in order.
+    pub const ALL: [Self; 4] = [Self::Vendor, Self::Product, Self::Revision, Self::Serial];
+
+    /// The one of that place, the upper six bits left out.
+    const fn at(place: u8) -> Self {
+        Self::ALL[(place & 3) as usize]
+    }
+}
+
+/// A number of the identification, or a bound of one, as the identify service names them.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Bound {
+    /// Vendor-ID.
+    Vendor,
+    /// Product code.
+    Product,
+    /// Least revision.
+    RevisionLow,
+    /// Greatest revision.
+    RevisionHigh,
+    /// Least serial number.
+    SerialLow,
+    /// Greatest serial number; whoever fits all six answers.
+    SerialHigh,
+}
+
+const BOUNDS: [Bound; 6] = [
+    Bound::Vendor,
+    Bound::Product,
+    Bound::RevisionLow,
+    Bound::RevisionHigh,
+    Bound::SerialLow,
+    Bound::SerialHigh,
+];
+
+/// From the master.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Request {
+    /// All devices: true to configuration, false back to waiting.
+    SwitchGlobal(bool),
+    /// The device of these four numbers to configuration; the last one is answered.
+    SwitchSelective(Number, u32),
+    /// Take that node-ID; 255 is none.
+    SetNode(u8),
+    /// Take that bit rate: table, index.
+    SetBitTiming(u8, u8),
+    /// Use the bit rate set: so many ms of silence before and after.
+    ActivateBitTiming(u16),
+    /// Keep node-ID and bit rate over power-off.
+    Store,
+    /// Tell a number.
+    Inquire(Number),
+    /// Tell the node-ID.
+    InquireNode,
+    /// Whoever fits all bounds, answer.
+    Identify(Bound, u32),
+    /// Whoever has no node-ID, answer.
+    IdentifyUnconfigured,
+    /// Whoever is without node-ID and agrees in the bits from `bit` up, answer.
+    FastScan {
+        /// The number so far.
+        number: u32,
+        /// Lowest bit that counts, 31 to 0; 128 begins anew.
+        bit: u8,
+        /// Which number.
+        sub: Number,
+        /// Which number is next.
+        next: Number,
+    },
+    /// None that the standard has.
+    Other(u8),
+}
+
+/// From a device.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Reply {
+    /// It is in configuration now, by its four numbers.
+    Selected,
+    /// Answer to [`Request::SetNode`]: 0 is done, else the error and the maker's own.
+    SetNode(u8, u8),
+    /// Answer to [`Request::SetBitTiming`].
+    SetBitTiming(u8, u8),
+    /// Answer to [`Request::Store`].
+    Store(u8, u8),
+    /// A number.
+    Number(Number, u32),
+    /// The node-ID.
+    Node(u8),
+    /// It fits, or agrees.
+    Identified,
+    /// It has no node-ID.
+    Unconfigured,
+    /// None that the standard has.
+    Other(u8),
+}
+
+/// Bit rates of the standard's table 0, by index, in kbit/s; 0 where none is.
+pub const KBIT_PER_S: [u16; 10] = [1000, 800, 500, 250, 125, 0, 50, 20, 10, 0];
+
+/// As [`Request::FastScan`]'s bit: whoever has no node-ID answers and begins anew.
+pub const FAST_SCAN_BEGIN: u8 = 128;
+
+impl Request {
+    /// The eight bytes.
+    #[must_use]
+    pub fn bytes(self) -> [u8; 8] {
+        match self {
+            Self::SwitchGlobal(on) => small(0x04, [on.into(), 0]),
+            Self::SwitchSelective(number, value) => long(0x40 + number as u8, value),
+            Self::SetNode(node) => small(0x11, [node, 0]),
+            Self::SetBitTiming(table, index) => small(0x13, [table, index]),
+            Self::ActivateBitTiming(ms) => small(0x15, ms.to_le_bytes()),
+            Self::Store => small(0x17, [0; 2]),
+            Self::Inquire(number) => small(0x5A + number as u8, [0; 2]),
+            Self::InquireNode => small(0x5E, [0; 2]),
+            Self::Identify(bound, value) => long(0x46 + bound as u8, value),
+            Self::IdentifyUnconfigured => small(0x4C, [0; 2]),
+            Self::FastScan { number, bit, sub, next } => {
+                let [_, a, b, c, d, ..] = long(0x51, number);
+                [0x51, a, b, c, d, bit, sub as u8, next as u8]
+            }
+            Self::Other(specifier) => small(specifier, [0; 2]),
+        }
+    }
+
+    /// The frame.
+    #[must_use]
+    pub fn emit(self) -> Frame {
+        Frame::standard(cob::LSS_REQUEST, &self.bytes())
+    }
+
+    /// Reads the data of a frame.
+    ///
+    /// # Errors
+    /// [`WireError::Short`] or [`WireError::Long`]: eight bytes are all.
+    pub fn parse(data: &[u8]) -> Result<Self, WireError> {
+        let bytes @ [specifier, a, b, ..] = eight(data)?;
+        Ok(match specifier {
+            0x04 => Self::SwitchGlobal(a != 0),
+            0x40..=0x43 => Self::SwitchSelective(Number::at(specifier), value(bytes)),
+            0x11 => Self::SetNode(a),
+            0x13 => Self::SetBitTiming(a, b),
+            0x15 => Self::ActivateBitTiming(u16::from_le_bytes([a, b])),
+            0x17 => Self::Store,
+            0x5A..=0x5D => Self::Inquire(Number::at(specifier - 0x5A)),
+            0x5E => Self::InquireNode,
+            0x46..=0x4B => Self::Identify(BOUNDS[usize::from(specifier - 0x46)], value(bytes)),
+            0x4C => Self::IdentifyUnconfigured,
+            0x51 => Self::FastScan {
+                number: value(bytes),
+                bit: bytes[5],
+                sub: Number::at(bytes[6]),
+                next: Number::at(bytes[7]),
+            },
+            other => Self::Other(other),
+        })
+    }
+}
+
+impl Reply {
+    /// The eight bytes.
+    #[must_use]
+    pub fn bytes(self) -> [u8; 8] {
+        match self {
+            Self::Selected => small(0x44, [0; 2]),
+            Self::SetNode(error, own) => small(0x11, [error, own]),
+            Self::SetBitTiming(error, own) => small(0x13, [error, own]),
+            Self::Store(error, own) => small(0x17, [error, own]),
+            Self::Number(number, value) => long(0x5A + number as u8, value),
+            Self::Node(node) => small(0x5E, [node, 0]),
+            Self::Identified => small(0x4F, [0; 2]),
+            Self::Unconfigured => small(0x50, [0; 2]),
+            Self::Other(specifier) => small(specifier, [0; 2]),
+        }
+    }
+
+    /// The frame.
+    #[must_use]
+    pub fn emit(self) -> Frame {
+        Frame::standard(cob::LSS_REPLY, &self.bytes())
+    }
+
+    /// Reads the data of a frame.
+    ///
+    /// # Errors
+    /// [`WireError::Short`] or [`WireError::Long`]: eight bytes are all.
+    pub fn parse(data: &[u8]) -> Result<Self, WireError> {
+        let bytes @ [specifier, a, b, ..] = eight(data)?;
+        Ok(match specifier {
+            0x44 => Self::Selected,
+            0x11 => Self::SetNode(a, b),
+            0x13 => Self::SetBitTiming(a, b),
+            0x17 => Self::Store(a, b),
+            0x5A..=0x5D => Self::Number(Number::at(specifier - 0x5A), value(bytes)),
+            0x5E => Self::Node(a),
+            0x4F => Self::Identified,
+            0x50 => Self::Unconfigured,
+            other => Self::Other(other),
+        })
+    }
+}
+
+const fn small(specifier: u8, [a, b]: [u8; 2]) -> [u8; 8] {
+    [specifier, a, b, 0, 0, 0, 0, 0]
+}
+
+const fn long(specifier: u8, value: u32) -> [u8; 8] {
+    let [a, b, c, d] = value.to_le_bytes();
+    [specifier, a, b, c, d, 0, 0, 0]
+}
+
+const fn value([_, a, b, c, d, ..]: [u8; 8]) -> u32 {
+    u32::from_le_bytes([a, b, c, d])
+}
+
+fn eight(data: &[u8]) -> Result<[u8; 8], WireError> {
+    data.try_into().map_err(|_| super::wrong_length(8, data))
+}

@@ -1,0 +1,34 @@
+//! CANopen: network management, service and process data on CAN, and drives by CiA 402.
+//!
+//! Sources: CiA 301 (services, objects 1000h to 1FFFh), CiA 302 (masters), CiA 305 (LSS), CiA 402
+//! (drives); chapter 3 of the TS servo drive's communication manual for what that drive does
+//! otherwise. What no source states is marked \[I\].
+
+pub mod cob;
+pub mod emcy;
+pub mod heartbeat;
+pub mod lss;
+pub mod nmt;
+pub mod pdo;
+pub mod sdo;
+pub mod sync;
+pub mod time;
+
+pub use cob::Cob;
+
+use crate::error::WireError;
+
+/// Node-IDs go from 1 to this.
+pub const NODE_MAX: u8 = 127;
+
+/// What is wrong with `data` where `need` bytes are the whole.
+const fn wrong_length(need: u16, data: &[u8]) -> WireError {
+    let found = data.len() as u16;
+    match found < need {
+        true => WireError::Short { need, found },
+        false => WireError::Long { need, found },
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,258 @@
+//! Process data: up to eight bytes that are the values of mapped objects (CiA 301, 7.2.2).
+
+use super::sdo::Object;
+
+/// Objects that [`Map`] holds unless told otherwise: one a byte.
+pub const MAPPED_MAX: usize = 8;
+/// Bits of a frame.
+pub const BITS_MAX: u8 = 64;
+
+/// When a PDO is sent, or when what it brings is taken (sub-index 2 of 1400h and 1800h on).
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Transmission {
+    /// With the SYNC after a change.
+    OnChange,
+    /// With every so many SYNCs, 1 to 240.
+    Cyclic(u8),
+    /// Sampled at SYNC, sent when asked by a remote request.
+    SampledOnRequest,
+    /// Sent when asked by a remote request.
+    OnRequest,
+    /// By events of the manufacturer's; with an event timer, by time.
+    Manufacturer,
+    /// By events of the device profile's; with an event timer, by time too.
+    Profile,
+    /// Reserved numbers, 241 to 251.
+    Reserved(u8),
+}
+
+impl From<u8> for Transmission {
+    fn from(number: u8) -> Self {
+        match number {
+            0 => Self::OnChange,
+            1..=240 => Self::Cyclic(number),
+            241..=251 => Self::Reserved(number),
+            252 => Self::SampledOnRequest,
+            253 => Self::OnRequest,
+            254 => Self::Manufacturer,
+            255 => Self::Profile,
+        }
+    }
+}
+
+impl From<Transmission> for u8 {
+    fn from(transmission: Transmission) -> Self {
+        match transmission {
+            Transmission::OnChange => 0,
+            Transmission::Cyclic(number) | Transmission::Reserved(number) => number,
+            Transmission::SampledOnRequest => 252,
+            Transmission::OnRequest => 253,
+            Transmission::Manufacturer => 254,
+            Transmission::Profile => 255,
+        }
+    }
+}
+
+impl Transmission {
+    /// True where SYNC has a say.
+    #[must_use]
+    pub const fn is_synchronous(self) -> bool {
+        matches!(self, Self::OnChange | Self::Cyclic(_) | Self::SampledOnRequest)
+    }
+}
+
+/// An identifier as objects hold it, with its flags.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct CobId(pub u32);
+
+impl CobId {
+    /// Bit 31: the PDO does not exist, the EMCY is not sent.
+    pub const INVALID: u32 = 1 << 31;
+    /// Bit 30 of a PDO's: no remote requests. Of SYNC's and TIME's: the device produces it.
+    pub const FLAG: u32 = 1 << 30;
+    /// Bit 29: 29 bits of identifier.
+    pub const EXTENDED: u32 = 1 << 29;
+
+    /// The identifier alone.
+    #[must_use]
+    pub const fn id(self) -> u32 {
+        self.0 & if self.is_extended() { 0x1FFF_FFFF } else { 0x7FF }
+    }
+
+    /// The thing exists.
+    #[must_use]
+    pub const fn is_valid(self) -> bool {
+        self.0 & Self::INVALID == 0
+    }
+
+    /// It has 29 bits.
+    #[must_use]
+    pub const fn is_extended(self) -> bool {
+        self.0 & Self::EXTENDED != 0
+    }
+}
+
+/// The communication parameters of a PDO (objects 1400h and 1800h on).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Communication {
+    /// Sub-index 1.
+    pub cob: CobId,
+    /// Sub-index 2.
+    pub transmission: Transmission,
+    /// Sub-index 3: least time between two, 0.1 ms.
+    pub inhibit: u16,
+    /// Sub-index 5: time after which it is sent anyway, ms; of an RPDO, after which it is missed.
+    pub event: u16,
+    /// Sub-index 6: the SYNC counter with which it begins to count; 0 without.
+    pub sync_start: u8,
+}
+
+/// One entry of a mapping (objects 1600h and 1A00h on): an object and how many bits of it.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub struct Entry {
+    /// What is mapped. Indices 1 to 7 are gaps of that data type's length.
+    pub object: Object,
+    /// Its length.
+    pub bits: u8,
+}
+
+impl From<u32> for Entry {
+    fn from(raw: u32) -> Self {
+        let object = Object { index: (raw >> 16) as u16, sub: (raw >> 8) as u8 };
+        Self { object, bits: raw as u8 }
+    }
+}
+
+impl From<Entry> for u32 {
+    fn from(Entry { object, bits }: Entry) -> Self {
+        Self::from(object.index) << 16 | Self::from(object.sub) << 8 | Self::from(bits)
+    }
+}
+
+impl Entry {
+    /// It maps nothing: bits that are there to be skipped.
+    #[must_use]
+    pub const fn is_gap(self) -> bool {
+        self.object.index < 8
+    }
+}
+
+/// Where a value lies among the 64 bits of a frame, byte 0 lowest.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Field {
+    /// Its lowest bit.
+    pub at: u8,
+    /// Its length, 1 to 64.
+    pub bits: u8,
+}
+
+impl Field {
+    /// Its value, without sign.
+    #[inline]
+    #[must_use]
+    pub const fn unsigned(self, data: u64) -> u64 {
+        data << self.above() >> self.rest()
+    }
+
+    /// Its value, the uppermost bit being the sign.
+    #[inline]
+    #[must_use]
+    pub const fn signed(self, data: u64) -> i64 {
+        (data << self.above()).cast_signed() >> self.rest()
+    }
+
+    /// `data` with `value` put there; bits of it that do not fit are cut.
+    #[inline]
+    #[must_use]
+    pub const fn put(self, data: u64, value: u64) -> u64 {
+        let ones = u64::MAX >> self.rest() << (self.at & 63);
+        data & !ones | value << (self.at & 63) & ones
+    }
+
+    /// Bits of the frame above it. Masked, so that no field whatever panics.
+    const fn above(self) -> u32 {
+        64u8.wrapping_sub(self.at).wrapping_sub(self.bits) as u32 & 63
+    }
+
+    /// Bits that it lacks of 64.
+    const fn rest(self) -> u32 {
+        64u8.wrapping_sub(self.bits) as u32 & 63
+    }
+}
+
+/// A mapping worked out: entries and where each lies.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Map<const N: usize = MAPPED_MAX> {
+    entries: [Entry; N],
+    fields: [Field; N],
+    len: u8,
+    bits: u8,
+}
+
+impl<const N: usize> Default for Map<N> {
+    fn default() -> Self {
+        Self { entries: [Entry::default(); N], fields: [Field::default(); N], len: 0, bits: 0 }
+    }
+}
+
+/// Why an entry does not fit into a mapping.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum MapError {
+    /// It has no bits.
+    Empty,
+    /// There would be more than [`BITS_MAX`] bits.
+    Long,
+    /// There would be more entries than places.
+    Many,
+}
+
+impl<const N: usize> Map<N> {
+    /// The mapping of these entries, in order.
+    ///
+    /// # Errors
+    /// [`MapError`] for the first one that does not fit.
+    pub fn new(entries: impl IntoIterator<Item = Entry>) -> Result<Self, MapError> {
+        let mut map = Self::default();
+        entries.into_iter().try_for_each(|entry| map.push(entry))?;
+        Ok(map)
+    }
+
+    /// One more entry, behind the others.
+    ///
+    /// # Errors
+    /// [`MapError`], and nothing is changed.
+    pub fn push(&mut self, entry: Entry) -> Result<(), MapError> {
+        let n = usize::from(self.len);
+        if entry.bits == 0 {
+            return Err(MapError::Empty);
+        }
+        let bits = self.bits.checked_add(entry.bits).filter(|bits| *bits <= BITS_MAX);
+        let bits = bits.ok_or(MapError::Long)?;
+        if n == N {
+            return Err(MapError::Many);
+        }
+        self.entries[n] = entry;
+        self.fields[n] = Field { at: self.bits, bits: entry.bits };
+        (self.len, self.bits) = (self.len + 1, bits);
+        Ok(())
+    }
+
+    /// Entries and where each lies.
+    #[inline]
+    pub fn fields(&self) -> impl ExactSizeIterator<Item = (Entry, Field)> + '_ {
+        let len = usize::from(self.len).min(N);
+        self.entries[..len].iter().copied().zip(self.fields[..len].iter().copied())
+    }
+
+    /// Bytes of the frame.
+    #[must_use]
+    pub const fn bytes(&self) -> u8 {
+        self.bits.div_ceil(8)
+    }
+
+    /// Nothing is mapped.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+}

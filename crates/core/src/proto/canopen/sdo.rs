@@ -1,0 +1,611 @@
+//! Service data: one object read or written, in eight bytes, in segments of seven, or in blocks of
+//! up to 127 such segments (CiA 301, 7.2.4).
+//!
+//! ```text
+//! byte 0             1  2     3          4 … 7
+//!      specifier     index    sub-index  data, or size
+//! ```
+//! Bits that the standard reserves do not count.
+
+use crate::error::WireError;
+use crate::medium::Frame;
+
+use super::cob;
+
+/// Bytes that a segment carries.
+pub const SEGMENT: usize = 7;
+/// Segments that a block has at most.
+pub const BLOCK_MAX: u8 = 127;
+
+/// One entry of a node's dictionary.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
+pub struct Object {
+    /// Index.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+}
+
+impl Object {
+    /// The object of that index and sub-index.
+    #[must_use]
+    pub const fn new(index: u16, sub: u8) -> Self {
+        Self { index, sub }
+    }
+}
+
+/// Up to four bytes that lie in the first frame itself.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Short {
+    /// The bytes, the first one lowest.
+    pub bits: u32,
+    /// How many of them there are, 1 to 4; 0 when the frame does not say.
+    pub len: u8,
+}
+
+impl Short {
+    /// The bytes; all four when the frame does not say how many there are.
+    #[must_use]
+    pub const fn bytes(&self) -> ([u8; 4], usize) {
+        let len = if self.len == 0 { 4 } else { self.len as usize };
+        (self.bits.to_le_bytes(), len)
+    }
+}
+
+/// Up to seven bytes of a longer value.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Segment {
+    /// Alternates from one segment to the next, beginning with false.
+    pub toggle: bool,
+    /// None follows.
+    pub last: bool,
+    /// How many of the bytes count.
+    pub len: u8,
+    /// The bytes.
+    pub data: [u8; SEGMENT],
+}
+
+impl Segment {
+    /// The bytes that count.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &self.data[..usize::from(self.len).min(SEGMENT)]
+    }
+}
+
+/// A segment of a block. Whether a frame is one can only be told from what came before.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct BlockSegment {
+    /// 1 to 127 within the block.
+    pub number: u8,
+    /// None follows.
+    pub last: bool,
+    /// The bytes; how many of the last ones count is told at the end.
+    pub data: [u8; SEGMENT],
+}
+
+impl BlockSegment {
+    /// Reads the eight bytes.
+    #[inline]
+    #[must_use]
+    pub const fn of([head, a, b, c, d, e, f, g]: [u8; 8]) -> Self {
+        Self { number: head & 0x7F, last: head & 0x80 != 0, data: [a, b, c, d, e, f, g] }
+    }
+
+    /// The eight bytes.
+    #[inline]
+    #[must_use]
+    pub const fn bytes(self) -> [u8; 8] {
+        let [a, b, c, d, e, f, g] = self.data;
+        [self.number & 0x7F | (self.last as u8) << 7, a, b, c, d, e, f, g]
+    }
+}
+
+/// From the client, the host.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Request {
+    /// Write up to four bytes.
+    Write(Object, Short),
+    /// Write what follows in segments; the size, if known.
+    WriteLong(Object, Option<u32>),
+    /// Part of what is written.
+    WriteSegment(Segment),
+    /// Read.
+    Read(Object),
+    /// The next part of what is read; toggle.
+    ReadSegment(bool),
+    /// Write what follows in blocks.
+    WriteBlock {
+        /// What is written.
+        object: Object,
+        /// The client can compute the check.
+        crc: bool,
+        /// Size, if known.
+        size: Option<u32>,
+    },
+    /// All blocks are written.
+    WriteBlockEnd {
+        /// Bytes of the last segment that do not count.
+        unused: u8,
+        /// The check over everything, if both can compute it.
+        crc: u16,
+    },
+    /// Read in blocks.
+    ReadBlock {
+        /// What is read.
+        object: Object,
+        /// The client can compute the check.
+        crc: bool,
+        /// Segments of a block, 1 to 127.
+        segments: u8,
+        /// The server may answer as to [`Request::Read`] when there are no more bytes than this; 0 is
+        /// never.
+        threshold: u8,
+    },
+    /// Begin with the first block.
+    ReadBlockStart,
+    /// So far the segments of this block arrived in order.
+    ReadBlockAck {
+        /// The last one that did; 0 is none.
+        arrived: u8,
+        /// Segments of the next block.
+        segments: u8,
+    },
+    /// Everything arrived and the check agrees.
+    ReadBlockEnd,
+    /// The transfer is over.
+    Abort(Object, Abort),
+    /// None that the standard has.
+    Other(u8),
+}
+
+/// From the server, the drive.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Reply {
+    /// Written, or ready for segments. The last four bytes are reserved; the TS repeats the data.
+    Written(Object, u32),
+    /// A segment was taken; toggle.
+    WrittenSegment(bool),
+    /// What was read, up to four bytes.
+    Value(Object, Short),
+    /// What was read comes in segments; the size, if known.
+    ValueLong(Object, Option<u32>),
+    /// Part of what is read.
+    ValueSegment(Segment),
+    /// Ready for blocks.
+    WriteBlockReady {
+        /// What is written.
+        object: Object,
+        /// The server can compute the check.
+        crc: bool,
+        /// Segments of a block, 1 to 127.
+        segments: u8,
+    },
+    /// So far the segments of this block arrived in order.
+    WriteBlockAck {
+        /// The last one that did; 0 is none.
+        arrived: u8,
+        /// Segments of the next block.
+        segments: u8,
+    },
+    /// Everything arrived and the check agrees.
+    WriteBlockDone,
+    /// What is read comes in blocks.
+    ReadBlockReady {
+        /// What is read.
+        object: Object,
+        /// The server can compute the check.
+        crc: bool,
+        /// Size, if known.
+        size: Option<u32>,
+    },
+    /// All blocks are sent.
+    ReadBlockEnd {
+        /// Bytes of the last segment that do not count.
+        unused: u8,
+        /// The check over everything, if both can compute it.
+        crc: u16,
+    },
+    /// The transfer is over.
+    Abort(Object, Abort),
+    /// None that the standard has.
+    Other(u8),
+}
+
+impl Request {
+    /// Reads eight bytes of which [`BlockSegment`]s were sorted out.
+    #[inline]
+    #[must_use]
+    pub const fn of(bytes: [u8; 8]) -> Self {
+        let word = Word(u64::from_le_bytes(bytes));
+        let head = bytes[0];
+        match head >> 5 {
+            0 => Self::WriteSegment(word.segment()),
+            1 if head & 2 != 0 => Self::Write(word.object(), word.short()),
+            1 => Self::WriteLong(word.object(), word.size(head & 1 != 0)),
+            2 => Self::Read(word.object()),
+            3 => Self::ReadSegment(word.toggle()),
+            4 => Self::Abort(word.object(), Abort(word.upper())),
+            5 => match head & 3 {
+                0 => Self::ReadBlock {
+                    object: word.object(),
+                    crc: head & 4 != 0,
+                    segments: bytes[4],
+                    threshold: bytes[5],
+                },
+                1 => Self::ReadBlockEnd,
+                2 => Self::ReadBlockAck { arrived: bytes[1], segments: bytes[2] },
+                _ => Self::ReadBlockStart,
+            },
+            6 if head & 1 == 0 => Self::WriteBlock {
+                object: word.object(),
+                crc: head & 4 != 0,
+                size: word.size(head & 2 != 0),
+            },
+            6 => Self::WriteBlockEnd { unused: head >> 2 & 7, crc: word.crc() },
+            _ => Self::Other(head),
+        }
+    }
+
+    /// The eight bytes.
+    #[inline]
+    #[must_use]
+    pub const fn bytes(self) -> [u8; 8] {
+        let word = match self {
+            Self::Write(object, short) => Word::short_of(0x22, object, short),
+            Self::WriteLong(object, size) => Word::sized(0x20, 1, object, size),
+            Self::WriteSegment(segment) => return segment_bytes(segment),
+            Self::Read(object) => Word::new(0x40, object, 0),
+            Self::ReadSegment(toggle) => Word(0x60 | (toggle as u64) << 4),
+            Self::WriteBlock { object, crc, size } => {
+                Word::sized(0xC0 | (crc as u8) << 2, 2, object, size)
+            }
+            Self::WriteBlockEnd { unused, crc } => Word::end(unused, crc),
+            Self::ReadBlock { object, crc, segments, threshold } => {
+                let upper = segments as u32 | (threshold as u32) << 8;
+                Word::new(0xA0 | (crc as u8) << 2, object, upper)
+            }
+            Self::ReadBlockStart => Word(0xA3),
+            Self::ReadBlockAck { arrived, segments } => Word::ack(arrived, segments),
+            Self::ReadBlockEnd => Word(0xA1),
+            Self::Abort(object, abort) => Word::new(0x80, object, abort.0),
+            Self::Other(head) => Word(head as u64),
+        };
+        word.0.to_le_bytes()
+    }
+
+    /// The frame to `node`.
+    #[inline]
+    #[must_use]
+    pub const fn emit(self, node: u8) -> Frame {
+        frame(cob::SDO_REQUEST, node, self.bytes())
+    }
+
+    /// What it is about, where it says.
+    #[must_use]
+    pub const fn object(self) -> Option<Object> {
+        match self {
+            Self::Write(object, _)
+            | Self::WriteLong(object, _)
+            | Self::Read(object)
+            | Self::WriteBlock { object, .. }
+            | Self::ReadBlock { object, .. }
+            | Self::Abort(object, _) => Some(object),
+            _ => None,
+        }
+    }
+}
+
+impl Reply {
+    /// Reads eight bytes of which [`BlockSegment`]s were sorted out.
+    #[inline]
+    #[must_use]
+    pub const fn of(bytes: [u8; 8]) -> Self {
+        let word = Word(u64::from_le_bytes(bytes));
+        let head = bytes[0];
+        match head >> 5 {
+            0 => Self::ValueSegment(word.segment()),
+            1 => Self::WrittenSegment(word.toggle()),
+            2 if head & 2 != 0 => Self::Value(word.object(), word.short()),
+            2 => Self::ValueLong(word.object(), word.size(head & 1 != 0)),
+            3 => Self::Written(word.object(), word.upper()),
+            4 => Self::Abort(word.object(), Abort(word.upper())),
+            5 => match head & 3 {
+                0 => Self::WriteBlockReady {
+                    object: word.object(),
+                    crc: head & 4 != 0,
+                    segments: bytes[4],
+                },
+                1 => Self::WriteBlockDone,
+                2 => Self::WriteBlockAck { arrived: bytes[1], segments: bytes[2] },
+                _ => Self::Other(head),
+            },
+            6 if head & 1 == 0 => Self::ReadBlockReady {
+                object: word.object(),
+                crc: head & 4 != 0,
+                size: word.size(head & 2 != 0),
+            },
+            6 => Self::ReadBlockEnd { unused: head >> 2 & 7, crc: word.crc() },
+            _ => Self::Other(head),
+        }
+    }
+
+    /// The eight bytes.
+    #[inline]
+    #[must_use]
+    pub const fn bytes(self) -> [u8; 8] {
+        let word = match self {
+            Self::Written(object, echo) => Word::new(0x60, object, echo),
+            Self::WrittenSegment(toggle) => Word(0x20 | (toggle as u64) << 4),
+            Self::Value(object, short) => Word::short_of(0x42, object, short),
+            Self::ValueLong(object, size) => Word::sized(0x40, 1, object, size),
+            Self::ValueSegment(segment) => return segment_bytes(segment),
+            Self::WriteBlockReady { object, crc, segments } => {
+                Word::new(0xA0 | (crc as u8) << 2, object, segments as u32)
+            }
+            Self::WriteBlockAck { arrived, segments } => Word::ack(arrived, segments),
+            Self::WriteBlockDone => Word(0xA1),
+            Self::ReadBlockReady { object, crc, size } => {
+                Word::sized(0xC0 | (crc as u8) << 2, 2, object, size)
+            }
+            Self::ReadBlockEnd { unused, crc } => Word::end(unused, crc),
+            Self::Abort(object, abort) => Word::new(0x80, object, abort.0),
+            Self::Other(head) => Word(head as u64),
+        };
+        word.0.to_le_bytes()
+    }
+
+    /// The frame from `node`.
+    #[inline]
+    #[must_use]
+    pub const fn emit(self, node: u8) -> Frame {
+        frame(cob::SDO_REPLY, node, self.bytes())
+    }
+
+    /// What it is about, where it says.
+    #[must_use]
+    pub const fn object(self) -> Option<Object> {
+        match self {
+            Self::Written(object, _)
+            | Self::Value(object, _)
+            | Self::ValueLong(object, _)
+            | Self::WriteBlockReady { object, .. }
+            | Self::ReadBlockReady { object, .. }
+            | Self::Abort(object, _) => Some(object),
+            _ => None,
+        }
+    }
+}
+
+/// The eight bytes that `data` must be.
+///
+/// # Errors
+/// [`WireError::Short`]: the standard has no shorter one. A [`Frame`] holds zeros behind its data,
+/// so who is lenient takes its eight bytes as they are.
+pub fn whole(data: &[u8]) -> Result<[u8; 8], WireError> {
+    data.try_into().map_err(|_| super::wrong_length(8, data))
+}
+
+/// Eight bytes as one number: a load, shifts, a store.
+#[derive(Clone, Copy)]
+struct Word(u64);
+
+impl Word {
+    #[inline]
+    const fn new(head: u8, object: Object, upper: u32) -> Self {
+        let multiplexer = (object.index as u64) << 8 | (object.sub as u64) << 24;
+        Self(head as u64 | multiplexer | (upper as u64) << 32)
+    }
+
+    /// `head` says by bit `flag` whether there is a size.
+    #[inline]
+    const fn sized(head: u8, flag: u8, object: Object, size: Option<u32>) -> Self {
+        match size {
+            Some(size) => Self::new(head | flag, object, size),
+            None => Self::new(head, object, 0),
+        }
+    }
+
+    #[inline]
+    const fn short_of(head: u8, object: Object, short: Short) -> Self {
+        let size = match short.len {
+            1..=4 => (4 - short.len) << 2 | 1,
+            _ => 0,
+        };
+        Self::new(head | size, object, short.bits)
+    }
+
+    const fn ack(arrived: u8, segments: u8) -> Self {
+        Self(0xA2 | (arrived as u64) << 8 | (segments as u64) << 16)
+    }
+
+    const fn end(unused: u8, crc: u16) -> Self {
+        Self(0xC1 | (unused as u64 & 7) << 2 | (crc as u64) << 8)
+    }
+
+    #[inline]
+    const fn object(self) -> Object {
+        Object { index: (self.0 >> 8) as u16, sub: (self.0 >> 24) as u8 }
+    }
+
+    #[inline]
+    const fn upper(self) -> u32 {
+        (self.0 >> 32) as u32
+    }
+
+    #[inline]
+    const fn short(self) -> Short {
+        let head = self.0 as u8;
+        let len = if head & 1 != 0 { 4 - (head >> 2 & 3) } else { 0 };
+        Short { bits: self.upper(), len }
+    }
+
+    const fn size(self, indicated: bool) -> Option<u32> {
+        if indicated { Some(self.upper()) } else { None }
+    }
+
+    const fn toggle(self) -> bool {
+        self.0 & 0x10 != 0
+    }
+
+    const fn crc(self) -> u16 {
+        (self.0 >> 8) as u16
+    }
+
+    const fn segment(self) -> Segment {
+        let [head, a, b, c, d, e, f, g] = self.0.to_le_bytes();
+        Segment {
+            toggle: self.toggle(),
+            last: head & 1 != 0,
+            len: SEGMENT as u8 - (head >> 1 & 7),
+            data: [a, b, c, d, e, f, g],
+        }
+    }
+}
+
+const fn segment_bytes(segment: Segment) -> [u8; 8] {
+    let Segment { toggle, last, len, data: [a, b, c, d, e, f, g] } = segment;
+    let unused = SEGMENT as u8 - if len > SEGMENT as u8 { SEGMENT as u8 } else { len };
+    [(toggle as u8) << 4 | unused << 1 | last as u8, a, b, c, d, e, f, g]
+}
+
+#[inline]
+const fn frame(function: u16, node: u8, data: [u8; 8]) -> Frame {
+    Frame { id: (function | node as u16) as u32, extended: false, remote: false, len: 8, data }
+}
+
+/// The check over a value that goes in blocks: x¹⁶ + x¹² + x⁵ + 1 from 0 (CiA 301, 7.2.4.3.16).
+/// Begin with `crc` 0; what comes in pieces goes on with what the piece before gave.
+#[must_use]
+pub const fn crc(mut crc: u16, data: &[u8]) -> u16 {
+    let mut at = 0;
+    while at < data.len() {
+        crc = crc << 8 ^ CRC[((crc >> 8) as u8 ^ data[at]) as usize];
+        at += 1;
+    }
+    crc
+}
+
+const CRC: [u16; 256] = {
+    let mut table = [0; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let mut crc = (byte as u16) << 8;
+        let mut bit = 0;
+        while bit < 8 {
+            crc = if crc & 0x8000 != 0 { crc << 1 ^ 0x1021 } else { crc << 1 };
+            bit += 1;
+        }
+        table[byte] = crc;
+        byte += 1;
+    }
+    table
+};
+
+/// Why a transfer ended.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Abort(pub u32);
+
+impl Abort {
+    /// Toggle bit not alternated.
+    pub const TOGGLE: Self = Self(0x0503_0000);
+    /// SDO protocol timed out.
+    pub const TIMEOUT: Self = Self(0x0504_0000);
+    /// Specifier not valid or unknown.
+    pub const SPECIFIER: Self = Self(0x0504_0001);
+    /// Invalid block size.
+    pub const BLOCK_SIZE: Self = Self(0x0504_0002);
+    /// Invalid sequence number.
+    pub const SEQUENCE: Self = Self(0x0504_0003);
+    /// CRC error.
+    pub const CRC: Self = Self(0x0504_0004);
+    /// Out of memory.
+    pub const MEMORY: Self = Self(0x0504_0005);
+    /// Unsupported access to an object.
+    pub const ACCESS: Self = Self(0x0601_0000);
+    /// Attempt to read a write-only object.
+    pub const WRITE_ONLY: Self = Self(0x0601_0001);
+    /// Attempt to write a read-only object.
+    pub const READ_ONLY: Self = Self(0x0601_0002);
+    /// Object does not exist.
+    pub const NO_OBJECT: Self = Self(0x0602_0000);
+    /// Object cannot be mapped to the PDO.
+    pub const NOT_MAPPABLE: Self = Self(0x0604_0041);
+    /// The mapped objects would exceed the PDO.
+    pub const PDO_LENGTH: Self = Self(0x0604_0042);
+    /// General parameter incompatibility.
+    pub const INCOMPATIBLE: Self = Self(0x0604_0043);
+    /// General internal incompatibility.
+    pub const INTERNAL: Self = Self(0x0604_0047);
+    /// Access failed due to a hardware error.
+    pub const HARDWARE: Self = Self(0x0606_0000);
+    /// Length does not match.
+    pub const LENGTH: Self = Self(0x0607_0010);
+    /// Length too high.
+    pub const TOO_LONG: Self = Self(0x0607_0012);
+    /// Length too low.
+    pub const TOO_SHORT: Self = Self(0x0607_0013);
+    /// Sub-index does not exist.
+    pub const NO_SUB: Self = Self(0x0609_0011);
+    /// Invalid value.
+    pub const VALUE: Self = Self(0x0609_0030);
+    /// Value too high.
+    pub const TOO_HIGH: Self = Self(0x0609_0031);
+    /// Value too low.
+    pub const TOO_LOW: Self = Self(0x0609_0032);
+    /// Maximum less than minimum.
+    pub const MIN_MAX: Self = Self(0x0609_0036);
+    /// Resource not available.
+    pub const RESOURCE: Self = Self(0x060A_0023);
+    /// General error.
+    pub const GENERAL: Self = Self(0x0800_0000);
+    /// Data cannot be transferred or stored.
+    pub const NOT_STORED: Self = Self(0x0800_0020);
+    /// The same, because of local control.
+    pub const LOCAL: Self = Self(0x0800_0021);
+    /// The same, because of the present device state.
+    pub const STATE: Self = Self(0x0800_0022);
+    /// No object dictionary is there.
+    pub const NO_DICTIONARY: Self = Self(0x0800_0023);
+    /// No data available.
+    pub const NO_DATA: Self = Self(0x0800_0024);
+
+    /// What it means (CiA 301, table 22); `None` for a code that the standard does not have.
+    #[must_use]
+    pub const fn text(self) -> Option<&'static str> {
+        Some(match self {
+            Self::TOGGLE => "toggle bit not alternated",
+            Self::TIMEOUT => "SDO protocol timed out",
+            Self::SPECIFIER => "command specifier not valid or unknown",
+            Self::BLOCK_SIZE => "invalid block size",
+            Self::SEQUENCE => "invalid sequence number",
+            Self::CRC => "CRC error",
+            Self::MEMORY => "out of memory",
+            Self::ACCESS => "unsupported access to an object",
+            Self::WRITE_ONLY => "attempt to read a write-only object",
+            Self::READ_ONLY => "attempt to write a read-only object",
+            Self::NO_OBJECT => "object does not exist",
+            Self::NOT_MAPPABLE => "object cannot be mapped to the PDO",
+            Self::PDO_LENGTH => "the mapped objects would exceed the PDO's length",
+            Self::INCOMPATIBLE => "parameters do not fit together",
+            Self::INTERNAL => "incompatible inside the device",
+            Self::HARDWARE => "access failed due to a hardware error",
+            Self::LENGTH => "data type does not match: wrong length",
+            Self::TOO_LONG => "data type does not match: too long",
+            Self::TOO_SHORT => "data type does not match: too short",
+            Self::NO_SUB => "sub-index does not exist",
+            Self::VALUE => "invalid value",
+            Self::TOO_HIGH => "value too high",
+            Self::TOO_LOW => "value too low",
+            Self::MIN_MAX => "maximum is less than minimum",
+            Self::RESOURCE => "resource not available: no SDO connection",
+            Self::GENERAL => "general error",
+            Self::NOT_STORED => "data cannot be transferred or stored",
+            Self::LOCAL => "data cannot be transferred or stored: local control",
+            Self::STATE => "data cannot be transferred or stored in the present device state",
+            Self::NO_DICTIONARY => "no object dictionary is present",
+            Self::NO_DATA => "no data available",
+            _ => return None,
+        })
+    }
+}

@@ -1,0 +1,38 @@
+//! SYNC: now (CiA 301, 7.2.5).
+
+use super::cob;
+use crate::error::WireError;
+use crate::medium::Frame;
+
+/// With a counter from 1 to what object 1019h says, or without.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Sync {
+    /// The counter, where there is one.
+    pub counter: Option<u8>,
+}
+
+/// What object 1019h may be, if not 0.
+pub const OVERFLOW: core::ops::RangeInclusive<u8> = 2..=240;
+
+impl Sync {
+    /// The frame with the usual identifier.
+    #[must_use]
+    pub fn emit(self) -> Frame {
+        match self.counter {
+            None => Frame::standard(cob::SYNC, &[]),
+            Some(counter) => Frame::standard(cob::SYNC, &[counter]),
+        }
+    }
+
+    /// Reads the data of a frame.
+    ///
+    /// # Errors
+    /// [`WireError::Long`]: at most one byte.
+    pub const fn parse(data: &[u8]) -> Result<Self, WireError> {
+        match *data {
+            [] => Ok(Self { counter: None }),
+            [counter] => Ok(Self { counter: Some(counter) }),
+            _ => Err(super::wrong_length(1, data)),
+        }
+    }
+}
