@@ -144,7 +144,7 @@ pub fn run(session: &Session, commands: &[(Axis, Command)], then: Then) -> Resul
         Err(problem) if problem.exit == Exit::Interrupted => {
             stopped?;
             say("interrupted: the motion was stopped");
-            Err(problem)
+            Err(Problem::interrupted())
         }
         Err(problem) => Err(problem),
         Ok(()) => stopped.map(|()| Exit::Ok),

@@ -7,7 +7,6 @@ use std::sync::{Arc, OnceLock};
 
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
-use polepair::scan;
 use polepair::{Axis, Connector};
 use polepair_capture::{Decoder, Rules, Stamp, text};
 use polepair_core::axis::{Command, RehearsedStep, Verb};
@@ -58,25 +57,6 @@ impl Target {
     /// Opens the link and finds out what is there.
     pub fn open(&self) -> Result<Session> {
         self.open_url(&self.url)
-    }
-
-    /// Lends every axis that the user named to `visit`; without names, every axis that answers on
-    /// the link, each as soon as it is found.
-    pub fn each(&self, visit: &mut dyn FnMut(&Axis)) -> Result<()> {
-        let connector = self.connector()?;
-        let url = connector.url(&self.url).map_err(outcome::error)?;
-        let simulated = matches!(url.target, polepair::url::Target::Sim { .. });
-        if url.axes.is_empty() && !simulated {
-            let found = scan::each(&connector, &self.url, visit).map_err(outcome::error)?;
-            if found > 0 {
-                return Ok(());
-            }
-        }
-        // Nobody found is told as any other verb tells it.
-        let session = self.open()?;
-        session.listen();
-        session.axes().iter().for_each(visit);
-        Ok(())
     }
 
     /// How links are opened, with what shows or keeps the frames.

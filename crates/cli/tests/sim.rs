@@ -4,37 +4,8 @@
 mod run;
 
 use std::io::{BufRead as _, BufReader};
-use std::process::Child;
 
-use run::polepair;
-
-/// A served drive, ended with SIGTERM as a supervisor would.
-struct Served {
-    child: Child,
-    url: String,
-}
-
-impl Served {
-    fn new(drive: &str) -> Self {
-        let mut child = run::command(&["sim", drive]).spawn().expect("starts");
-        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
-        let line = lines.next().expect("a line").expect("text");
-        let url = line.strip_prefix("ready ").expect("ready").to_owned();
-        Self { child, url }
-    }
-
-    fn end(mut self) {
-        let pid = self.child.id().to_string();
-        std::process::Command::new("kill").arg(&pid).status().expect("kill");
-        assert_eq!(self.child.wait().expect("ends").code(), Some(0));
-    }
-}
-
-fn ok(arguments: &[&str]) -> String {
-    let ran = polepair(arguments);
-    assert_eq!(ran.code, 0, "{arguments:?}: {}{}", ran.out, ran.err);
-    ran.out
-}
+use run::{Served, ok, polepair};
 
 #[test]
 fn parameters_are_set_and_read_back() {
@@ -142,22 +113,6 @@ fn modules_may_have_the_address_that_hosts_have_from_the_factory() {
     for wrong in ["sim:tmcl#256", "tmcl+tcp://127.0.0.1:1#256", "modbus-rtu+tcp://127.0.0.1:1#0"] {
         assert_eq!(polepair(&["info", wrong]).code, 2, "{wrong}");
     }
-}
-
-#[test]
-fn a_stop_without_axes_stops_a_drive_as_soon_as_it_is_found() {
-    let sim = Served::new("tmcl:1");
-    ok(&["spin", &sim.url, "300rpm", "--detach"]);
-    let link = sim.url.split('#').next().expect("a link");
-    let mut child = run::command(&["stop", link]).spawn().expect("starts");
-    let mut told = BufReader::new(child.stderr.take().expect("a pipe")).lines();
-    let began = std::time::Instant::now();
-    assert_eq!(told.next().expect("a line").expect("text"), "axis 1 is stopped");
-    assert!(began.elapsed().as_millis() < 1500, "{:?}", began.elapsed());
-    child.kill().expect("ends");
-    child.wait().expect("ends");
-    assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
-    sim.end();
 }
 
 #[test]

@@ -113,12 +113,21 @@ pub(crate) fn stable_name(path: &str) -> Option<String> {
     system::stable_name(path)
 }
 
-/// `In use by minicom (process 4711).`, or nothing when this user may not see who.
+/// `In use by minicom (process 4711).`, or nothing when this user may not see who; for another run
+/// of this program also how it is ended.
 #[cfg(unix)]
 pub(crate) fn holder_sentence(path: &str) -> String {
-    match system::holder(path) {
-        Some((name, pid)) => format!("In use by {name} (process {pid})."),
-        None => String::new(),
+    let Some((name, pid)) = system::locker(path).or_else(|| system::holder(path)) else {
+        return String::new();
+    };
+    let ours = std::env::current_exe().ok();
+    let ours = ours.as_deref().and_then(std::path::Path::file_name);
+    match ours.is_some_and(|ours| ours == name.as_str()) {
+        true => format!(
+            "In use by {name} (process {pid}): Ctrl-C there, or `kill -INT {pid}`, ends it and \
+             stops the motion that it holds."
+        ),
+        false => format!("In use by {name} (process {pid})."),
     }
 }
 

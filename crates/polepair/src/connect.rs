@@ -14,6 +14,7 @@ use crate::config::Config;
 use crate::error::Error;
 use crate::identify::{Identified, Prober};
 use crate::registry::{self, Spoken};
+use crate::scan::Found;
 use crate::simulate::{self, Description, Pace, Simulation};
 use crate::url::{Number, Target, Url};
 use crate::wire::{AnyLink, SharedLink};
@@ -238,35 +239,26 @@ impl Connector {
         Ok(found.into_iter().enumerate().map(axis).collect())
     }
 
-    /// An axis that answered on a line, with the profile that the string names, if it names one.
-    pub(crate) fn axis_found(
-        &self,
-        url: &Url,
-        line: &Line,
-        number: u32,
-        profile: &'static polepair_core::profile::Profile,
-        identified: Identified,
-    ) -> Result<Axis, Error> {
-        let (profile, identified) = match self.chosen_profile(url, line)? {
-            Some(profile) => (profile, Identified::Named),
-            None => (profile, identified),
-        };
-        let (connection, before) = line.probe(&[(profile, number)])?;
-        Ok(Axis {
-            connection,
-            index: AxisIndex(u8::try_from(before).unwrap_or(u8::MAX)),
-            number,
+    /// Axes by number on one line, whatever others it has. One host at a time.
+    pub(crate) fn axes_found(&self, line: &Line, found: &[Found]) -> Result<Vec<Axis>, Error> {
+        let profiles: Vec<_> = found.iter().map(|one| (one.profile, one.number)).collect();
+        let (connection, before) = line.probe(&profiles)?;
+        let axis = |(n, one): (usize, &Found)| Axis {
+            connection: connection.clone(),
+            index: AxisIndex(u8::try_from(before + n).unwrap_or(u8::MAX)),
+            number: one.number,
             name: String::new(),
             protocol: line.spoken.name,
             medium: line.spoken.medium,
-            profile,
-            identified,
+            profile: one.profile,
+            identified: one.identified.clone(),
             simulation: None,
-        })
+        };
+        Ok(found.iter().enumerate().map(axis).collect())
     }
 
     /// The profile that a connection string chooses: by name, or a drive's set-up archive.
-    fn chosen_profile(
+    pub(crate) fn chosen_profile(
         &self,
         url: &Url,
         line: &Line,

@@ -9,6 +9,7 @@ use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
 use polepair_link::Connection;
 use std::fmt;
+use std::time::Duration;
 
 /// Products that are asked for at one address at most.
 const CANDIDATES_MAX: usize = 64;
@@ -45,6 +46,7 @@ impl fmt::Display for Identified {
 pub(crate) struct Prober<'a> {
     line: &'a Line,
     candidates: Vec<(&'static Profile, Identity)>,
+    patience: Option<Duration>,
 }
 
 /// What one address gave.
@@ -63,24 +65,39 @@ impl<'a> Prober<'a> {
         let speaks = |p: &&'static Profile| p.protocol == line.spoken.profile;
         let known = config.all_profiles().filter(speaks);
         let candidates = known.filter_map(|p| Some((p, p.identity?)));
-        Self { line, candidates: candidates.take(CANDIDATES_MAX).collect() }
+        let candidates = candidates.take(CANDIDATES_MAX).collect();
+        Self { line, candidates, patience: None }
+    }
+
+    /// Waits for each answer at most so long, whatever the host would.
+    pub(crate) fn patient(mut self, patience: Option<Duration>) -> Self {
+        self.patience = patience;
+        self
     }
 
     /// What is at the address, or that nobody is.
     pub(crate) fn identify(&self, number: u32) -> Result<(&'static Profile, Identified), Error> {
         match self.probe(number)? {
             Probe::Found { profile, identified, .. } => Ok((profile, identified)),
-            Probe::Forbidden(hint) => {
-                let what = format!("axis {number} cannot be asked on {}", self.describe());
-                Err(Error::usage("E222", what, hint))
-            }
-            Probe::Silent => Err(Error::Failed {
-                what: format!("axis {number} does not answer on {}", self.describe()),
-                outcome: Outcome::NotDone(Failure::Silent),
-                hint: "check power, wiring, baud rate and address; `polepair scan` looks for \
-                       other addresses"
-                    .into(),
-            }),
+            Probe::Forbidden(hint) => Err(self.forbidden(number, hint)),
+            Probe::Silent => Err(self.silent(number)),
+        }
+    }
+
+    /// The error for an address that the host may not ask.
+    pub(crate) fn forbidden(&self, number: u32, hint: &str) -> Error {
+        let what = format!("axis {number} cannot be asked on {}", self.describe());
+        Error::usage("E222", what, hint)
+    }
+
+    /// The error for an address where nobody answers.
+    pub(crate) fn silent(&self, number: u32) -> Error {
+        Error::Failed {
+            what: format!("axis {number} does not answer on {}", self.describe()),
+            outcome: Outcome::NotDone(Failure::Silent),
+            hint: "check power, wiring, baud rate and address; `polepair scan` looks for other \
+                   addresses"
+                .into(),
         }
     }
 
@@ -99,7 +116,7 @@ impl<'a> Prober<'a> {
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
             let outcome = match asked.iter().find(|(q, _)| same(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
-                None => ask(&connection, before + n, identity.ask),
+                None => self.ask(&connection, before + n, identity.ask),
             };
             asked.push((*identity, outcome));
             match outcome {
@@ -149,8 +166,20 @@ impl<'a> Prober<'a> {
     ) -> bool {
         let readable = generic.parameters.iter().position(|p| p.access != Access::Write);
         let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return true };
-        ask(connection, before + self.candidates.len(), Ask::Parameter(ParameterId(id)))
+        self.ask(connection, before + self.candidates.len(), Ask::Parameter(ParameterId(id)))
             .is_some_and(answered)
+    }
+
+    fn ask(&self, connection: &Connection, axis: usize, question: Ask) -> Option<Outcome> {
+        let axis = AxisIndex(u8::try_from(axis).ok()?);
+        let until = self.patience.map_or(Instant::FAR, |patience| connection.now() + patience);
+        let outcome: Result<Option<Outcome>, Unsupported> =
+            connection.ask(until, |axes, now, ticket| match question {
+                Ask::Parameter(id) => axes.read(now, ticket, axis, id),
+                Ask::Text(text) => axes.raw(now, ticket, axis, text),
+            });
+        // Nothing within the time is silence too.
+        Some(outcome.ok()?.unwrap_or(Outcome::NotDone(Failure::Silent)))
     }
 }
 
@@ -158,16 +187,6 @@ impl<'a> Prober<'a> {
 /// in another profile.
 fn same(asked: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
     matches!((asked.ask, wanted.ask), (Ask::Text(a), Ask::Text(b)) if a == b)
-}
-
-fn ask(connection: &Connection, axis: usize, question: Ask) -> Option<Outcome> {
-    let axis = AxisIndex(u8::try_from(axis).ok()?);
-    let outcome: Result<Option<Outcome>, Unsupported> =
-        connection.ask(Instant::FAR, |axes, now, ticket| match question {
-            Ask::Parameter(id) => axes.read(now, ticket, axis, id),
-            Ask::Text(text) => axes.raw(now, ticket, axis, text),
-        });
-    outcome.ok().flatten()
 }
 
 /// Somebody said something, if only no.

@@ -28,6 +28,7 @@ pub mod quantity;
 mod registry;
 pub mod scan;
 pub mod simulate;
+pub mod stop;
 pub mod url;
 pub mod wire;
 mod words;

@@ -29,6 +29,8 @@ pub(crate) struct Spoken {
     pub(crate) standards: bool,
     /// Groups of drives that can be told something at once, by number from 1.
     pub(crate) groups: u8,
+    /// The address that means everybody.
+    pub(crate) everybody: Option<u32>,
     /// The host's own address, which no axis can have.
     pub(crate) host: Option<u32>,
     /// The baud or bit rate from the factory.
@@ -152,6 +154,7 @@ impl proto::Visitor for Lister {
             every: P::EVERY_ADDRESS,
             standards: P::STANDARDS,
             groups: P::GROUPS,
+            everybody: P::EVERYBODY,
             host: P::HOST,
             baud: P::BAUD,
             generic: P::generic(),

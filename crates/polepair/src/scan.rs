@@ -52,6 +52,13 @@ pub struct Found {
     pub clash: Option<String>,
 }
 
+impl Found {
+    /// One of which the profile is known without asking.
+    pub(crate) const fn named(number: u32, profile: &'static Profile) -> Self {
+        Self { number, profile, identified: Identified::Named, clash: None }
+    }
+}
+
 /// How far a scan is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Progress {
@@ -115,30 +122,15 @@ pub fn scan(
     Ok(scan)
 }
 
-/// Asks every address of the link's protocol who is there, and lends each drive to `visit` as soon
-/// as it is found. Returns how many there were.
-///
-/// # Errors
-/// As [`scan`].
-pub fn each(
-    connector: &Connector,
-    url: &str,
-    visit: &mut dyn FnMut(&crate::Axis),
-) -> Result<usize, Error> {
-    let url = connector.url(url)?;
-    let (lines, _simulation) = connector.lines(&url)?;
-    let mut found = 0;
-    for line in &lines {
-        let prober = Prober::new(line, &connector.config);
-        let every = line.spoken.addresses.clone().take(ADDRESSES_MAX).collect();
-        for number in candidates(line, every, true, &mut Vec::new())? {
-            if let Probe::Found { profile, identified, .. } = prober.probe(number)? {
-                found += 1;
-                visit(&connector.axis_found(&url, line, number, profile, identified)?);
-            }
-        }
+/// Every address at which somebody may be. The ends come first: drives have one of them from the
+/// factory.
+pub(crate) fn everybody(line: &Line) -> Result<Vec<u32>, Error> {
+    let every = line.spoken.addresses.clone().take(ADDRESSES_MAX).collect();
+    let mut wanted = candidates(line, every, true, &mut Vec::new())?;
+    if let Some(last) = wanted.pop() {
+        wanted.insert(wanted.len().min(1), last);
     }
-    Ok(found)
+    Ok(wanted)
 }
 
 /// Those of the addresses that are worth asking, with others that were heard if `every` may be,

@@ -13,6 +13,7 @@ mod ports;
 mod scan;
 mod set;
 mod sim;
+mod stop;
 mod stream;
 mod verbs;
 mod watch;
@@ -66,7 +67,7 @@ pub enum Verb {
     /// Take power off the motor
     Disable(verbs::Disable),
     /// Bring motors to rest; without #AXES every axis on the link
-    Stop(verbs::Stop),
+    Stop(stop::Stop),
     /// Clear faults
     Clear(verbs::Clear),
     /// Turn a motor at a speed until Ctrl-C

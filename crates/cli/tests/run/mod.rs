@@ -1,8 +1,8 @@
 //! Runs the real binary.
 #![allow(dead_code, reason = "each test file uses its part")]
 
-use std::io::Write as _;
-use std::process::{Command, Output, Stdio};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::process::{Child, ChildStderr, Command, Output, Stdio};
 
 /// What a run printed, and how it ended.
 #[derive(Debug)]
@@ -58,4 +58,79 @@ pub fn text<'a>(vector: &'a serde_json::Value, key: &str) -> &'a str {
 /// A vector's bytes as capital hexadecimal digits without spaces.
 pub fn hex(vector: &serde_json::Value) -> String {
     text(vector, "bytes").replace(' ', "").to_uppercase()
+}
+
+/// What a run that must succeed prints.
+pub fn ok(arguments: &[&str]) -> String {
+    let ran = polepair(arguments);
+    assert_eq!(ran.code, 0, "{arguments:?}: {}{}", ran.out, ran.err);
+    ran.out
+}
+
+/// A served drive, ended with SIGTERM as a supervisor would.
+pub struct Served {
+    child: Child,
+    pub url: String,
+}
+
+impl Served {
+    pub fn new(drive: &str) -> Self {
+        let mut child = command(&["sim", drive]).spawn().expect("starts");
+        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+        let line = lines.next().expect("a line").expect("text");
+        let url = line.strip_prefix("ready ").expect("ready").to_owned();
+        Self { child, url }
+    }
+
+    /// Its URL without axes.
+    pub fn link(&self) -> &str {
+        self.url.split(['?', '#']).next().expect("a link")
+    }
+
+    pub fn end(mut self) {
+        signal("TERM", self.child.id());
+        assert_eq!(self.child.wait().expect("ends").code(), Some(0));
+    }
+}
+
+fn signal(name: &str, pid: u32) {
+    let pid = pid.to_string();
+    Command::new("kill").args([&format!("-{name}"), pid.as_str()]).status().expect("kill");
+}
+
+/// A run that lasts until it is interrupted.
+pub struct Held {
+    child: Child,
+    stderr: BufReader<ChildStderr>,
+    said: String,
+}
+
+impl Held {
+    /// Waits until it has said a line.
+    pub fn new(arguments: &[&str], line: &str) -> Self {
+        let mut child = command(arguments).spawn().expect("starts");
+        let mut stderr = BufReader::new(child.stderr.take().expect("a pipe"));
+        let mut said = String::new();
+        while said.lines().last() != Some(line) {
+            assert!(stderr.read_line(&mut said).expect("text") > 0, "{arguments:?}: {said}");
+        }
+        Self { child, stderr, said }
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Ctrl-C.
+    pub fn interrupt(self) -> Ran {
+        signal("INT", self.child.id());
+        self.ended()
+    }
+
+    /// Waits for its own end.
+    pub fn ended(mut self) -> Ran {
+        self.stderr.read_to_string(&mut self.said).expect("text");
+        let output = self.child.wait_with_output().expect("ends");
+        Ran { err: self.said, ..ran(output) }
+    }
 }

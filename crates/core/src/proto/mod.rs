@@ -118,6 +118,8 @@ pub trait Protocol {
     const STANDARDS: bool = false;
     /// Groups of drives that an address can name by [`GROUP`]: numbers 1 to this.
     const GROUPS: u8 = 0;
+    /// The address that means everybody: to it can be said what needs no answer.
+    const EVERYBODY: Option<u32> = if Self::GROUPS > 0 { Some(GROUP) } else { None };
     /// The baud or bit rate from the factory.
     const BAUD: u32;
     /// The host of these axes. Where one of them is a relay to the others, it is the first.

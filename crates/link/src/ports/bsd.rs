@@ -17,6 +17,10 @@ pub(super) fn stable_name(_path: &str) -> Option<String> {
     None
 }
 
+pub(super) fn locker(_path: &str) -> Option<(String, u32)> {
+    None
+}
+
 pub(super) fn holder(_path: &str) -> Option<(String, u32)> {
     None
 }

@@ -21,6 +21,24 @@ pub(super) fn stable_name(path: &str) -> Option<String> {
         .map(|link| link.to_string_lossy().into_owned())
 }
 
+/// Name and number of the process that has locked `path`. Others may have it open: who serves a
+/// pseudo-terminal does.
+pub(super) fn locker(path: &str) -> Option<(String, u32)> {
+    use std::os::unix::fs::MetadataExt as _;
+    let file = fs::metadata(path).ok()?;
+    let (device, inode) = (file.dev(), file.ino());
+    let place =
+        format!("{:02x}:{:02x}:{inode}", rustix::fs::major(device), rustix::fs::minor(device));
+    let locks = fs::read_to_string("/proc/locks").ok()?;
+    // `1: FLOCK  ADVISORY  WRITE 4711 00:1a:5 0 EOF`; a process that may not be seen is 0.
+    let pid = locks.lines().find_map(|line| {
+        let mut words = line.split_ascii_whitespace().skip(4);
+        let pid: u32 = words.next()?.parse().ok()?;
+        (words.next()? == place && pid != 0).then_some(pid)
+    })?;
+    Some((text(&Path::new("/proc").join(pid.to_string()), "comm"), pid))
+}
+
 /// Name and number of a process that has `path` open, as far as this user may see.
 pub(super) fn holder(path: &str) -> Option<(String, u32)> {
     let real = fs::canonicalize(path).ok()?;

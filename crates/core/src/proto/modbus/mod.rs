@@ -51,6 +51,7 @@ macro_rules! protocol {
             // allows up to 247.
             const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
             const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 1..=247;
+            const EVERYBODY: Option<u32> = Some(wire::BROADCAST as u32);
             const BAUD: u32 = 115_200;
 
             fn generic() -> &'static Profile {

@@ -1,0 +1,98 @@
+//! `polepair stop`: with and without axes, and where it cannot.
+#![cfg(unix)]
+
+mod run;
+
+use run::{Served, ok, polepair};
+use std::time::{Duration, Instant};
+
+/// A stop of everybody ends by itself in this time, whoever is there.
+const BOUND: Duration = Duration::from_secs(9);
+
+fn timed(arguments: &[&str]) -> run::Ran {
+    let began = Instant::now();
+    let ran = polepair(arguments);
+    assert!(began.elapsed() < BOUND, "{:?}", began.elapsed());
+    ran
+}
+
+#[test]
+fn every_drive_is_told_as_soon_as_it_is_found() {
+    let sim = Served::new("tmcl:1,5");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let ran = timed(&["stop", sim.link()]);
+    let said: Vec<&str> = ran.err.lines().collect();
+    let told = ["axis 1 is told to stop", "axis 5 is told to stop"];
+    let rested = ["axis 1 is stopped", "axis 5 is stopped"];
+    assert_eq!((&said[..2], &said[2..4], ran.code), (&told[..], &rested[..], 0), "{}", ran.err);
+    // Whom it may have missed.
+    assert!(said[4].starts_with("asked 32 addresses for 30 ms each; "), "{}", ran.err);
+    for velocity in ok(&["get", &sim.url, "actual velocity"]).lines() {
+        assert!(velocity.ends_with("= 0 rpm"), "{velocity}");
+    }
+    sim.end();
+}
+
+#[test]
+fn everybody_is_told_at_once_where_the_protocol_can() {
+    let sim = Served::new("tml:255");
+    let ran = timed(&["stop", sim.link(), "-v"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let (all, first) = (ran.err.find("STOP, to everybody"), ran.err.find("GETVERSION"));
+    assert!(all.is_some() && all < first, "{}", ran.err);
+    assert!(ran.err.contains("everybody was told to stop, unconfirmed; asked "), "{}", ran.err);
+    sim.end();
+}
+
+#[test]
+fn modbus_registers_are_broadcast_to_known_drives_alone() {
+    let sim = Served::new("modbus-rtu:1");
+    ok(&["set", &sim.url, "control mode=1"]);
+    for (url, sent) in
+        [(sim.link().to_owned(), false), (format!("{}?profile=syntron-ts", sim.link()), true)]
+    {
+        ok(&["spin", &sim.url, "300rpm", "--detach"]);
+        let ran = timed(&["stop", &url, "-v"]);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        assert_eq!(ran.err.contains("00 06 00 33 00 00"), sent, "{}", ran.err);
+        assert_eq!(ok(&["get", &sim.url, "internal speed"]), "internal speed = 0 rpm\n");
+    }
+    sim.end();
+}
+
+#[test]
+fn one_that_does_not_answer_keeps_no_other_turning() {
+    let sim = Served::new("tmcl:3");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let ran = timed(&["stop", &format!("{}#1,3", sim.link())]);
+    assert_eq!(ran.code, 7, "{}", ran.err);
+    assert!(ran.err.contains("axis 3 is stopped\n"), "{}", ran.err);
+    assert!(ran.err.contains("error[E401]: axis 1 does not answer"), "{}", ran.err);
+    assert!(ran.err.contains("error[E702]: 1 stops of 2 are not confirmed."), "{}", ran.err);
+    assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
+    sim.end();
+}
+
+#[test]
+fn a_stop_that_reaches_nobody_says_so() {
+    let sim = Served::new("tmcl:40");
+    let ran = timed(&["stop", sim.link()]);
+    assert_eq!(ran.code, 4, "{}", ran.err);
+    assert!(ran.err.contains("error[E403]: no drive answered.\n"), "{}", ran.err);
+    assert!(ran.err.contains("nothing was stopped"), "{}", ran.err);
+    sim.end();
+}
+
+#[test]
+fn who_holds_the_port_is_named_with_what_stops_him() {
+    let sim = Served::new("tmcl:1");
+    let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");
+    let ran = timed(&["stop", sim.link()]);
+    assert_eq!(ran.code, 3, "{}", ran.err);
+    let pid = holder.id();
+    let who = format!("In use by polepair (process {pid}): Ctrl-C there, or `kill -INT {pid}`");
+    assert!(ran.err.contains("error[E312]") && ran.err.contains(&who), "{}", ran.err);
+    assert_eq!(holder.interrupt().code, 130);
+    assert_eq!(timed(&["stop", &sim.url]).code, 0);
+    sim.end();
+}

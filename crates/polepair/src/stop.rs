@@ -1,0 +1,236 @@
+//! Stopping whoever is on a link, without knowing who that is.
+//!
+//! Three passes, so that nobody turns on while others are looked for: what the protocol can tell
+//! everybody at once goes out first, unconfirmed; then each address is asked, briefly, and a drive
+//! that answers is told to stop at once; then all of them are waited for together.
+//!
+//! ```
+//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! use polepair_core::axis::Verb;
+//! let connector = polepair::Connector::default();
+//! let stopped =
+//!     polepair::stop::stop(&connector, "sim:tmcl?axes=2&time=virtual", Verb::Stop, &mut |_| {})?;
+//! assert!(stopped.axes.len() == 2 && stopped.axes.iter().all(|(_, ended)| ended.is_ok()));
+//! # }
+//! # Ok::<(), polepair::Error>(())
+//! ```
+
+use crate::axis::{Axis, Running};
+use crate::connect::{Connector, Line};
+use crate::error::Error;
+use crate::identify::{Probe, Prober};
+use crate::scan::{self, Found, Progress};
+use crate::url::{Number, Target, Url};
+use crate::wire::{Shared, SharedLink};
+use polepair_core::axis::{Command, RehearsedStep, Verb};
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::medium::{Can, Frame, Medium, Stream};
+use polepair_core::station::AxisIndex;
+use polepair_link::{Link as _, Received, clock};
+use std::time::Duration;
+
+/// How long an address is given to answer where the string names none, besides the time that the
+/// bytes take.
+const ASK: Duration = Duration::from_millis(30);
+/// Bits of the longest question and answer that tell who is there, on a serial line.
+const ASK_BITS: u64 = 400;
+/// How long addresses are asked in all; what is left then is told as not asked.
+const SEARCH_MAX: Duration = Duration::from_secs(6);
+/// How long a drive that was found may keep the others waiting.
+const TELL: Duration = Duration::from_millis(150);
+/// How long motors may take to come to rest.
+const REST_MAX: Duration = Duration::from_secs(5);
+/// Silence after each frame to everybody: more than drives that end frames by silence need.
+const EVERYBODY_MS: u32 = 30;
+/// Units that are heard in such a silence at most.
+const HEARD_MAX: usize = 1_000;
+
+/// What came of it.
+#[derive(Debug, Default)]
+pub struct Stopped {
+    /// The protocol's own stop went to everybody, before anybody was asked. Nobody confirms it.
+    pub everybody: bool,
+    /// Each axis that was named or found, in the order of the addresses, and how its stop ended.
+    pub axes: Vec<(String, Result<(), Error>)>,
+    /// Addresses that were asked.
+    pub asked: usize,
+    /// How long each had to answer; `None` where the host's own patience was the measure.
+    pub patience: Option<Duration>,
+    /// Addresses that there was no time left for: first, last.
+    pub left: Option<(u32, u32)>,
+}
+
+/// What happens meanwhile.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// An address is asked.
+    Asking(Progress),
+    /// A drive that answered, or was named, was told to stop.
+    Told(&'a Axis),
+}
+
+/// Stops every axis that the string names, or everybody on its link. `verb` is
+/// [`Verb::Stop`] or [`Verb::QuickStop`].
+///
+/// # Errors
+/// [`Error::Usage`], and [`Error::Link`] when the link cannot be opened or goes away. What a drive
+/// makes of it is in [`Stopped`].
+pub fn stop(
+    connector: &Connector,
+    url: &str,
+    verb: Verb,
+    hear: &mut dyn FnMut(Event<'_>),
+) -> Result<Stopped, Error> {
+    let parsed = connector.url(url)?;
+    let mut stopped = Stopped::default();
+    let group = parsed.axes.iter().any(|axis| Number(*axis).is_group());
+    if group || matches!(parsed.target, Target::Sim { .. }) {
+        // Who is there is known, or cannot be asked.
+        stopped.axes = rest(connector.connect(url)?.axes(), verb);
+        return Ok(stopped);
+    }
+    let (lines, _) = connector.lines(&parsed)?;
+    for line in &lines {
+        let every = parsed.axes.is_empty();
+        if every {
+            stopped.everybody |= everybody(connector, &parsed, line, verb)?;
+        }
+        let found = look(connector, &parsed, line, verb, (&mut stopped, &mut *hear))?;
+        stopped.axes.extend(rest(&connector.axes_found(line, &found)?, verb));
+    }
+    Ok(stopped)
+}
+
+/// Sends what of the stop needs no answer to everybody. `false` where the protocol has no address
+/// for that, or nobody knows what stops drives of this kind.
+fn everybody(connector: &Connector, url: &Url, line: &Line, verb: Verb) -> Result<bool, Error> {
+    let Some(address) = line.spoken.everybody else { return Ok(false) };
+    let profile = connector.chosen_profile(url, line)?.unwrap_or(line.spoken.generic);
+    let connection = line.connection(&[(profile, address)])?;
+    let (mut runs, mut frames, mut open) = (Vec::new(), Vec::new(), true);
+    connection.with(|axes, _| {
+        let command = Command::new(verb);
+        // It ends at the first step that asks, which an address of everybody's cannot.
+        let _ = axes.rehearse(AxisIndex(0), command, &mut |step| {
+            open &= matches!(step.step, RehearsedStep::Write(..) | RehearsedStep::Send);
+            match (open, step.frame) {
+                (true, Some(frame)) => frames.push(*frame),
+                (true, None) => runs.push(step.bytes.to_vec()),
+                (false, _) => {}
+            }
+        });
+    });
+    match &line.link {
+        SharedLink::Serial(link) => {
+            for run in &runs {
+                link.send(run)?;
+                pause::<Stream>(link, &mut [0; 64])?;
+            }
+        }
+        SharedLink::Can(link) => {
+            for frame in &frames {
+                link.send(frame)?;
+            }
+            pause::<Can>(link, &mut Frame::default())?;
+        }
+    }
+    Ok(!runs.is_empty() || !frames.is_empty())
+}
+
+/// Lets the line be silent, whatever comes back.
+fn pause<M: Medium>(link: &Shared<M>, buffer: &mut M::Out) -> Result<(), Error> {
+    let until = link.now().plus_ms(EVERYBODY_MS);
+    for _ in 0..HEARD_MAX {
+        if matches!(link.receive(buffer, until)?, Received::TimedOut) {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Asks each address, and tells whoever answers to stop.
+fn look(
+    connector: &Connector,
+    url: &Url,
+    line: &Line,
+    verb: Verb,
+    (stopped, hear): (&mut Stopped, &mut dyn FnMut(Event<'_>)),
+) -> Result<Vec<Found>, Error> {
+    let named = !url.axes.is_empty();
+    let wanted = if named { url.axes.clone() } else { scan::everybody(line)? };
+    stopped.patience = if named { None } else { Some(patience(url, line)?) };
+    let chosen = connector.chosen_profile(url, line)?;
+    let prober = Prober::new(line, &connector.config).patient(stopped.patience);
+    let end = clock::now() + SEARCH_MAX;
+    let mut found = Vec::new();
+    for (done, &number) in wanted.iter().enumerate() {
+        if !named && clock::now() > end {
+            stopped.left = wanted.last().map(|last| (number, *last));
+            break;
+        }
+        hear(Event::Asking(Progress { number, done, of: wanted.len() }));
+        stopped.asked += 1;
+        let probe = prober.probe(number)?;
+        let missing = match probe {
+            Probe::Found { .. } => None,
+            _ if !named => continue,
+            Probe::Forbidden(hint) => Some(prober.forbidden(number, hint)),
+            Probe::Silent => Some(prober.silent(number)),
+        };
+        let one = match (chosen, probe) {
+            (Some(profile), _) => Found::named(number, profile),
+            (None, Probe::Found { profile, identified, .. }) => {
+                Found { number, profile, identified, clash: None }
+            }
+            (None, _) => Found::named(number, line.spoken.generic),
+        };
+        for axis in connector.axes_found(line, std::slice::from_ref(&one))? {
+            // One that only listens may obey. What it says is heard when all are waited for.
+            if let Ok(mut running) = tell(&axis, verb) {
+                let _ = running.wait(TELL);
+                hear(Event::Told(&axis));
+            }
+        }
+        match missing {
+            None => found.push(one),
+            Some(error) => stopped.axes.push((format!("axis {number}"), Err(error))),
+        }
+    }
+    Ok(found)
+}
+
+/// How long an address has: the string's word, else what a drive needs.
+fn patience(url: &Url, line: &Line) -> Result<Duration, Error> {
+    if let Some(ms) = url.milliseconds("timeout")? {
+        return Ok(Duration::from_secs_f64(ms / 1000.0));
+    }
+    let bits = Duration::from_secs(ASK_BITS).checked_div(line.options.baud);
+    Ok(ASK + bits.unwrap_or_default())
+}
+
+fn tell(axis: &Axis, verb: Verb) -> Result<Running, Error> {
+    axis.start(Command::new(verb))
+}
+
+/// Waits until all of them are at rest.
+fn rest(axes: &[Axis], verb: Verb) -> Vec<(String, Result<(), Error>)> {
+    let running: Vec<_> = axes.iter().map(|axis| tell(axis, verb)).collect();
+    let end = clock::now() + REST_MAX;
+    let ended = axes.iter().zip(running).map(|(axis, running)| {
+        let ended = running.and_then(|mut running| {
+            let left = end.since(clock::now());
+            running.wait(left)?.ok_or_else(|| still_turns(axis))
+        });
+        (axis.label(), ended.map(drop))
+    });
+    ended.collect()
+}
+
+fn still_turns(axis: &Axis) -> Error {
+    let seconds = REST_MAX.as_secs();
+    Error::Failed {
+        what: format!("{} was told to stop and is not at rest after {seconds} s", axis.label()),
+        outcome: Outcome::NotDone(Failure::NotReached),
+        hint: "give its ramp more time, or cut its power".to_owned(),
+    }
+}
