@@ -164,6 +164,7 @@ fn operand_text(operand: Operand) -> String {
         Argument::Velocity => "velocity",
         Argument::Acceleration => "acceleration",
         Argument::Torque => "torque",
+        Argument::JerkTime => "time of the jerk",
     };
     match operand {
         Operand::Is(raw) => raw.to_string(),

@@ -6,7 +6,9 @@ use std::time::Duration;
 use polepair::Axis;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::{Argument, Operand, Step};
-use polepair_core::profile::{AxisKind, Profile, Severity, Signal, Watchdog};
+use polepair_core::profile::{
+    AxisKind, Parameter, ParameterId, Profile, Severity, Signal, Watchdog,
+};
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 use polepair_link::clock;
@@ -40,17 +42,32 @@ pub enum Then {
 /// The unit in which a verb's argument is taken: that of the parameter which the plan writes.
 /// `None` when the plan has no use for it.
 pub fn unit_of(profile: &Profile, verb: Verb, argument: Argument) -> Option<Unit> {
+    let id = destination(profile, verb, argument)?;
+    let unit = id.and_then(|id| profile.parameter(id)).map_or(Unit::None, |found| found.unit);
+    Some(if unit == Unit::None { customary(profile.axis, argument) } else { unit })
+}
+
+/// The parameter that a verb's argument is written to.
+fn written(
+    profile: &'static Profile,
+    verb: Verb,
+    argument: Argument,
+) -> Option<&'static Parameter> {
+    profile.parameter(destination(profile, verb, argument)??)
+}
+
+/// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
+/// `None` when it has no use for it.
+fn destination(profile: &Profile, verb: Verb, argument: Argument) -> Option<Option<ParameterId>> {
     let takes = |operand: &Operand| match operand {
         Operand::Argument(found) | Operand::Given(found) => *found == argument,
         Operand::Is(_) => false,
     };
-    let id = profile.plan(verb)?.steps.iter().find_map(|step| match step {
+    profile.plan(verb)?.steps.iter().find_map(|step| match step {
         Step::Write(id, operand) if takes(operand) => Some(Some(*id)),
         Step::Send { operand, like, .. } if takes(operand) => Some(*like),
         _ => None,
-    })?;
-    let unit = id.and_then(|id| profile.parameter(id)).map_or(Unit::None, |found| found.unit);
-    Some(if unit == Unit::None { customary(profile.axis, argument) } else { unit })
+    })
 }
 
 /// What people say for an axis of that kind.
@@ -61,6 +78,7 @@ const fn customary(kind: AxisKind, argument: Argument) -> Unit {
         (AxisKind::Rotary, Argument::Acceleration) => Unit::RpmPerSecond,
         (AxisKind::Linear, Argument::Target) => Unit::Millimetre,
         (AxisKind::Ratio, Argument::Target) => Unit::Percent,
+        (_, Argument::JerkTime) => Unit::Second,
         _ => Unit::None,
     }
 }
@@ -72,6 +90,7 @@ pub fn argument(axis: &Axis, verb: Verb, which: Argument, text: &str) -> Result<
             Argument::Velocity => "--vel",
             Argument::Acceleration => "--acc",
             Argument::Torque => "--torque",
+            Argument::JerkTime => "--s-curve",
             Argument::Target => "VALUE",
         };
         let name = axis.profile().name;
@@ -83,7 +102,9 @@ pub fn argument(axis: &Axis, verb: Verb, which: Argument, text: &str) -> Result<
             .why("Its profile has no steps for that; nothing was sent."));
     };
     let measure = polepair::quantity::parse(text).map_err(outcome::error)?;
-    measure.in_unit(unit).map_err(outcome::error)
+    // Why a unit is not the drive's, its parameter's description says best.
+    let about = written(axis.profile(), verb, which).map_or("", |parameter| parameter.about);
+    measure.in_unit(unit).map_err(|wrong| outcome::error(wrong).why(about))
 }
 
 /// Says what to watch out for, once per product, before anything moves.

@@ -101,6 +101,31 @@ fn homing_works_out_of_the_box_and_gives_up_in_time() {
 }
 
 #[test]
+fn a_tml_axis_homes_moves_along_an_s_curve_and_pushes() {
+    const RACK: &str = "[[link]]\nprotocol = \"tml\"\nbaud = 115200\n[[link.drive]]\n\
+        profile = \"technosoft-f514l\"\nlimit_high = 3.0\n";
+    let file = std::env::temp_dir().join(format!("polepair-tml-{}.toml", std::process::id()));
+    std::fs::write(&file, RACK).expect("a file");
+    let sim = Served::new(file.to_str().expect("text"));
+    std::fs::remove_file(&file).expect("a file");
+    assert_eq!(
+        ok(&["home", &sim.url, "--vel", "60rpm", "--timeout", "20s"]),
+        "position = 0 turn\n"
+    );
+    let refused = polepair(&["home", &sim.url]);
+    assert!(refused.err.contains("move the axis off it first"), "{}", refused.err);
+    let curve = ["move", &sim.url, "--s-curve", "50ms", "--", "-180deg"];
+    assert_eq!(ok(&curve), "position = -0.5 turn\n");
+    let on = ["move", &sim.url, "--rel", "--additive", "--", "-90deg"];
+    assert_eq!(ok(&on), "position = -0.75 turn\n");
+    ok(&["torque", &sim.url, "--for", "200ms", "--", "-2%"]);
+    let ampere = polepair(&["torque", &sim.url, "0.5A"]);
+    assert_eq!(ampere.code, 2);
+    assert!(ampere.err.contains("which it does not tell"), "{}", ampere.err);
+    sim.end();
+}
+
+#[test]
 fn modules_may_have_the_address_that_hosts_have_from_the_factory() {
     let sim = Served::new("tmcl:1,2");
     assert!(sim.url.ends_with("?host=255#1,2"), "{}", sim.url);

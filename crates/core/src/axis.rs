@@ -30,6 +30,12 @@ pub enum Verb {
     MoveTo,
     /// Go so far.
     MoveBy,
+    /// Go so far from the last target, reached or not.
+    MoveOn,
+    /// Go to a position along an S-curve, where acceleration has no steps.
+    CurveTo,
+    /// Go so far along an S-curve.
+    CurveBy,
     /// Find the reference position.
     Home,
     /// Wait until the last move or homing is done. Moves nothing.
@@ -40,7 +46,7 @@ pub enum Verb {
 
 impl Verb {
     /// Every verb.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 15] = [
         Self::Enable,
         Self::Disable,
         Self::Stop,
@@ -50,6 +56,9 @@ impl Verb {
         Self::Torque,
         Self::MoveTo,
         Self::MoveBy,
+        Self::MoveOn,
+        Self::CurveTo,
+        Self::CurveBy,
         Self::Home,
         Self::Reached,
         Self::Store,
@@ -68,6 +77,9 @@ impl Verb {
             Self::Torque => "torque",
             Self::MoveTo => "move-to",
             Self::MoveBy => "move-by",
+            Self::MoveOn => "move-on",
+            Self::CurveTo => "curve-to",
+            Self::CurveBy => "curve-by",
             Self::Home => "home",
             Self::Reached => "reached",
             Self::Store => "store",
@@ -77,20 +89,29 @@ impl Verb {
     /// True for what sets an axis in motion or powers it: it needs an armed axis.
     #[must_use]
     pub const fn needs_arming(self) -> bool {
-        matches!(
-            self,
-            Self::Enable | Self::Velocity | Self::Torque | Self::MoveTo | Self::MoveBy | Self::Home
-        )
+        matches!(self, Self::Enable | Self::Velocity | Self::Torque | Self::Home) || self.is_move()
+    }
+
+    /// True for what goes to a position, or so far, and tells when it is there.
+    #[must_use]
+    pub const fn is_move(self) -> bool {
+        use Verb::{CurveBy, CurveTo, MoveBy, MoveOn, MoveTo};
+        matches!(self, MoveTo | MoveBy | MoveOn | CurveTo | CurveBy)
     }
 
     /// Whether a caller can give it such an argument. All others are never there.
     #[must_use]
     pub const fn takes(self, argument: Argument) -> bool {
-        use Argument::{Acceleration, Target, Torque, Velocity};
+        use Argument::{Acceleration, JerkTime, Target, Torque, Velocity};
         match self {
             Self::Velocity => matches!(argument, Velocity | Acceleration),
             Self::Torque => matches!(argument, Torque),
-            Self::MoveTo | Self::MoveBy => matches!(argument, Target | Velocity | Acceleration),
+            Self::MoveTo | Self::MoveBy | Self::MoveOn => {
+                matches!(argument, Target | Velocity | Acceleration)
+            }
+            Self::CurveTo | Self::CurveBy => {
+                matches!(argument, Target | Velocity | Acceleration | JerkTime)
+            }
             Self::Home => matches!(argument, Velocity),
             _ => false,
         }
@@ -103,7 +124,7 @@ impl Verb {
     }
 }
 
-/// A verb with its arguments, in SI: rad or m, rad/s, rad/s², N·m (1 on ratio axes). An argument
+/// A verb with its arguments, in SI: rad or m, rad/s, rad/s², N·m (1 on ratio axes), s. An argument
 /// that the caller leaves out is `None`; the plan decides whether it can do without.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Command {
@@ -117,6 +138,8 @@ pub struct Command {
     pub acceleration: Option<f64>,
     /// With how much torque.
     pub torque: Option<f64>,
+    /// How long the acceleration takes to build up.
+    pub jerk_time: Option<f64>,
 }
 
 impl Command {
@@ -128,13 +151,21 @@ impl Command {
             Argument::Velocity => self.velocity,
             Argument::Acceleration => self.acceleration,
             Argument::Torque => self.torque,
+            Argument::JerkTime => self.jerk_time,
         }
     }
 
     /// A verb without arguments.
     #[must_use]
     pub const fn new(verb: Verb) -> Self {
-        Self { verb, target: None, velocity: None, acceleration: None, torque: None }
+        Self {
+            verb,
+            target: None,
+            velocity: None,
+            acceleration: None,
+            torque: None,
+            jerk_time: None,
+        }
     }
 }
 

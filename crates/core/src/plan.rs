@@ -20,7 +20,8 @@ pub struct Plan {
     pub source: &'static str,
     /// What to do, in order.
     pub steps: &'static [Step],
-    /// What to do when a step after the first one sent fails or the plan is cut short.
+    /// What to do when a step after the first fails, or the plan is cut short, and more than
+    /// questions were sent.
     pub undo: &'static [Step],
 }
 
@@ -146,4 +147,6 @@ pub enum Argument {
     Acceleration,
     /// With how much torque.
     Torque,
+    /// How long the acceleration takes to build up.
+    JerkTime,
 }

@@ -356,6 +356,48 @@ impl Axis {
         self.run(Command { target: Some(target), ..Command::new(Verb::MoveBy) }).map(drop)
     }
 
+    /// Sets out for a position so far from the last target, whether that was reached or not. As
+    /// [`move_by`](Self::move_by).
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn move_on(&self, distance: impl Into<Amount>) -> Result<(), Error> {
+        let target = self.argument(Verb::MoveOn, Argument::Target, &distance.into())?;
+        self.run(Command { target: Some(target), ..Command::new(Verb::MoveOn) }).map(drop)
+    }
+
+    /// Sets out for a position along an S-curve, whose acceleration takes `jerk_time` (s, or text
+    /// with a unit) to build up. As [`move_to`](Self::move_to).
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn curve_to(
+        &self,
+        target: impl Into<Amount>,
+        jerk_time: impl Into<Amount>,
+    ) -> Result<(), Error> {
+        self.curve(Verb::CurveTo, &target.into(), &jerk_time.into())
+    }
+
+    /// Sets out for a position so far from here, along an S-curve. As [`curve_to`](Self::curve_to);
+    /// it is never sent twice.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn curve_by(
+        &self,
+        distance: impl Into<Amount>,
+        jerk_time: impl Into<Amount>,
+    ) -> Result<(), Error> {
+        self.curve(Verb::CurveBy, &distance.into(), &jerk_time.into())
+    }
+
+    fn curve(&self, verb: Verb, target: &Amount, jerk_time: &Amount) -> Result<(), Error> {
+        let target = Some(self.argument(verb, Argument::Target, target)?);
+        let jerk_time = Some(self.argument(verb, Argument::JerkTime, jerk_time)?);
+        self.run(Command { target, jerk_time, ..Command::new(verb) }).map(drop)
+    }
+
     /// Finds the reference position, and waits for it. The axis must be armed.
     ///
     /// # Errors

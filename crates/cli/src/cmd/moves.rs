@@ -103,7 +103,8 @@ pub struct Torque {
 #[command(after_help = "\
 Examples:
   polepair move tmcl+serial:///dev/ttyUSB0#1 90deg --vel 200rpm
-  polepair move sim:tmcl --rel 2turn --timeout 5s")]
+  polepair move sim:tmcl --rel 2turn --timeout 5s
+  polepair move tml+serial:///dev/ttyUSB0#1 90deg --s-curve 50ms")]
 pub struct Move {
     #[command(flatten)]
     target: Target,
@@ -113,6 +114,12 @@ pub struct Move {
     /// By so far, from where it is
     #[arg(long)]
     rel: bool,
+    /// With --rel: from the last target, whether that was reached or not
+    #[arg(long, requires = "rel", conflicts_with = "s_curve")]
+    additive: bool,
+    /// Along an S-curve, whose acceleration takes so long to build up: 50ms
+    #[arg(long, value_name = "TIME")]
+    s_curve: Option<String>,
     /// Speed
     #[arg(long, value_name = "VALUE")]
     vel: Option<String>,
@@ -176,12 +183,19 @@ impl Torque {
 
 impl Move {
     pub fn run(self) -> Result {
-        let verb = if self.rel { Verb::MoveBy } else { Verb::MoveTo };
+        let verb = match (self.rel, self.s_curve.is_some()) {
+            (true, false) if self.additive => Verb::MoveOn,
+            (true, false) => Verb::MoveBy,
+            (false, false) => Verb::MoveTo,
+            (true, true) => Verb::CurveBy,
+            (false, true) => Verb::CurveTo,
+        };
         let command = |axis: &Axis| {
             let mut command = Command::new(verb);
             command.target = Some(argument(axis, verb, Argument::Target, &self.position)?);
             command.velocity = given(axis, verb, Argument::Velocity, &self.vel)?;
             command.acceleration = given(axis, verb, Argument::Acceleration, &self.acc)?;
+            command.jerk_time = given(axis, verb, Argument::JerkTime, &self.s_curve)?;
             Ok(command)
         };
         arriving(&self.target, &self.arriving, command)

@@ -197,6 +197,11 @@ pub fn sent<R: Request>(job: &mut Job<R>, asked: Asked) {
     job.asked = asked;
     if let Task::Run(run) = &mut job.task {
         run.touched |= matches!(asked, Asked::Write(.., Class::Never) | Asked::Send(Class::Never));
+        run.wrote |= match asked {
+            Asked::Write(..) => true,
+            Asked::Send(class) => class != Class::Idempotent,
+            _ => false,
+        };
     }
 }
 
@@ -427,7 +432,7 @@ fn failed(run: &mut Run, failure: Failure) -> Next {
         run.undoing = Some(outcome);
         run.at = 0;
         run.stage = Stage::First;
-    } else if run.at > 0 && !run.undo.is_empty() {
+    } else if run.at > 0 && run.wrote && !run.undo.is_empty() {
         run.undoing = Some(outcome);
         run.at = 0;
         run.stage = Stage::First;

@@ -92,6 +92,8 @@ pub struct Run {
     pub stage: Stage,
     /// Something that cannot be taken back was sent.
     pub touched: bool,
+    /// More than questions were sent: there may be something to undo.
+    pub wrote: bool,
     /// Scales known and arguments in range: from here on bytes are sent.
     pub checked: bool,
     /// The undo steps are running; the job ends so when they are through.
@@ -177,6 +179,7 @@ impl Run {
             at: 0,
             stage: Stage::First,
             touched: false,
+            wrote: false,
             checked: false,
             undoing: None,
             since: None,

@@ -18,6 +18,8 @@
 //! load = 0.02                     # N·m, positive drives the shaft forward
 //! supply = 24.0                   # V
 //! home = 3.1                      # rad: where a reference switch closes
+//! limit_low = -6.3                # rad: where the limit switches close
+//! limit_high = 6.3
 //! on = ["left", "bus"]            # a drive on two links: this one and another of the other kind
 //! options = { variant = "position" }   # what the family knows beyond these
 //!
@@ -44,8 +46,20 @@ use std::path::Path;
 
 const LINK_KEYS: [&str; 9] =
     ["name", "kind", "protocol", "baud", "bitrate", "duplex", "echo", "faults", "drive"];
-const DRIVE_KEYS: [&str; 8] =
-    ["name", "profile", "address", "on", "load", "supply", "home", "options"];
+const DRIVE_KEYS: [&str; 10] = [
+    "name",
+    "profile",
+    "address",
+    "on",
+    "load",
+    "supply",
+    "home",
+    "limit_high",
+    "limit_low",
+    "options",
+];
+/// Keys that are places of switches, in the order of [`Act::Switch`].
+const SWITCH_KEYS: [&str; 3] = ["home", "limit_high", "limit_low"];
 const CAN_FAULT_KEYS: [&str; 3] = ["error", "twice", "lose"];
 const FAULT_KEYS: [&str; 15] = [
     "seed",
@@ -266,7 +280,9 @@ fn drive_of_table(
     let real = |key| node.real(key).map(|found| found.map(|found| found.value));
     drive.acts.extend(real("supply")?.map(Act::Supply));
     drive.acts.extend(real("load")?.map(Act::Load));
-    drive.acts.extend(real("home")?.map(|at| Act::Switch { which: 0, at }));
+    for (which, key) in (0..).zip(SWITCH_KEYS) {
+        drive.acts.extend(real(key)?.map(|at| Act::Switch { which, at }));
+    }
     if let Some(options) = node.table("options", &[])? {
         for key in options.keys() {
             if let Some(value) = options.plain(key.value)? {

@@ -337,7 +337,7 @@ impl Axis {
             return Ok(());
         }
         let executed = after.unrepeatable.saturating_sub(open.before.unrepeatable);
-        let once = matches!(verb, Verb::MoveBy | Verb::MoveTo | Verb::Velocity | Verb::Torque);
+        let once = verb.is_move() || matches!(verb, Verb::Velocity | Verb::Torque);
         if executed > 1 && once {
             return Err(("I2", format!("{} was executed {executed} times", verb.name())));
         }
@@ -375,10 +375,12 @@ const fn is_start(what: What) -> bool {
 }
 
 const fn moves(what: What) -> bool {
-    matches!(
-        what,
-        What::Do(Verb::Velocity | Verb::Torque | Verb::MoveTo | Verb::MoveBy | Verb::Home)
-    )
+    match what {
+        What::Do(verb) => {
+            verb.is_move() || matches!(verb, Verb::Velocity | Verb::Torque | Verb::Home)
+        }
+        _ => false,
+    }
 }
 
 fn command(verb: Verb, random: &mut Random) -> Command {

@@ -193,13 +193,14 @@ static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
     Parameter {
         name: "motor current",
         symbol: "IQ",
-        about: "Current that makes torque, in drive units: full scale is 32760 for twice the peak current over 65520.",
+        about: "Current that makes torque, in parts of the drive's peak current, which it does not tell.",
         section: "captures",
         index: 0x0230,
         encoding: Encoding::I16,
-        unit: Unit::None,
+        unit: Unit::Percent,
         min: -32768,
         max: 32767,
+        scale: Scale { factor: 0.003052503052503, times: None, over: None },
         access: Access::Read,
         persistence: Persistence::Volatile,
         certainty: Certainty::Inferred,
@@ -916,13 +917,14 @@ static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
     Parameter {
         name: "external torque reference",
         symbol: "EREFT",
-        about: "The external reference as torque, in drive units.",
+        about: "The external reference as torque, in parts of the drive's peak current. Its amperes depend on the drive's size, which it does not tell: for amperes, give a profile whose `external torque reference` has the unit A and a factor of the peak current over 32760.",
         section: "captures",
         index: 0x02a9,
         encoding: Encoding::I16,
-        unit: Unit::None,
-        min: -32768,
-        max: 32767,
+        unit: Unit::Percent,
+        min: -32760,
+        max: 32760,
+        scale: Scale { factor: 0.003052503052503, times: None, over: None },
         access: Access::ReadWrite,
         persistence: Persistence::Volatile,
         certainty: Certainty::Inferred,
@@ -1892,7 +1894,7 @@ static TECHNOSOFT_F514L_PARAMETERS: [Parameter; 796] = [
         index: 0x08d2,
         encoding: Encoding::I32,
         unit: Unit::Second,
-        min: -2147483648,
+        min: 1,
         max: 2147483647,
         scale: Scale { factor: 0.001, times: None, over: None },
         access: Access::ReadWrite,
@@ -3074,7 +3076,7 @@ static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 11] = [
     },
 ];
 
-static TECHNOSOFT_F514L_PLANS: [Plan; 11] = [
+static TECHNOSOFT_F514L_PLANS: [Plan; 15] = [
     Plan {
         verb: Verb::Enable,
         source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there",
@@ -3172,6 +3174,32 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 11] = [
         undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
     },
     Plan {
+        verb: Verb::Torque,
+        source: "register map (MCR, EREFT) and the codes of MODE TES, EXTREF 0: torque by the line, in parts of the peak current. Not MODE TT, whose ramp turns the field by itself and leaves the shaft aside",
+        steps: &[
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(184), Operand::Argument(Argument::Torque)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(2982183168),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4282318848),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
         verb: Verb::MoveTo,
         source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPA, TUM1, UPD",
         steps: &[
@@ -3207,7 +3235,7 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 11] = [
     },
     Plan {
         verb: Verb::MoveBy,
-        source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPR, TUM1, UPD",
+        source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPR, TUM1, UPD; SRBL takes ACR bit 11 away, so that it counts from where the target is now",
         steps: &[
             Step::Require {
                 read: ParameterId(382),
@@ -3217,6 +3245,12 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 11] = [
             Step::Write(ParameterId(173), Operand::Given(Argument::Acceleration)),
             Step::Write(ParameterId(172), Operand::Given(Argument::Velocity)),
             Step::Write(ParameterId(171), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x4,
+                index: 0x912,
+                operand: Operand::Is(4160684032),
+                like: None,
+            },
             Step::Send {
                 function: 0x3,
                 index: 0x5909,
@@ -3240,8 +3274,48 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 11] = [
         undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
     },
     Plan {
-        verb: Verb::Home,
-        source: "by the host: what the drive's own homing functions are depends on its set-up (`CALLS`, `FUNCTION`). It turns at the homing speed to a limit switch, stops, and calls that place zero",
+        verb: Verb::MoveOn,
+        source: "TML_LIB_light: as move-by, but SRBL ACR, 0FFFFh, 0800h: it counts from the last target, reached or not",
+        steps: &[
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(173), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(172), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(171), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x4,
+                index: 0x912,
+                operand: Operand::Is(4294903808),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3217131265),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3758030848),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::CurveTo,
+        source: "TML_LIB_light: CPOS, CSPD, CACC, TJERK, MODE PSC, CPA, TUM1, UPD; DER bits 8 and 9 tell when the drive would not",
         steps: &[
             Step::Require {
                 read: ParameterId(382),
@@ -3249,9 +3323,121 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 11] = [
                 hint: "the motor is off: enable the axis first",
             },
             Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x400, compare: Compare::Equal, value: 1024 },
+                hint: "an S-curve begins at rest: wait for the motion to end, or stop the axis",
+            },
+            Step::Require {
+                read: ParameterId(260),
+                test: Test { mask: 0x300, compare: Compare::Equal, value: 0 },
+                hint: "the drive still tells of an S-curve that it refused before: clear its faults",
+            },
+            Step::Write(ParameterId(173), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(172), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(369), Operand::Argument(Argument::JerkTime)),
+            Step::Write(ParameterId(171), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4290873095),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294909952),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+            Step::Require {
+                read: ParameterId(260),
+                test: Test { mask: 0x300, compare: Compare::Equal, value: 0 },
+                hint: "the drive refused the S-curve: choose another time, speed or acceleration; clear its faults",
+            },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::CurveBy,
+        source: "TML_LIB_light: as curve-to, with CPR; ACR bit 11 as in move-by",
+        steps: &[
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x400, compare: Compare::Equal, value: 1024 },
+                hint: "an S-curve begins at rest: wait for the motion to end, or stop the axis",
+            },
+            Step::Require {
+                read: ParameterId(260),
+                test: Test { mask: 0x300, compare: Compare::Equal, value: 0 },
+                hint: "the drive still tells of an S-curve that it refused before: clear its faults",
+            },
+            Step::Write(ParameterId(173), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(172), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(369), Operand::Argument(Argument::JerkTime)),
+            Step::Write(ParameterId(171), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x4,
+                index: 0x912,
+                operand: Operand::Is(4160684032),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4290873095),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3758030848),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+            Step::Require {
+                read: ParameterId(260),
+                test: Test { mask: 0x300, compare: Compare::Equal, value: 0 },
+                hint: "the drive refused the S-curve: choose another time, speed or acceleration; clear its faults",
+            },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::Home,
+        source: "by the host: what the drive's own homing functions are depends on its set-up (`CALLS`, `FUNCTION`). It turns at the homing speed to a limit switch, stops, lets the shaft settle, and calls that place zero",
+        steps: &[
+            Step::Require {
+                read: ParameterId(382),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(422), Operand::Given(Argument::Velocity)),
+            Step::Require {
                 read: ParameterId(422),
                 test: Test { mask: -1, compare: Compare::NotEqual, value: 0 },
                 hint: "set the homing speed first: slow, its sign tells to which limit switch",
+            },
+            Step::Require {
+                read: ParameterId(372),
+                test: Test { mask: 0xc0, compare: Compare::Equal, value: 0 },
+                hint: "a limit switch is closed already: move the axis off it first",
             },
             Step::Copy { from: ParameterId(422), to: ParameterId(172) },
             Step::Send {
@@ -3269,15 +3455,17 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 11] = [
             Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
             Step::Until {
                 read: ParameterId(372),
-                test: Test { mask: 0xc0, compare: Compare::NotEqual, value: 0 },
+                test: Test { mask: 0xbfea, compare: Compare::NotEqual, value: 0 },
                 within_ms: 60000,
             },
+            Step::NoFault { read: ParameterId(372), mask: 0xbf2a },
             Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None },
             Step::Until {
                 read: ParameterId(192),
                 test: Test { mask: -1, compare: Compare::Within, value: 0 },
                 within_ms: 30000,
             },
+            Step::Wait { ms: 200 },
             Step::Send { function: 0x2, index: 0x8400, operand: Operand::Is(0), like: None },
         ],
         undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
@@ -3463,13 +3651,14 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     Parameter {
         name: "motor current",
         symbol: "IQ",
-        about: "Current that makes torque, in drive units: full scale is 32760 for twice the peak current over 65520.",
+        about: "Current that makes torque, in parts of the drive's peak current, which it does not tell.",
         section: "captures",
         index: 0x0230,
         encoding: Encoding::I16,
-        unit: Unit::None,
+        unit: Unit::Percent,
         min: -32768,
         max: 32767,
+        scale: Scale { factor: 0.003052503052503, times: None, over: None },
         access: Access::Read,
         persistence: Persistence::Volatile,
         certainty: Certainty::Inferred,
@@ -4195,13 +4384,14 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     Parameter {
         name: "external torque reference",
         symbol: "EREFT",
-        about: "The external reference as torque, in drive units.",
+        about: "The external reference as torque, in parts of the drive's peak current. Its amperes depend on the drive's size, which it does not tell: for amperes, give a profile whose `external torque reference` has the unit A and a factor of the peak current over 32760.",
         section: "captures",
         index: 0x02a9,
         encoding: Encoding::I16,
-        unit: Unit::None,
-        min: -32768,
-        max: 32767,
+        unit: Unit::Percent,
+        min: -32760,
+        max: 32760,
+        scale: Scale { factor: 0.003052503052503, times: None, over: None },
         access: Access::ReadWrite,
         persistence: Persistence::Volatile,
         certainty: Certainty::Inferred,
@@ -5208,7 +5398,7 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
         index: 0x08d2,
         encoding: Encoding::I32,
         unit: Unit::Second,
-        min: -2147483648,
+        min: 1,
         max: 2147483647,
         scale: Scale { factor: 0.001, times: None, over: None },
         access: Access::ReadWrite,
@@ -6580,7 +6770,7 @@ static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 11] = [
     },
 ];
 
-static TECHNOSOFT_FA00G_PLANS: [Plan; 11] = [
+static TECHNOSOFT_FA00G_PLANS: [Plan; 15] = [
     Plan {
         verb: Verb::Enable,
         source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there",
@@ -6678,6 +6868,32 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 11] = [
         undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
     },
     Plan {
+        verb: Verb::Torque,
+        source: "register map (MCR, EREFT) and the codes of MODE TES, EXTREF 0: torque by the line, in parts of the peak current. Not MODE TT, whose ramp turns the field by itself and leaves the shaft aside",
+        steps: &[
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(192), Operand::Argument(Argument::Torque)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(2982183168),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4282318848),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
         verb: Verb::MoveTo,
         source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPA, TUM1, UPD",
         steps: &[
@@ -6713,7 +6929,7 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 11] = [
     },
     Plan {
         verb: Verb::MoveBy,
-        source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPR, TUM1, UPD",
+        source: "TML_LIB_light: CPOS, CSPD, CACC, MODE PP, CPR, TUM1, UPD; SRBL takes ACR bit 11 away, so that it counts from where the target is now",
         steps: &[
             Step::Require {
                 read: ParameterId(438),
@@ -6723,6 +6939,12 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 11] = [
             Step::Write(ParameterId(180), Operand::Given(Argument::Acceleration)),
             Step::Write(ParameterId(179), Operand::Given(Argument::Velocity)),
             Step::Write(ParameterId(178), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x4,
+                index: 0x912,
+                operand: Operand::Is(4160684032),
+                like: None,
+            },
             Step::Send {
                 function: 0x3,
                 index: 0x5909,
@@ -6746,8 +6968,48 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 11] = [
         undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
     },
     Plan {
-        verb: Verb::Home,
-        source: "by the host: what the drive's own homing functions are depends on its set-up (`CALLS`, `FUNCTION`). It turns at the homing speed to a limit switch, stops, and calls that place zero",
+        verb: Verb::MoveOn,
+        source: "TML_LIB_light: as move-by, but SRBL ACR, 0FFFFh, 0800h: it counts from the last target, reached or not",
+        steps: &[
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(180), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(179), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(178), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x4,
+                index: 0x912,
+                operand: Operand::Is(4294903808),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3217131265),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3758030848),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::CurveTo,
+        source: "TML_LIB_light: CPOS, CSPD, CACC, TJERK, MODE PSC, CPA, TUM1, UPD; DER bits 8 and 9 tell when the drive would not",
         steps: &[
             Step::Require {
                 read: ParameterId(438),
@@ -6755,9 +7017,121 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 11] = [
                 hint: "the motor is off: enable the axis first",
             },
             Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x400, compare: Compare::Equal, value: 1024 },
+                hint: "an S-curve begins at rest: wait for the motion to end, or stop the axis",
+            },
+            Step::Require {
+                read: ParameterId(291),
+                test: Test { mask: 0x300, compare: Compare::Equal, value: 0 },
+                hint: "the drive still tells of an S-curve that it refused before: clear its faults",
+            },
+            Step::Write(ParameterId(180), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(179), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(414), Operand::Argument(Argument::JerkTime)),
+            Step::Write(ParameterId(178), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4290873095),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294909952),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+            Step::Require {
+                read: ParameterId(291),
+                test: Test { mask: 0x300, compare: Compare::Equal, value: 0 },
+                hint: "the drive refused the S-curve: choose another time, speed or acceleration; clear its faults",
+            },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::CurveBy,
+        source: "TML_LIB_light: as curve-to, with CPR; ACR bit 11 as in move-by",
+        steps: &[
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x400, compare: Compare::Equal, value: 1024 },
+                hint: "an S-curve begins at rest: wait for the motion to end, or stop the axis",
+            },
+            Step::Require {
+                read: ParameterId(291),
+                test: Test { mask: 0x300, compare: Compare::Equal, value: 0 },
+                hint: "the drive still tells of an S-curve that it refused before: clear its faults",
+            },
+            Step::Write(ParameterId(180), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(179), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(414), Operand::Argument(Argument::JerkTime)),
+            Step::Write(ParameterId(178), Operand::Argument(Argument::Target)),
+            Step::Send {
+                function: 0x4,
+                index: 0x912,
+                operand: Operand::Is(4160684032),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4290873095),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(3758030848),
+                like: None,
+            },
+            Step::Send {
+                function: 0x3,
+                index: 0x5909,
+                operand: Operand::Is(4294918144),
+                like: None,
+            },
+            Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
+            Step::Require {
+                read: ParameterId(291),
+                test: Test { mask: 0x300, compare: Compare::Equal, value: 0 },
+                hint: "the drive refused the S-curve: choose another time, speed or acceleration; clear its faults",
+            },
+        ],
+        undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],
+    },
+    Plan {
+        verb: Verb::Home,
+        source: "by the host: what the drive's own homing functions are depends on its set-up (`CALLS`, `FUNCTION`). It turns at the homing speed to a limit switch, stops, lets the shaft settle, and calls that place zero",
+        steps: &[
+            Step::Require {
+                read: ParameterId(438),
+                test: Test { mask: 0x8000, compare: Compare::Equal, value: 32768 },
+                hint: "the motor is off: enable the axis first",
+            },
+            Step::Write(ParameterId(498), Operand::Given(Argument::Velocity)),
+            Step::Require {
                 read: ParameterId(498),
                 test: Test { mask: -1, compare: Compare::NotEqual, value: 0 },
                 hint: "set the homing speed first: slow, its sign tells to which limit switch",
+            },
+            Step::Require {
+                read: ParameterId(426),
+                test: Test { mask: 0xc0, compare: Compare::Equal, value: 0 },
+                hint: "a limit switch is closed already: move the axis off it first",
             },
             Step::Copy { from: ParameterId(498), to: ParameterId(179) },
             Step::Send {
@@ -6775,15 +7149,17 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 11] = [
             Step::Send { function: 0x0, index: 0x108, operand: Operand::Is(0), like: None },
             Step::Until {
                 read: ParameterId(426),
-                test: Test { mask: 0xc0, compare: Compare::NotEqual, value: 0 },
+                test: Test { mask: 0xbfea, compare: Compare::NotEqual, value: 0 },
                 within_ms: 60000,
             },
+            Step::NoFault { read: ParameterId(426), mask: 0xbf2a },
             Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None },
             Step::Until {
                 read: ParameterId(201),
                 test: Test { mask: -1, compare: Compare::Within, value: 0 },
                 within_ms: 30000,
             },
+            Step::Wait { ms: 200 },
             Step::Send { function: 0x2, index: 0x8400, operand: Operand::Is(0), like: None },
         ],
         undo: &[Step::Send { function: 0x0, index: 0x1c4, operand: Operand::Is(0), like: None }],

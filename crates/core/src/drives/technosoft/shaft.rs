@@ -8,6 +8,12 @@ use crate::plant::{Conditions, Encoder, Goal, Motor, MotorParameters, Servo, TIC
 const STAGE_OHM: f64 = 0.02;
 /// Proportional gain KPP with which the model's loop is as tuned.
 const KPP_TUNED: f64 = 288.0;
+/// Position error that is left alone at rest, counts: less than from the middle of one to its edge.
+const DEADBAND: f64 = 0.35;
+/// Breaks away as softly as it turns: one that sticks leaps over a count or two, back and forth,
+/// where a drive that counts finely is to rest on the very count.
+const MOTOR: MotorParameters =
+    MotorParameters { stiction: MotorParameters::SERVO_48V.coulomb, ..MotorParameters::SERVO_48V };
 
 /// A motor on its drive.
 #[derive(Clone, Debug)]
@@ -31,10 +37,11 @@ pub(super) struct Shaft {
 impl Shaft {
     /// At rest at count 0, off.
     pub fn new(options: &Options) -> Self {
-        let motor = Motor::new(MotorParameters::SERVO_48V);
+        let motor = Motor::new(MOTOR);
         let encoder = Encoder::new(options.counts);
         let mut servo = Servo::new(motor.parameters());
         servo.max_current = PEAK_A;
+        servo.gains.deadband = servo.gains.deadband.min(DEADBAND / encoder.counts_per_rad());
         let slow_s = options.slow_ns as f64 * 1e-9;
         Self {
             scale: Scale { per_rad: encoder.counts_per_rad(), slow_s },

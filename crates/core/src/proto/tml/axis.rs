@@ -57,7 +57,8 @@ impl Axis {
     }
 }
 
-/// What a plan's `send FUNCTION INDEX VALUE` says, by its function. The index is the opcode.
+/// What a plan's `send FUNCTION INDEX VALUE` says, by its function. The index is the opcode, or the
+/// variable's address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Form {
     /// 0: the opcode alone, as `AXISON`.
@@ -68,6 +69,8 @@ pub enum Form {
     Long,
     /// 3: the value's high word, then its low one: AND and OR masks of `SRB`, as every mode is set.
     Masks,
+    /// 4: the same masks for the variable at the index, by `SRBL`.
+    FarMasks,
 }
 
 impl Form {
@@ -77,17 +80,19 @@ impl Form {
             1 => Self::Word,
             2 => Self::Long,
             3 => Self::Masks,
+            4 => Self::FarMasks,
             _ => return None,
         })
     }
 
-    const fn instruction(self, opcode: u16, value: u32) -> Instruction {
+    const fn instruction(self, index: u16, value: u32) -> Instruction {
         let [low, high] = low_first(value);
         match self {
-            Self::Bare => Instruction::of(opcode, []),
-            Self::Word => Instruction::of(opcode, [low]),
-            Self::Long => Instruction::of(opcode, [low, high]),
-            Self::Masks => Instruction::of(opcode, [high, low]),
+            Self::Bare => Instruction::of(index, []),
+            Self::Word => Instruction::of(index, [low]),
+            Self::Long => Instruction::of(index, [low, high]),
+            Self::Masks => Instruction::of(index, [high, low]),
+            Self::FarMasks => Instruction::of(0x5C00, [index, high, low]),
         }
     }
 }
@@ -134,7 +139,7 @@ impl Driver for Axis {
         Ok(self.ask(assignment(parameter.index, value, long)).held_to(class).with(with))
     }
 
-    /// `function` is a [`Form`], `index` the opcode.
+    /// `function` is a [`Form`].
     fn send(&self, function: u8, index: u16, value: i64) -> Result<Ask, Unsupported> {
         let form = Form::of(function).ok_or(Unsupported::BadArgument)?;
         Ok(self.ask(form.instruction(index, wire_value(value, true)?)))

@@ -51,7 +51,7 @@ fn relative_moves_add_up_and_additive_ones_to_the_last_target() {
     desk.update();
     desk.wait(1000);
     assert_eq!(desk.read_long(0x02B2), 4000);
-    assert!((desk.read_long(0x0228) - 4000).abs() <= 1);
+    assert_eq!(desk.read_long(0x0228), 4000);
     assert_eq!(desk.device.truth(desk.now).unrepeatable, 4);
     let starts = desk.device.truth(desk.now).starts;
     assert_eq!(starts, 5, "AXISON and four moves");
@@ -169,4 +169,27 @@ fn counts_wrap_and_moves_go_on() {
     assert_eq!(desk.read_long(0x0228), i32::MIN + 100);
     let turns = desk.device.truth(desk.now).position / core::f64::consts::TAU;
     assert!(turns > 0.0 && turns < 0.1, "the short way round: {turns}");
+}
+
+#[test]
+fn relative_moves_rest_on_the_very_count() {
+    for counts in ["400", "2000", "4096"] {
+        let mut desk = Desk::with(&[("counts", counts)]);
+        desk.on();
+        desk.fixed(0x02A0, 20.0);
+        let mut place = 0;
+        for by in [1000, 1000, -300, 1, 7777, -1, -4000, 123, 1000, 1000] {
+            desk.long(0x029E, by);
+            desk.mode_pp();
+            desk.tell(0x5909, &[0xDFFF, 0]);
+            desk.tell(0x5909, &[0xFFFF, 0x4000]);
+            desk.update();
+            place += by;
+            for _ in 0..3 {
+                desk.wait(1000);
+                let found = (desk.read_long(0x0228), desk.read_long(0x02B2));
+                assert_eq!(found, (place, place), "{counts} counts, by {by}");
+            }
+        }
+    }
 }

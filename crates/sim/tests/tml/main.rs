@@ -1,5 +1,7 @@
 //! TML from both ends, in virtual time: what the manual's chapters tell, and what goes wrong.
 
+mod verbs;
+
 use polepair_core::axis::{Axes, Command, Part, Verb};
 use polepair_core::drives::bench::Truth;
 use polepair_core::drives::technosoft::{Device, Technosoft};
