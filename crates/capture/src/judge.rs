@@ -15,6 +15,9 @@ const CHANCE: f64 = 9.0 / 256.0;
 /// A frame whose check fails is worth this share of one that is right.
 const BROKEN_WORTH: f64 = 0.1;
 
+/// Axes of a link that are remembered: as many as a CAN bus can have with 11-bit identifiers.
+const AXES_MAX: usize = 127;
+
 /// Weighs a capture.
 #[derive(Debug)]
 pub struct Judge {
@@ -37,6 +40,8 @@ impl fmt::Debug for Reader {
 #[derive(Clone, Debug, Default)]
 struct Tally {
     link: String,
+    /// Axes with whole frames.
+    axes: Vec<u32>,
     frames: u64,
     broken: u64,
     good_bytes: u64,
@@ -61,6 +66,9 @@ pub struct Verdict {
     pub stray_bytes: u64,
     /// The protocol that explains most after the first, and the share of the bytes it explains.
     pub runner_up: Option<(&'static str, f64)>,
+    /// A protocol that may be spoken too, on identifiers that it shares with others, and the axes
+    /// that would: no frame proves it, so it is for a person to say.
+    pub shared: Option<(&'static str, Vec<u32>)>,
 }
 
 impl fmt::Debug for Verdict {
@@ -72,7 +80,8 @@ impl fmt::Debug for Verdict {
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(protocol) = self.protocol else {
-            return write!(f, "{}: no known protocol explains it", self.link);
+            write!(f, "{}: no known protocol explains it", self.link)?;
+            return self.show_shared(f);
         };
         let (name, percent) = (protocol.name(), self.sure * 100.0);
         write!(f, "{}: {name}, {percent:.0} % sure ({}", self.link, many(self.frames, "frame"))?;
@@ -87,7 +96,18 @@ impl fmt::Display for Verdict {
             Some((name, share)) => {
                 write!(f, "; runner-up {name} explains {:.0} %)", share * 100.0)
             }
-        }
+        }?;
+        self.show_shared(f)
+    }
+}
+
+impl Verdict {
+    fn show_shared(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some((name, axes)) = &self.shared else { return Ok(()) };
+        let first = self.protocol.map_or(String::new(), |first| format!("{},", first.name()));
+        let rules: Vec<String> = axes.iter().map(|axis| format!("{name}@{axis}")).collect();
+        let rules = rules.join(",");
+        write!(f, "; some identifiers may be {name}'s: if they are, --as {first}{rules}")
     }
 }
 
@@ -128,8 +148,11 @@ impl Judge {
     }
 
     fn verdict(&self, link: &str) -> Verdict {
-        let mut ranked: Vec<(&Reader, &Tally)> =
-            self.readers.iter().filter_map(|reader| Some((reader, reader.tally(link)?))).collect();
+        let read = self.readers.iter().filter_map(|reader| Some((reader, reader.tally(link)?)));
+        let shares = |(reader, _): &(&Reader, &Tally)| reader.dissector.shares_identifiers();
+        let (shared, mut ranked): (Vec<_>, Vec<_>) = read.partition(shares);
+        let shared = shared.into_iter().find(|(_, tally)| !tally.axes.is_empty());
+        let shared = shared.map(|(reader, tally)| (reader.dissector.name(), tally.axes.clone()));
         // Of two that find no whole frame, the one with fewer pieces reads more into the bytes.
         ranked.sort_by(|(_, a), (_, b)| {
             b.share().total_cmp(&a.share()).then(a.broken.cmp(&b.broken))
@@ -138,12 +161,10 @@ impl Judge {
         let runner_up = rivals
             .map(|(reader, tally)| (reader.dissector.name(), tally.good_share()))
             .max_by(|(_, a), (_, b)| a.total_cmp(b));
-        let Some((reader, best)) = ranked.first() else {
-            return Verdict::unknown(link);
+        let best = ranked.first().filter(|(_, tally)| tally.is_more_than_chance());
+        let Some((reader, best)) = best else {
+            return Verdict { shared, ..Verdict::unknown(link) };
         };
-        if !best.is_more_than_chance() {
-            return Verdict::unknown(link);
-        }
         let rival = runner_up.map_or(0.0, |(_, share)| share).max(CHANCE);
         let accident = 0.5f64.powi(8 * i32::try_from(best.frames).unwrap_or(i32::MAX / 8).min(99));
         Verdict {
@@ -154,6 +175,7 @@ impl Judge {
             broken: best.broken,
             stray_bytes: best.stray_bytes,
             runner_up,
+            shared,
         }
     }
 
@@ -187,6 +209,7 @@ impl Verdict {
             broken: 0,
             stray_bytes: 0,
             runner_up: None,
+            shared: None,
         }
     }
 }
@@ -239,5 +262,7 @@ fn weigh(tallies: &mut Vec<Tally>, event: &Event<'_>) {
     } else {
         tally.frames += 1;
         tally.good_bytes += bytes;
+        let axis = event.explained.axis.filter(|axis| !tally.axes.contains(axis));
+        tally.axes.extend(axis.filter(|_| tally.axes.len() < AXES_MAX));
     }
 }

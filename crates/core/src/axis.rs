@@ -261,6 +261,22 @@ pub trait Driver {
     /// [`Unsupported`] when the protocol has no such function.
     fn send(&self, function: u8, index: u16, value: i64) -> Result<Self::Request, Unsupported>;
 
+    /// The same, where a request carries more of the command than one value: a target and how fast
+    /// to get there.
+    ///
+    /// # Errors
+    /// As [`send`](Self::send), or what is wrong with the command's other arguments.
+    fn send_for(
+        &self,
+        command: &Command,
+        function: u8,
+        index: u16,
+        value: i64,
+    ) -> Result<Self::Request, Unsupported> {
+        let _ = command;
+        self.send(function, index, value)
+    }
+
     /// The request that keeps a parameter's present value over power-off.
     ///
     /// # Errors

@@ -186,6 +186,11 @@ pub trait Dissector: Sync {
         let _ = (id, extended);
         false
     }
+    /// Whether other protocols use the same CAN identifiers for frames that may look alike: then a
+    /// capture is not explained so unless somebody says that it is.
+    fn shares_identifiers(&self) -> bool {
+        false
+    }
     /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink);
     /// Encodes text of the protocol's own language.

@@ -371,7 +371,10 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             Step::Send { function, index, operand, like } => {
                 match slot.operand(operand, command, like)? {
                     None => return Ok(()),
-                    Some(raw) => (RehearsedStep::Send, slot.driver.send(function, index, raw)?),
+                    Some(raw) => {
+                        let request = slot.driver.send_for(command, function, index, raw)?;
+                        (RehearsedStep::Send, request)
+                    }
                 }
             }
             Step::Keep(id) => {

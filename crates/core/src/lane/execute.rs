@@ -166,7 +166,8 @@ fn request<R: Request, A: Copy + 'static>(
         (Step::Send { function, index, operand, like }, _) => {
             match slot.operand(operand, &run.command, like)? {
                 Some(raw) => {
-                    let request = slot.driver.send(function, index, raw)?;
+                    let driver = &slot.driver;
+                    let request = driver.send_for(&run.command, function, index, raw)?;
                     Ok(Some((request, Asked::Send(request.class()))))
                 }
                 None => {

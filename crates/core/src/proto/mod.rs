@@ -4,6 +4,7 @@ pub mod canopen;
 pub mod events;
 pub mod modbus;
 pub mod pace;
+pub mod thruster;
 pub mod tmcl;
 pub mod tml;
 
@@ -23,6 +24,7 @@ pub fn dissectors() -> &'static [&'static dyn Dissector] {
         &tml::explain::SERIAL,
         &tml::explain::TMLCAN,
         &tml::explain::TECHNOCAN,
+        &thruster::ThrusterDissector,
     ]
 }
 
@@ -162,4 +164,5 @@ pub fn visit(visitor: &mut impl Visitor) {
     visitor.protocol::<tml::Tml>();
     visitor.protocol::<tml::TmlCan>();
     visitor.protocol::<tml::TechnoCan>();
+    visitor.protocol::<thruster::Thruster>();
 }

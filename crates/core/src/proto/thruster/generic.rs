@@ -1,0 +1,90 @@
+//! What all drives of this protocol have in common, for one that no profile describes: reading, and
+//! taking the signal away.
+
+use super::wire::Command;
+use crate::axis::Verb;
+use crate::plan::{Operand, Plan, Step};
+use crate::profile::{
+    Access, AxisKind, Certainty, Encoding, Parameter, ParameterId, Persistence, Profile, Scale,
+    Signal, SignalSource, Watchdog,
+};
+use crate::units::Unit;
+
+/// Any drive that speaks it.
+pub static GENERIC: Profile = Profile {
+    name: "thruster-node",
+    family: "thruster",
+    protocol: "thruster",
+    title: "Drive with the thruster protocol",
+    source: "thruster protocol manual",
+    axis: AxisKind::Rotary,
+    parameters: PARAMETERS,
+    faults: &[],
+    signals: &[
+        signal(Signal::Voltage, 0),
+        signal(Signal::Velocity, 1),
+        signal(Signal::Current, 2),
+        signal(Signal::Temperature, 4),
+        signal(Signal::Fault, 5),
+    ],
+    plans: &[Plan {
+        verb: Verb::Stop,
+        source: "thruster protocol manual 2.1, TC 0",
+        steps: &[Step::Send {
+            function: 0,
+            index: Command::TC.0,
+            operand: Operand::Is(0),
+            like: None,
+        }],
+        undo: &[],
+    }],
+    ram: None,
+    watchdog: Watchdog::None,
+    reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
+    identity: None,
+    caution: "This drive is not known; only reading and stopping are offered. Give its profile \
+              with profile=NAME.",
+};
+
+const PARAMETERS: &[Parameter] = &[
+    reading(Command::QP, "voltage", "QP", Unit::Volt, 0.1, Encoding::U16),
+    reading(Command::QV, "speed", "QV", Unit::Rpm, 1.0, Encoding::I16),
+    reading(Command::QC, "current", "QC", Unit::Ampere, 0.1, Encoding::I16),
+    reading(Command::QT, "motor temperature", "QT", Unit::Celsius, 1.0, Encoding::I16),
+    reading(Command::EQ, "driver temperature", "EQ", Unit::Celsius, 1.0, Encoding::I16),
+    reading(Command::EF, "faults", "EF", Unit::None, 1.0, Encoding::U16),
+    reading(Command::FR, "faults since start", "FR", Unit::None, 1.0, Encoding::U16),
+];
+
+const fn signal(signal: Signal, at: u16) -> SignalSource {
+    SignalSource { signal, parameter: ParameterId(at), mask: -1, equals: None, values: &[] }
+}
+
+const fn reading(
+    command: Command,
+    name: &'static str,
+    symbol: &'static str,
+    unit: Unit,
+    factor: f64,
+    encoding: Encoding,
+) -> Parameter {
+    Parameter {
+        name,
+        symbol,
+        about: "",
+        space: 0,
+        index: command.0,
+        encoding,
+        unit,
+        scale: Scale { factor, times: None, over: None },
+        min: 0,
+        max: 0,
+        default: None,
+        access: Access::Read,
+        persistence: Persistence::Volatile,
+        certainty: Certainty::Documented,
+        moves: false,
+        section: "2.1",
+        values: &[],
+    }
+}

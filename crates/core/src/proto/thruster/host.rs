@@ -1,0 +1,87 @@
+//! The commanding end: the host that a controller is in the manual's words.
+
+use super::session::{Answer, Ask, Session};
+use super::wire::{Heard, node};
+use crate::medium::{Can, CanLine, Frame};
+use crate::proto::HostOptions;
+use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
+use crate::time::Instant;
+
+/// Time allowed for a reply unless somebody says otherwise, ms. Drives answer at once (section
+/// 1.3). \[I\]
+pub const REPLY_TIMEOUT_MS: u32 = 50;
+
+/// The host of any number of drives on one bus.
+#[derive(Debug)]
+pub struct CanHost {
+    session: Session,
+    bit_rate: u32,
+}
+
+impl CanHost {
+    /// A host as `options` say.
+    #[must_use]
+    pub fn new(options: &HostOptions) -> Self {
+        let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        Self { session: Session::new(timeout), bit_rate: options.bit_rate }
+    }
+}
+
+impl Timed for CanHost {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.session.handle_timeout(now);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.session.poll_timeout()
+    }
+}
+
+impl Station<Can> for CanHost {
+    fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        if frame.extended || frame.remote {
+            return;
+        }
+        let Some(Err(id)) = node(frame.id) else { return };
+        match Heard::parse(frame.bytes()) {
+            Ok(heard) => self.session.heard(id, heard, now),
+            Err(_) => self.session.counters.foreign += 1,
+        }
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.session.handle_line(now, event);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        let (id, request) = self.session.transmit(now)?;
+        *out = request.frame(id);
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        CanLine { bit_rate: self.bit_rate }
+    }
+}
+
+impl Host<Can> for CanHost {
+    type Request = Ask;
+    type Answer = Answer;
+
+    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        self.session.submit(now, ticket, request)
+    }
+
+    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+        self.session.poll_event()
+    }
+
+    fn emit(&self, request: &Ask, out: &mut Frame) -> usize {
+        *out = request.request.frame(request.id);
+        1
+    }
+
+    fn counters(&self) -> Counters {
+        self.session.counters
+    }
+}

@@ -1,0 +1,77 @@
+//! What a host does not send, and why.
+
+use super::wire::{
+    BIT_RATES, Command, ID_MAX, POSITION_MAX, RANGE, REFUSED, RPM_MIN, Request, Shape, TIMEOUT_MS,
+};
+
+/// Whether a request may be sent.
+///
+/// # Errors
+/// The rule that it breaks, and what to do instead.
+pub fn check(request: &Request) -> Result<(), &'static str> {
+    let Request { command, sub, data } = *request;
+    let Some((shape, _)) = command.known() else {
+        return Err("the manual has no such command");
+    };
+    let Some(data) = data else {
+        return match shape {
+            Shape::Set => Err("this command needs a value: without one drives refuse it"),
+            _ => Ok(()),
+        };
+    };
+    if data & 0xFFFF == REFUSED {
+        return Err("its last two bytes would be EE EE, which in the reply means refused: \
+                    choose a neighbouring value");
+    }
+    let value = command.width().read(data);
+    let within = |least: i64, most: i64| (least..=most).contains(&value);
+    match command {
+        Command::TC if !within(-100, 100) => Err("the signal goes from -100 to 100 %"),
+        Command::VC if value != 0 && value.abs() < i64::from(RPM_MIN) => {
+            Err("the slowest speed is 30 rpm; 0 stops")
+        }
+        Command::VC if value.abs() > i64::from(i16::MAX) => {
+            Err("a speed has 16 bits: at most 32767 rpm")
+        }
+        Command::CI if !within(1, ID_MAX.into()) => Err("ids are 1 to 127"),
+        Command::CB if !BIT_RATES.iter().any(|rate| i64::from(*rate) == value) => {
+            Err("bit rates are 1000, 800, 666, 500, 400, 333, 250, 200, 150, 125, 100, 83, 80, \
+                 66, 50, 40, 33, 20 and 10 kbit/s")
+        }
+        Command::ST if value != 0 && !is_timeout(value) => {
+            Err("the time is 100 to 60000 ms, or 0 for never")
+        }
+        Command::VM if value > 0xFFFF => Err("VM has two bytes: flags and frames"),
+        Command::SR if value > 0xFF_FFFF => Err("SR has three bytes: frames and an interval"),
+        Command::LA if value.abs() > i64::from(POSITION_MAX) => {
+            Err("absolute positions go from -179.9 to 179.9 degrees")
+        }
+        Command::SP if sub == RANGE => range(data),
+        _ => Ok(()),
+    }
+}
+
+fn is_timeout(value: i64) -> bool {
+    u16::try_from(value).is_ok_and(|ms| TIMEOUT_MS.contains(&ms))
+}
+
+fn range(data: u32) -> Result<(), &'static str> {
+    let (reverse, forward) = ends(data);
+    let most = POSITION_MAX as i16;
+    if (-most..=0).contains(&reverse) && (0..=most).contains(&forward) {
+        return Ok(());
+    }
+    Err("the safe range goes from at least -179.9 to at most 179.9 degrees and has zero in it")
+}
+
+/// The ends of a safe range, tenths of a degree: reverse, forward.
+#[must_use]
+pub const fn ends(data: u32) -> (i16, i16) {
+    (((data >> 16) as u16).cast_signed(), (data as u16).cast_signed())
+}
+
+/// The data of a safe range, tenths of a degree.
+#[must_use]
+pub const fn range_of(reverse: i16, forward: i16) -> u32 {
+    (reverse.cast_unsigned() as u32) << 16 | forward.cast_unsigned() as u32
+}

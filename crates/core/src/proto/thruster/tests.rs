@@ -1,0 +1,3 @@
+//! Vectors, the language, what is sent and what is not.
+
+mod codec;
