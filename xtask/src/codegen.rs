@@ -250,6 +250,8 @@ impl Emitter {
                  firmware: {firmware} }})"
             )
         });
+        let reach: Vec<String> = p.reach.iter().map(|it| id(*it)).collect();
+        let reach = reach.join(", ");
         let ram = p.ram.map_or("None".to_owned(), |mode| {
             let (parameter, ram, flash) = (id(mode.parameter), mode.ram, mode.flash);
             format!("Some(RamMode {{ parameter: {parameter}, ram: {ram}, flash: {flash} }})")
@@ -259,7 +261,8 @@ impl Emitter {
             "/// {title}.\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
              protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
-             identity: {identity}, ram: {ram}, watchdog: {watchdog}, reply_timeout_ms: {}, caution: {:?} }};\n\n",
+             identity: {identity}, ram: {ram}, reach: &[{reach}], \
+             watchdog: {watchdog}, reply_timeout_ms: {}, caution: {:?} }};\n\n",
             p.name,
             p.family,
             p.protocol,
@@ -513,6 +516,7 @@ mod tests {
             "Test { mask: 0x80, compare: Compare::Equal, value: 128 }, within_ms: 60000",
             "Step::Send { function: 0x1, index: 0x2, operand: Operand::Is(-3), like: Some(",
             "Watchdog::Configurable { parameter: ParameterId(1) }",
+            "reach: &[ParameterId(1)]",
         ] {
             assert!(rust.contains(piece), "{piece}\n{rust}");
         }

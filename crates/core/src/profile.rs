@@ -34,6 +34,9 @@ pub struct Profile {
     /// What keeps written settings out of permanent memory, where every write goes there otherwise.
     /// It holds for the parameters of [`Persistence::UnlessRam`].
     pub ram: Option<RamMode>,
+    /// Settings that decide how the drive is reached: address, baud rate, framing, locks. What
+    /// copies settings from one drive to another leaves them alone.
+    pub reach: &'static [ParameterId],
     /// What stops the motor when the link dies.
     pub watchdog: Watchdog,
     /// Longest time the drive may take for a reply, ms.

@@ -109,6 +109,7 @@ static PROFILE: Profile = Profile {
         },
     ],
     ram: Some(RamMode { parameter: RAM, ram: 1, flash: 0 }),
+    reach: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     caution: "",

@@ -28,6 +28,7 @@ pub(crate) struct Draft {
     pub(crate) caution: String,
     pub(crate) watchdog: DraftWatchdog,
     pub(crate) ram: Option<DraftRam>,
+    pub(crate) reach: Vec<Named>,
     pub(crate) identity: Option<DraftIdentity>,
     pub(crate) parameters: Vec<DraftParameter>,
     pub(crate) faults: Vec<DraftFault>,
@@ -154,6 +155,7 @@ impl Draft {
                 let parameter = names.of(mode.parameter);
                 DraftRam { parameter, ram: mode.ram, flash: mode.flash }
             }),
+            reach: profile.reach.iter().map(|id| names.of(*id)).collect(),
             parameters: profile.parameters.iter().map(|p| names.parameter(p)).collect(),
             faults: profile.faults.iter().map(|f| names.fault(f)).collect(),
             signals: profile.signals.iter().map(|s| names.signal(s)).collect(),

@@ -79,6 +79,7 @@ fn without_missing(draft: &mut Draft) {
     let known: HashSet<String> =
         draft.parameters.iter().flat_map(|p| [folded(&p.name), folded(&p.symbol)]).collect();
     let has = |name: &Named| known.contains(&folded(&name.value));
+    draft.reach.retain(&has);
     draft.signals.retain(|signal| has(&signal.parameter));
     draft.plans.retain(|plan| {
         let steps = plan.steps.iter().chain(&plan.undo);

@@ -16,7 +16,7 @@ use polepair_core::units::Unit;
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 pub(crate) const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 18] = [
+const KEYS: [&str; 19] = [
     "name",
     "extends",
     "remove",
@@ -29,6 +29,7 @@ const KEYS: [&str; 18] = [
     "caution",
     "watchdog",
     "ram",
+    "reach",
     "identify",
     "map",
     "parameter",
@@ -175,6 +176,7 @@ fn blank(node: &Node<'_, '_>) -> Result<Draft, FileError> {
         caution: String::new(),
         watchdog: DraftWatchdog::None,
         ram: None,
+        reach: Vec::new(),
         identity: None,
         parameters: Vec::new(),
         faults: Vec::new(),
@@ -213,6 +215,9 @@ fn head(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
             ram: table.needed_integer("ram")?.value,
             flash: table.needed_integer("flash")?.value,
         });
+    }
+    if node.has("reach") {
+        draft.reach = node.texts("reach")?;
     }
     Ok(())
 }

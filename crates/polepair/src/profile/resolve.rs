@@ -40,6 +40,7 @@ pub(crate) fn profile(draft: &Draft) -> Result<&'static Profile, FileError> {
         signals: signals.leak(),
         plans: plans.collect::<Result<Vec<_>, _>>()?.leak(),
         ram: draft.ram.as_ref().map(|ram| names.ram(ram)).transpose()?,
+        reach: names.reach(&draft.reach)?.leak(),
         identity: draft.identity.as_ref().map(|it| names.identity(it)).transpose()?,
         watchdog: names.watchdog(&draft.watchdog)?,
         reply_timeout_ms: draft.reply_timeout_ms,
@@ -222,6 +223,10 @@ impl<'a> Names<'a> {
         self.in_range(parameter, mode.ram, &mode.parameter.place)?;
         self.in_range(parameter, mode.flash, &mode.parameter.place)?;
         Ok(RamMode { parameter, ram: mode.ram, flash: mode.flash })
+    }
+
+    fn reach(&self, reach: &[Named]) -> Result<Vec<ParameterId>, FileError> {
+        reach.iter().map(|name| self.used(name, &[Use::Write])).collect()
     }
 
     fn watchdog(&self, watchdog: &DraftWatchdog) -> Result<Watchdog, FileError> {

@@ -27,6 +27,7 @@ pub static GENERIC: Profile = Profile {
     plans: &[],
     identity: None,
     ram: None,
+    reach: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
     caution: "Nothing is known of this drive: registers can be read and written by number only.",

@@ -32,6 +32,7 @@ pub static GENERIC: Profile = Profile {
         undo: &[],
     }],
     ram: None,
+    reach: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     identity: None,

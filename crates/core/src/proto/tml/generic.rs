@@ -32,6 +32,7 @@ pub static GENERIC: Profile = Profile {
         Plan { verb: Verb::Disable, source: "AXISOFF", steps: &[send(0x0002)], undo: &[] },
     ],
     ram: None,
+    reach: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 500,
     identity: None,
