@@ -39,6 +39,7 @@ pub static GENERIC: Profile = Profile {
         undo: &[],
     }],
     ram: None,
+    reach: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
     identity: None,
