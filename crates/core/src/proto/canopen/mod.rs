@@ -5,10 +5,12 @@
 //! otherwise. What no source states is marked \[I\].
 
 pub mod cob;
+pub mod device;
 pub mod emcy;
 pub mod heartbeat;
 pub mod lss;
 pub mod nmt;
+pub mod od;
 pub mod pdo;
 pub mod sdo;
 pub mod sync;

@@ -1,0 +1,404 @@
+//! The communication objects: their values, where they are kept, and the entries that a dictionary
+//! has for them.
+
+use super::Group;
+use crate::proto::canopen::od::{Access, Dictionary, Entry, OWN, Type, Worth};
+use crate::time::Instant;
+
+/// Nodes whose heartbeat is watched (object 1016h) at most.
+pub const CONSUMERS_MAX: usize = 4;
+/// Objects of a PDO at most: one a byte.
+pub(super) const MAPPED_MAX: usize = super::super::pdo::MAPPED_MAX;
+/// What it takes to write flash, ms \[I\]: power that goes meanwhile leaves what was there before.
+const STORE_MS: u32 = 20;
+
+/// One PDO as its objects describe it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Pdo {
+    pub(super) cob: u32,
+    pub(super) kind: u8,
+    pub(super) inhibit: u16,
+    pub(super) event: u16,
+    pub(super) start: u8,
+    pub(super) count: u8,
+    pub(super) map: [u32; MAPPED_MAX],
+}
+
+/// All communication objects that can be written.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Comm<const N: usize> {
+    pub(super) sync_cob: u32,
+    pub(super) sync_period_us: u32,
+    pub(super) sync_window_us: u32,
+    pub(super) sync_overflow: u8,
+    pub(super) guard_ms: u16,
+    pub(super) life_factor: u8,
+    pub(super) time_cob: u32,
+    pub(super) emcy_cob: u32,
+    pub(super) emcy_inhibit: u16,
+    pub(super) consumers: [u32; CONSUMERS_MAX],
+    pub(super) heartbeat_ms: u16,
+    pub(super) behaviour: [u8; 2],
+    pub(super) rpdo: [Pdo; N],
+    pub(super) tpdo: [Pdo; N],
+}
+
+impl<const N: usize> Comm<N> {
+    const NO_PDO: Pdo = Pdo {
+        cob: 1 << 31,
+        kind: 255,
+        inhibit: 0,
+        event: 0,
+        start: 0,
+        count: 0,
+        map: [0; MAPPED_MAX],
+    };
+
+    /// Nothing configured.
+    pub(super) const EMPTY: Self = Self {
+        sync_cob: 0x80,
+        sync_period_us: 0,
+        sync_window_us: 0,
+        sync_overflow: 0,
+        guard_ms: 0,
+        life_factor: 0,
+        time_cob: 0x100,
+        emcy_cob: 0x80,
+        emcy_inhibit: 0,
+        consumers: [0; CONSUMERS_MAX],
+        heartbeat_ms: 0,
+        behaviour: [0; 2],
+        rpdo: [Self::NO_PDO; N],
+        tpdo: [Self::NO_PDO; N],
+    };
+
+    /// As from the factory: what the dictionary's entries say.
+    pub(super) fn factory(dictionary: &Dictionary, node: u8) -> Self {
+        let mut comm = Self::EMPTY;
+        let own = dictionary.entries().iter().filter(|entry| entry.tag == OWN);
+        for entry in own {
+            comm.put(entry.index(), entry.sub(), entry.factory(node));
+        }
+        comm
+    }
+
+    /// Sets a value, whatever stands against it.
+    pub(super) fn put(&mut self, index: u16, sub: u8, value: u64) {
+        let consumer = usize::from(sub).wrapping_sub(1);
+        match (index, sub) {
+            (0x1005, _) => self.sync_cob = value as u32,
+            (0x1006, _) => self.sync_period_us = value as u32,
+            (0x1007, _) => self.sync_window_us = value as u32,
+            (0x100C, _) => self.guard_ms = value as u16,
+            (0x100D, _) => self.life_factor = value as u8,
+            (0x1012, _) => self.time_cob = value as u32,
+            (0x1014, _) => self.emcy_cob = value as u32,
+            (0x1015, _) => self.emcy_inhibit = value as u16,
+            (0x1016, 1..) if consumer < CONSUMERS_MAX => self.consumers[consumer] = value as u32,
+            (0x1017, _) => self.heartbeat_ms = value as u16,
+            (0x1019, _) => self.sync_overflow = value as u8,
+            (0x1029, 1 | 2) => self.behaviour[consumer] = value as u8,
+            _ => {
+                if let Some(pdo) = self.pdo(index) {
+                    pdo.put(index & 0x200 != 0, sub, value);
+                }
+            }
+        }
+    }
+
+    /// The value of an object that is kept here.
+    pub(super) fn value(&mut self, index: u16, sub: u8) -> Option<u64> {
+        let consumer = usize::from(sub).wrapping_sub(1);
+        Some(match (index, sub) {
+            (0x1005, _) => self.sync_cob.into(),
+            (0x1006, _) => self.sync_period_us.into(),
+            (0x1007, _) => self.sync_window_us.into(),
+            (0x100C, _) => self.guard_ms.into(),
+            (0x100D, _) => self.life_factor.into(),
+            (0x1012, _) => self.time_cob.into(),
+            (0x1014, _) => self.emcy_cob.into(),
+            (0x1015, _) => self.emcy_inhibit.into(),
+            (0x1016, 1..) => (*self.consumers.get(consumer)?).into(),
+            (0x1017, _) => self.heartbeat_ms.into(),
+            (0x1019, _) => self.sync_overflow.into(),
+            (0x1029, 1 | 2) => self.behaviour[consumer].into(),
+            _ => return self.pdo(index)?.value(index & 0x200 != 0, sub),
+        })
+    }
+
+    /// The PDO that an object from 1400h to 1BFFh belongs to.
+    pub(super) fn pdo(&mut self, index: u16) -> Option<&mut Pdo> {
+        let number = usize::from(index & 0x1FF);
+        match index {
+            0x1400..=0x17FF => self.rpdo.get_mut(number),
+            0x1800..=0x1BFF => self.tpdo.get_mut(number),
+            _ => None,
+        }
+    }
+}
+
+impl Pdo {
+    pub(super) const fn is_valid(&self) -> bool {
+        self.cob >> 31 == 0
+    }
+
+    fn put(&mut self, mapping: bool, sub: u8, value: u64) {
+        match (mapping, sub) {
+            (false, 1) => self.cob = value as u32,
+            (false, 2) => self.kind = value as u8,
+            (false, 3) => self.inhibit = value as u16,
+            (false, 5) => self.event = value as u16,
+            (false, 6) => self.start = value as u8,
+            (true, 0) => self.count = (value as u8).min(MAPPED_MAX as u8),
+            (true, 1..) => {
+                if let Some(place) = self.map.get_mut(usize::from(sub) - 1) {
+                    *place = value as u32;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn value(&self, mapping: bool, sub: u8) -> Option<u64> {
+        Some(match (mapping, sub) {
+            (false, 1) => self.cob.into(),
+            (false, 2) => self.kind.into(),
+            (false, 3) => self.inhibit.into(),
+            (false, 5) => self.event.into(),
+            (false, 6) => self.start.into(),
+            (true, 0) => self.count.into(),
+            (true, 1..) => (*self.map.get(usize::from(sub) - 1)?).into(),
+            _ => return None,
+        })
+    }
+}
+
+/// What survives power-off.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Store<const N: usize> {
+    kept: Option<Kept<N>>,
+    /// Being written: what, and when it is done.
+    writing: Option<(Group, Instant, Kept<N>)>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Kept<const N: usize> {
+    node: u8,
+    comm: Comm<N>,
+}
+
+impl<const N: usize> Store<N> {
+    /// Begins to write; what is being written then ends unwritten. Returns when it is done.
+    pub(super) fn begin(
+        &mut self,
+        now: Instant,
+        group: Group,
+        node: u8,
+        comm: &Comm<N>,
+    ) -> Instant {
+        let done = now.plus_ms(STORE_MS);
+        self.writing = Some((group, done, Kept { node, comm: *comm }));
+        done
+    }
+
+    /// Power is gone.
+    pub(super) fn lose(&mut self) {
+        self.writing = None;
+    }
+
+    /// When the writing is done.
+    pub(super) fn due(&self) -> Option<Instant> {
+        self.writing.as_ref().map(|(_, done, _)| *done)
+    }
+
+    /// The writing is done: which settings the firmware has to store now.
+    pub(super) fn done(&mut self, now: Instant) -> Option<Group> {
+        let (group, ..) = self.writing.as_ref().filter(|(_, done, _)| *done <= now)?;
+        let group = *group;
+        let (.., kept) = self.writing.take()?;
+        if group != Group::Application {
+            self.kept = Some(kept);
+        }
+        Some(group)
+    }
+
+    /// Back to the factory's.
+    pub(super) fn restore(&mut self, group: Group) {
+        if group != Group::Application {
+            self.kept = None;
+        }
+    }
+
+    /// What a reset brings. Identifiers with the node-ID in them follow it only where they are from
+    /// the factory: what was stored is stored.
+    pub(super) fn load(&self, dictionary: &Dictionary, node: u8) -> Comm<N> {
+        match self.kept {
+            Some(kept) if kept.node == node => kept.comm,
+            _ => Comm::factory(dictionary, node),
+        }
+    }
+}
+
+const RO: Access = Access::RO;
+const RW: Access = Access::RW;
+
+const fn own(index: u16, sub: u8, kind: Type, access: Access, name: &'static str) -> Entry {
+    Entry::new(index, sub, kind, access, OWN, name)
+}
+
+/// Entries of an RPDO and a TPDO, with their mappings.
+const PDO_ENTRIES: usize = 5 + 6 + 2 * (MAPPED_MAX + 1);
+
+/// Entries that [`standard`] has for so many PDOs each way, where so many are left out.
+#[must_use]
+pub const fn standard_len(pdos: usize, left_out: usize) -> usize {
+    FIRST.len() + pdos * PDO_ENTRIES - left_out
+}
+
+/// The communication objects from 1001h on, in order, with `pdos` PDOs each way. The objects named
+/// in `left_out` are not there; `worths` are values from the factory that differ from the
+/// standard's.
+///
+/// # Panics
+/// When `LEN` is not the number of entries: at compile time where it is a constant.
+#[must_use]
+pub const fn standard<const LEN: usize>(
+    pdos: u16,
+    left_out: &[u16],
+    worths: &[(u16, u8, Worth)],
+) -> [Entry; LEN] {
+    let mut list = List { entries: [FIRST[0]; LEN], len: 0 };
+    let mut at = 0;
+    while at < FIRST.len() {
+        if !is_in(FIRST[at].index(), left_out) {
+            list = list.push(FIRST[at], worths);
+        }
+        at += 1;
+    }
+    list = list.communication(0x1400, 0x200, pdos, worths);
+    list = list.mappings(0x1600, pdos, worths);
+    list = list.communication(0x1800, 0x180, pdos, worths);
+    list = list.mappings(0x1A00, pdos, worths);
+    assert!(list.len == LEN, "LEN is not the number of entries");
+    list.entries
+}
+
+struct List<const LEN: usize> {
+    entries: [Entry; LEN],
+    len: usize,
+}
+
+impl<const LEN: usize> List<LEN> {
+    const fn push(mut self, entry: Entry, worths: &[(u16, u8, Worth)]) -> Self {
+        let mut entry = entry;
+        let mut at = 0;
+        while at < worths.len() {
+            let (index, sub, worth) = worths[at];
+            if index == entry.index() && sub == entry.sub() {
+                entry = entry.holding(worth);
+            }
+            at += 1;
+        }
+        self.entries[self.len] = entry;
+        self.len += 1;
+        self
+    }
+
+    const fn communication(
+        mut self,
+        base: u16,
+        function: i64,
+        pdos: u16,
+        worths: &[(u16, u8, Worth)],
+    ) -> Self {
+        let sends = base == 0x1800;
+        let mut n = 0;
+        while n < pdos {
+            let cob = match n {
+                0..=3 => Worth::PlusNode(function + 0x100 * n as i64),
+                _ => Worth::Number(1 << 31),
+            };
+            let highest = if sends { 6 } else { 5 };
+            let at = base + n;
+            self = self.push(own(at, 0, Type::U8, RO, "highest sub-index").worth(highest), worths);
+            self = self.push(own(at, 1, Type::U32, RW, "COB-ID").holding(cob), worths);
+            self = self.push(own(at, 2, Type::U8, RW, "transmission type").worth(255), worths);
+            self = self.push(own(at, 3, Type::U16, RW, "inhibit time"), worths);
+            self = self.push(own(at, 5, Type::U16, RW, "event timer"), worths);
+            if sends {
+                self = self.push(own(at, 6, Type::U8, RW, "SYNC start value"), worths);
+            }
+            n += 1;
+        }
+        self
+    }
+
+    const fn mappings(mut self, base: u16, pdos: u16, worths: &[(u16, u8, Worth)]) -> Self {
+        let mut n = 0;
+        while n < pdos {
+            self = self.push(own(base + n, 0, Type::U8, RW, "objects mapped"), worths);
+            let mut sub = 1;
+            while sub <= MAPPED_MAX as u8 {
+                self = self.push(own(base + n, sub, Type::U32, RW, "mapped object"), worths);
+                sub += 1;
+            }
+            n += 1;
+        }
+        self
+    }
+}
+
+const fn is_in(index: u16, list: &[u16]) -> bool {
+    let mut at = 0;
+    while at < list.len() {
+        if list[at] == index {
+            return true;
+        }
+        at += 1;
+    }
+    false
+}
+
+/// Objects 1001h to 1200h as the standard has them.
+const FIRST: [Entry; 40] = [
+    own(0x1001, 0, Type::U8, RO, "error register"),
+    own(0x1003, 0, Type::U8, RW, "number of errors"),
+    own(0x1003, 1, Type::U32, RO, "latest error"),
+    own(0x1003, 2, Type::U32, RO, "error before"),
+    own(0x1003, 3, Type::U32, RO, "error before"),
+    own(0x1003, 4, Type::U32, RO, "error before"),
+    own(0x1005, 0, Type::U32, RW, "COB-ID SYNC").worth(0x80),
+    own(0x1006, 0, Type::U32, RW, "SYNC period"),
+    own(0x1007, 0, Type::U32, RW, "SYNC window"),
+    own(0x100C, 0, Type::U16, RW, "guard time"),
+    own(0x100D, 0, Type::U8, RW, "life time factor"),
+    own(0x1010, 0, Type::U8, RO, "store: highest sub-index").worth(3),
+    own(0x1010, 1, Type::U32, RW, "store all"),
+    own(0x1010, 2, Type::U32, RW, "store communication"),
+    own(0x1010, 3, Type::U32, RW, "store application"),
+    own(0x1011, 0, Type::U8, RO, "restore: highest sub-index").worth(3),
+    own(0x1011, 1, Type::U32, RW, "restore all"),
+    own(0x1011, 2, Type::U32, RW, "restore communication"),
+    own(0x1011, 3, Type::U32, RW, "restore application"),
+    own(0x1012, 0, Type::U32, RW, "COB-ID TIME").worth(1 << 31 | 0x100),
+    own(0x1014, 0, Type::U32, RW, "COB-ID EMCY").holding(Worth::PlusNode(0x80)),
+    own(0x1015, 0, Type::U16, RW, "EMCY inhibit time"),
+    own(0x1016, 0, Type::U8, RO, "heartbeats watched").worth(CONSUMERS_MAX as i64),
+    own(0x1016, 1, Type::U32, RW, "heartbeat watched"),
+    own(0x1016, 2, Type::U32, RW, "heartbeat watched"),
+    own(0x1016, 3, Type::U32, RW, "heartbeat watched"),
+    own(0x1016, 4, Type::U32, RW, "heartbeat watched"),
+    own(0x1017, 0, Type::U16, RW, "heartbeat time"),
+    own(0x1018, 0, Type::U8, RO, "identity: highest sub-index").worth(4),
+    own(0x1018, 1, Type::U32, RO, "vendor-ID"),
+    own(0x1018, 2, Type::U32, RO, "product code"),
+    own(0x1018, 3, Type::U32, RO, "revision number"),
+    own(0x1018, 4, Type::U32, RO, "serial number"),
+    own(0x1019, 0, Type::U8, RW, "SYNC counter overflow").within(0, 240),
+    own(0x1029, 0, Type::U8, RO, "error behaviour: highest sub-index").worth(2),
+    own(0x1029, 1, Type::U8, RW, "after a communication error").within(0, 2),
+    own(0x1029, 2, Type::U8, RW, "after a fault of the drive").worth(1).within(0, 2),
+    own(0x1200, 0, Type::U8, RO, "SDO server: highest sub-index").worth(2),
+    own(0x1200, 1, Type::U32, RO, "COB-ID SDO request").holding(Worth::PlusNode(0x600)),
+    own(0x1200, 2, Type::U32, RO, "COB-ID SDO reply").holding(Worth::PlusNode(0x580)),
+];

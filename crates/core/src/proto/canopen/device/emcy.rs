@@ -1,0 +1,142 @@
+//! Emergencies: what waits to be sent, what was sent (object 1003h), and the error register.
+
+use super::{CanEnd, Firmware};
+use crate::medium::Frame;
+use crate::proto::canopen::emcy::Emergency;
+use crate::proto::canopen::nmt::State;
+use crate::proto::canopen::pdo::CobId;
+use crate::time::Instant;
+
+/// Errors that object 1003h remembers.
+pub const HISTORY_MAX: usize = 4;
+/// Emergencies that wait for their turn at most; the newest is then left out.
+const WAITING_MAX: usize = 8;
+
+/// A SYNC of another length than the counter asks for.
+pub(super) const SYNC_LENGTH: u16 = 0x8240;
+/// A PDO too short to be used.
+pub(super) const PDO_SHORT: u16 = 0x8210;
+/// A PDO longer than what is mapped.
+pub(super) const PDO_LONG: u16 = 0x8220;
+/// A PDO did not come in time.
+pub(super) const PDO_MISSING: u16 = 0x8250;
+/// A heartbeat or guarding did not come.
+pub(super) const NO_HEARTBEAT: u16 = 0x8130;
+/// The controller was bus-off.
+pub(super) const BUS_OFF: u16 = 0x8140;
+/// Bit of object 1001h for the protocol's own.
+const COMMUNICATION: u8 = 1 << 4;
+
+/// What waits and what was.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Alarms {
+    waiting: [Emergency; WAITING_MAX],
+    len: usize,
+    history: [u32; HISTORY_MAX],
+    remembered: u8,
+    communication: bool,
+    free_at: Instant,
+}
+
+impl Alarms {
+    fn push(&mut self, emergency: Emergency) {
+        if emergency.code != 0 {
+            self.history.rotate_right(1);
+            self.history[0] = emergency.code.into();
+            self.remembered = (self.remembered + 1).min(HISTORY_MAX as u8);
+        }
+        if let Some(place) = self.waiting.get_mut(self.len) {
+            *place = emergency;
+            self.len += 1;
+        }
+    }
+
+    /// Nothing waits and nothing was.
+    pub(super) fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// What waits is not sent any more.
+    pub(super) fn drop_waiting(&mut self) {
+        self.len = 0;
+        self.communication = false;
+    }
+
+    /// When the next one that waits may be sent.
+    pub(super) fn due(&self, now: Instant) -> Instant {
+        if self.len > 0 && self.free_at > now { self.free_at } else { Instant::FAR }
+    }
+
+    /// Object 1003h.
+    pub(super) fn history(&self, sub: u8) -> Option<u32> {
+        match sub {
+            0 => Some(self.remembered.into()),
+            _ if sub > self.remembered => None,
+            _ => Some(self.history[usize::from(sub) - 1]),
+        }
+    }
+
+    /// Writing 0 to 1003h sub-index 0.
+    pub(super) fn clear_history(&mut self) {
+        self.remembered = 0;
+    }
+}
+
+impl<const N: usize> CanEnd<N> {
+    /// Object 1001h.
+    pub(super) fn error_register(&self, firmware: &impl Firmware) -> u8 {
+        let own = if self.alarms.communication { COMMUNICATION | 1 } else { 0 };
+        own | firmware.error_register()
+    }
+
+    /// The protocol's own error.
+    pub(super) fn raise(&mut self, code: u16, lasts: bool, firmware: &impl Firmware) {
+        self.alarms.communication |= lasts;
+        let register = self.error_register(firmware) | COMMUNICATION;
+        self.alarms.push(Emergency { code, register, vendor: [0; 5] });
+    }
+
+    /// What lasted is over.
+    pub(super) fn calm(&mut self, firmware: &impl Firmware) {
+        if core::mem::take(&mut self.alarms.communication) {
+            let register = self.error_register(firmware);
+            self.alarms.push(Emergency { code: 0, register, vendor: [0; 5] });
+        }
+    }
+
+    /// Takes the emergencies that the firmware has.
+    #[inline]
+    pub(super) fn collect(&mut self, now: Instant, firmware: &mut impl Firmware) {
+        while let Some(mut emergency) = firmware.poll_emergency() {
+            emergency.register = self.error_register(firmware);
+            let is_fault = emergency.code != 0 && emergency.register & !COMMUNICATION != 0;
+            self.alarms.push(emergency);
+            if is_fault {
+                self.behave(now, 1, firmware);
+            }
+        }
+    }
+
+    /// The next emergency that may be sent now.
+    pub(super) fn next_emergency(&mut self, now: Instant) -> Option<Frame> {
+        let cob = CobId(self.comm.emcy_cob);
+        let speaks = matches!(self.state, State::Operational | State::PreOperational);
+        if self.alarms.len == 0 || !speaks || now < self.alarms.free_at {
+            return None;
+        }
+        let first = self.alarms.waiting[0];
+        self.alarms.waiting.rotate_left(1);
+        self.alarms.len -= 1;
+        if !cob.is_valid() || (self.options.short_emcy && first.code == 0) {
+            return self.next_emergency(now);
+        }
+        let inhibit = u64::from(self.comm.emcy_inhibit) * 100_000;
+        self.alarms.free_at = now.plus_ns(inhibit);
+        if inhibit > 0 {
+            self.arm(self.alarms.free_at);
+        }
+        let whole = first.emit(self.node);
+        let whole = if self.options.short_emcy { first.emit_short(self.node) } else { whole };
+        Some(Frame { id: cob.id(), ..whole })
+    }
+}

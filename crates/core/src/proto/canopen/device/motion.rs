@@ -1,0 +1,176 @@
+//! The motion of a CiA 402 drive, for the firmware of simulated ones: [`Axis`] is the power state
+//! machine with the modes of operation, on a motor that the family lends as a [`Shaft`].
+//!
+//! Everything here is SI and independent of a family's objects and units: those come through
+//! [`Settings`]. What the standard leaves to the manufacturer is a switch in [`Manner`].
+
+mod axis;
+mod follow;
+mod homing;
+mod point;
+mod power;
+mod watch;
+
+use crate::plant::{Limits, Setpoint};
+
+pub use axis::{Axis, Event, Manner, Scene};
+pub use homing::is_method;
+pub use power::State;
+
+/// Modes of operation (6060h).
+pub mod modes {
+    /// Profile position.
+    pub const PROFILE_POSITION: i8 = 1;
+    /// Profile velocity.
+    pub const PROFILE_VELOCITY: i8 = 3;
+    /// Profile torque.
+    pub const PROFILE_TORQUE: i8 = 4;
+    /// Homing.
+    pub const HOMING: i8 = 6;
+    /// Cyclic synchronous position.
+    pub const CYCLIC_POSITION: i8 = 8;
+    /// Cyclic synchronous velocity.
+    pub const CYCLIC_VELOCITY: i8 = 9;
+    /// Cyclic synchronous torque.
+    pub const CYCLIC_TORQUE: i8 = 10;
+}
+
+/// The motor with its control loops, as the motion drives it.
+pub trait Shaft {
+    /// Switches the power stage on, holding where the shaft is.
+    fn power(&mut self);
+    /// Switches it off: the motor coasts.
+    fn release(&mut self);
+    /// How the set-point may move.
+    fn manner(&mut self, limits: Limits);
+    /// Heads for a speed, rad/s.
+    fn turn(&mut self, rad_per_s: f64);
+    /// Heads for a position, rad.
+    fn go(&mut self, position: f64);
+    /// Drives a share of the rated torque.
+    fn push(&mut self, share: f64);
+    /// Is told where to be at the end of the next tick.
+    fn follow(&mut self, setpoint: Setpoint);
+    /// Once at rest after turning: holds that position rather than speed zero.
+    fn settle(&mut self);
+    /// Where the set-point is.
+    fn setpoint(&self) -> Setpoint;
+    /// True when the set-point has come to its goal.
+    fn arrived(&self) -> bool;
+    /// Position as the encoder sees it, rad since power-on.
+    fn position(&self) -> f64;
+    /// The same a tick before.
+    fn before(&self) -> f64;
+    /// Speed, rad/s.
+    fn velocity(&self) -> f64;
+    /// True while the motor gives all the torque it may.
+    fn torque_reached(&self) -> bool;
+}
+
+/// How a drive comes to rest.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Braking {
+    /// Not at all: power is taken off.
+    Coast,
+    /// Along the ramp of the profile.
+    Ramp,
+    /// Along the ramp of the quick stop.
+    Quick,
+    /// As hard as the current limit lets it.
+    Hard,
+}
+
+/// What a window is and for how long the value must be in it, or out of it.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Window {
+    /// Half of its width: rad or rad/s.
+    pub width: f64,
+    /// ms.
+    pub ms: u32,
+}
+
+/// How homing is done.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct HomingSettings {
+    /// Its method (6098h).
+    pub method: i8,
+    /// Speed of the search for the switch, rad/s.
+    pub fast: f64,
+    /// Speed of the search for the zero, rad/s.
+    pub slow: f64,
+    /// Its ramp, rad/s².
+    pub acceleration: f64,
+    /// From the home position to the zero position, rad.
+    pub offset: f64,
+}
+
+/// What the drive's objects say, in SI. Positions are the user's coordinates.
+pub trait Settings {
+    /// Mode of operation asked for (6060h).
+    fn mode(&self) -> i8;
+    /// Target position (607Ah), rad.
+    fn target_position(&self) -> f64;
+    /// Speed and ramps of a profile (6081h, 6083h, 6084h).
+    fn profile(&self) -> Limits;
+    /// Target velocity (60FFh), rad/s.
+    fn target_velocity(&self) -> f64;
+    /// Target torque (6071h), share of the rated torque.
+    fn target_torque(&self) -> f64;
+    /// Torque slope (6087h), shares of the rated torque per second; 0 is at once.
+    fn torque_slope(&self) -> f64;
+    /// Ramp of the quick stop (6085h), rad/s².
+    fn quick_stop(&self) -> f64;
+    /// How homing is done.
+    fn homing(&self) -> HomingSettings;
+    /// Around the target (6067h, 6068h).
+    fn position_window(&self) -> Window;
+    /// Following error allowed (6065h, 6066h); infinite for any.
+    fn following_window(&self) -> Window;
+    /// Around the target speed (606Dh, 606Eh).
+    fn velocity_window(&self) -> Window;
+    /// What is no speed at all (606Fh, 6070h).
+    fn standstill(&self) -> Window;
+    /// Speed at most (607Fh, 6080h), rad/s.
+    fn velocity_max(&self) -> f64;
+    /// Torque at most (6072h), share of the rated torque.
+    fn torque_max(&self) -> f64 {
+        f64::INFINITY
+    }
+    /// Least and greatest position (607Dh), rad.
+    fn position_limits(&self) -> Option<(f64, f64)> {
+        None
+    }
+    /// Added to what the host commands each cycle (60B1h rad/s, 60B2h share of the rated torque).
+    fn offsets(&self) -> (f64, f64) {
+        (0.0, 0.0)
+    }
+    /// Time from one set-point of a cyclic mode to the next (60C2h), ms.
+    fn cycle_ms(&self) -> u32 {
+        1
+    }
+    /// How it quick-stops (605Ah), and whether it stays in that state.
+    fn quick_stop_option(&self) -> (Braking, bool) {
+        (Braking::Quick, false)
+    }
+    /// How it comes to rest when it is shut down (605Bh).
+    fn shutdown_option(&self) -> Braking {
+        Braking::Coast
+    }
+    /// How it comes to rest when operation is disabled (605Ch).
+    fn disable_option(&self) -> Braking {
+        Braking::Ramp
+    }
+    /// How it halts (605Dh).
+    fn halt_option(&self) -> Braking {
+        Braking::Ramp
+    }
+    /// How it comes to rest after a fault (605Eh).
+    fn fault_option(&self) -> Braking {
+        Braking::Coast
+    }
+    /// A relative target counts from the set-point (1) or the motor (2), not from the target before
+    /// (60F2h).
+    fn relative_to(&self) -> u8 {
+        0
+    }
+}

@@ -1,0 +1,66 @@
+//! Set-points of profile position mode, one after the other.
+
+use crate::plant::Limits;
+
+/// Where to go, and how.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Point {
+    /// User's coordinate, rad.
+    pub target: f64,
+    /// Speed and ramps.
+    pub limits: Limits,
+    /// The next one is taken over in passing, at speed (controlword bit 9).
+    pub passing: bool,
+}
+
+/// Up to `N` points that wait for the one that runs.
+#[derive(Clone, Debug)]
+pub struct Points<const N: usize> {
+    ring: [Point; N],
+    first: usize,
+    len: usize,
+}
+
+impl<const N: usize> Points<N> {
+    /// None.
+    #[must_use]
+    pub const fn new() -> Self {
+        let nowhere = Point { target: 0.0, limits: Limits::trapezoid(0.0, 0.0), passing: false };
+        Self { ring: [nowhere; N], first: 0, len: 0 }
+    }
+
+    /// Notes one more. False when there is no room: it is lost.
+    pub fn push(&mut self, point: Point) -> bool {
+        let room = !self.is_full();
+        if room {
+            self.ring[(self.first + self.len) % N] = point;
+            self.len += 1;
+        }
+        room
+    }
+
+    /// The oldest.
+    pub fn pop(&mut self) -> Option<Point> {
+        let point = self.first()?;
+        self.first = (self.first + 1) % N;
+        self.len -= 1;
+        Some(point)
+    }
+
+    /// The oldest, which stays.
+    #[must_use]
+    pub fn first(&self) -> Option<Point> {
+        (self.len > 0).then(|| self.ring[self.first])
+    }
+
+    /// Forgets all.
+    pub const fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// No more can be noted.
+    #[must_use]
+    pub const fn is_full(&self) -> bool {
+        self.len == N
+    }
+}

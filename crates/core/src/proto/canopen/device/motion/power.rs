@@ -1,0 +1,110 @@
+//! The power state machine of CiA 402: states, and what a controlword orders.
+
+/// A state of the power drive system.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum State {
+    /// Switched on, power disabled: after power-on.
+    SwitchOnDisabled,
+    /// Ready to switch on.
+    Ready,
+    /// Switched on, not yet enabled.
+    SwitchedOn,
+    /// Operation enabled: the motor obeys.
+    Enabled,
+    /// Comes or came to rest quickly.
+    QuickStop,
+    /// Comes to rest because of a fault.
+    FaultReaction,
+    /// Power is off because of a fault.
+    Fault,
+}
+
+impl State {
+    /// Bits 0 to 3, 5 and 6 of the statusword.
+    #[must_use]
+    pub const fn bits(self) -> u16 {
+        match self {
+            Self::SwitchOnDisabled => 0x40,
+            Self::Ready => 0x21,
+            Self::SwitchedOn => 0x23,
+            Self::Enabled => 0x27,
+            Self::QuickStop => 0x07,
+            Self::FaultReaction => 0x0F,
+            Self::Fault => 0x08,
+        }
+    }
+
+    /// The power stage is on.
+    #[must_use]
+    pub const fn has_power(self) -> bool {
+        matches!(self, Self::Enabled | Self::QuickStop | Self::FaultReaction)
+    }
+}
+
+/// What a controlword orders.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Order {
+    /// `x0000110`: to ready.
+    Shutdown,
+    /// `x0000111`: to switched on; from enabled it disables operation.
+    SwitchOn,
+    /// `x0001111`.
+    Enable,
+    /// `xxxxxx0x`.
+    DisableVoltage,
+    /// `xxxxx01x`.
+    QuickStop,
+}
+
+impl Order {
+    /// What the lower bits of `control` order; bit 7 is looked at for its rising edge alone.
+    #[must_use]
+    pub const fn of(control: u16) -> Self {
+        match control & 0x0F {
+            low if low & 0x02 == 0 => Self::DisableVoltage,
+            low if low & 0x04 == 0 => Self::QuickStop,
+            low if low & 0x01 == 0 => Self::Shutdown,
+            low if low & 0x08 == 0 => Self::SwitchOn,
+            _ => Self::Enable,
+        }
+    }
+}
+
+/// What becomes of a state by an order.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Change {
+    /// Nothing.
+    None,
+    /// Another state at once.
+    To(State),
+    /// Operation begins.
+    Enable,
+    /// Operation ends: it comes to rest first, as 605Bh (shutdown) or 605Ch (disable) say.
+    Leave(State),
+    /// The quick stop begins.
+    QuickStop,
+}
+
+/// Transitions 2 to 12 and 16 of the standard. `stays` says that a quick stop may be left for
+/// operation (605Ah = 5 to 8), `in_turn` that ready is not left for enabled in one step.
+#[must_use]
+pub const fn change(state: State, order: Order, stays: bool, in_turn: bool) -> Change {
+    use Order as O;
+    use State as S;
+    match (state, order) {
+        (S::SwitchOnDisabled, O::Shutdown) => Change::To(S::Ready),
+        (S::Ready, O::SwitchOn) => Change::To(S::SwitchedOn),
+        (S::Ready, O::Enable) if in_turn => Change::To(S::SwitchedOn),
+        (S::Ready | S::SwitchedOn, O::Enable) => Change::Enable,
+        (S::QuickStop, O::Enable) if stays => Change::Enable,
+        (S::SwitchedOn, O::Shutdown) => Change::To(S::Ready),
+        (S::Ready | S::SwitchedOn, O::DisableVoltage | O::QuickStop) => {
+            Change::To(S::SwitchOnDisabled)
+        }
+        (S::Enabled, O::SwitchOn) => Change::Leave(S::SwitchedOn),
+        (S::Enabled, O::Shutdown) => Change::Leave(S::Ready),
+        (S::Enabled, O::QuickStop) => Change::QuickStop,
+        (S::Enabled | S::QuickStop, O::DisableVoltage) => Change::To(S::SwitchOnDisabled),
+        _ => Change::None,
+    }
+}

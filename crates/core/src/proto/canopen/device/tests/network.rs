@@ -1,0 +1,101 @@
+//! States, boot-up, heartbeats, guarding, storing.
+
+use super::*;
+
+#[test]
+fn orders_lead_from_state_to_state() {
+    let mut desk = Desk::new();
+    desk.write(0x1017, 0, 100, 2).unwrap();
+    for (order, state) in [(1, 5), (2, 4), (128, 0x7F), (1, 5), (128, 0x7F), (2, 4), (1, 5)] {
+        desk.hear(frame(0, &[order, 5]));
+        assert_eq!(desk.pass(100), [frame(0x705, &[state])]);
+    }
+    for other in [frame(0, &[2, 6]), frame(0, &[2]), frame(0, &[99, 5])] {
+        desk.hear(other);
+    }
+    assert_eq!(desk.end.state(), nmt::State::Operational);
+    desk.hear(frame(0, &[128, 0]));
+    assert_eq!(desk.end.state(), nmt::State::PreOperational, "0 is everybody");
+    assert_eq!(desk.answers(frame(0, &[129, 5])), [frame(0x705, &[0])]);
+    assert_eq!(desk.toy.resets, 1);
+    assert_eq!(desk.answers(frame(0, &[130, 5])), [frame(0x705, &[0])]);
+    assert_eq!(desk.toy.resets, 1, "communication alone");
+    assert_eq!(desk.read(0x1017, 0), Ok(0), "from the factory again");
+}
+
+#[test]
+fn a_lost_heartbeat_is_told_and_obeyed() {
+    let mut desk = Desk::operational();
+    desk.write(0x1016, 1, 127 << 16 | 50, 4).unwrap();
+    assert_eq!(desk.write(0x1016, 2, 127 << 16 | 20, 4), Err(Abort::INCOMPATIBLE));
+    assert_eq!(desk.pass(500), [], "it is watched from its first heartbeat on");
+    for _ in 0..5 {
+        desk.hear(frame(0x77F, &[5]));
+        assert_eq!(desk.pass(49), []);
+    }
+    let lost = frame(0x085, &[0x30, 0x81, 0x11, 0, 0, 0, 0, 0]);
+    assert_eq!(desk.pass(2), [lost]);
+    assert_eq!((desk.toy.losses, desk.end.state()), (1, nmt::State::PreOperational));
+    assert_eq!(desk.read(0x1001, 0), Ok(0x11));
+    let well = frame(0x085, &[0; 8]);
+    assert_eq!(desk.answers(frame(0x77F, &[5])), [well]);
+    assert_eq!(desk.read(0x1001, 0), Ok(0));
+    // 1029h: 1 changes nothing, 2 stops.
+    for (behaviour, state) in [(1, nmt::State::Operational), (2, nmt::State::Stopped)] {
+        desk.write(0x1029, 1, behaviour, 1).unwrap();
+        desk.hear(frame(0, &[1, 5]));
+        desk.hear(frame(0x77F, &[5]));
+        desk.pass(60);
+        assert_eq!(desk.end.state(), state);
+    }
+}
+
+#[test]
+fn guarding_toggles_and_guards_back() {
+    let mut desk = Desk::new();
+    desk.write(0x100C, 0, 20, 2).unwrap();
+    desk.write(0x100D, 0, 3, 1).unwrap();
+    for toggle in [0, 0x80, 0, 0x80] {
+        assert_eq!(desk.answers(remote(0x705)), [frame(0x705, &[0x7F | toggle])]);
+        assert_eq!(desk.pass(59), []);
+    }
+    assert_eq!(desk.pass(2)[0].data[..2], [0x30, 0x81]);
+    assert_eq!(desk.toy.losses, 1);
+    desk.write(0x1017, 0, 1000, 2).unwrap();
+    assert_eq!(desk.answers(remote(0x705)), [], "a heartbeat goes instead of guarding");
+    let mut deaf = Desk::with(Options { guarding: false, ..Options::STRICT });
+    assert_eq!(deaf.answers(remote(0x705)), []);
+}
+
+#[test]
+fn settings_are_stored_and_restored() {
+    let mut desk = Desk::new();
+    let save = u32::from_le_bytes(*b"save");
+    desk.write(0x1017, 0, 70, 2).unwrap();
+    assert_eq!(desk.write(0x1010, 1, 1, 4), Err(Abort::NOT_STORED));
+    desk.write(0x1010, 1, save, 4).unwrap();
+    // Power goes while flash is written: what was there before stays.
+    desk.end.power_cycle(desk.now, &mut desk.toy);
+    desk.sent();
+    assert_eq!((desk.read(0x1017, 0), desk.toy.stored.len()), (Ok(0), 0));
+    desk.write(0x1017, 0, 70, 2).unwrap();
+    desk.write(0x1010, 1, save, 4).unwrap();
+    desk.pass(30);
+    assert_eq!(desk.toy.stored, [Group::All]);
+    desk.hear(frame(0, &[129, 0]));
+    desk.sent();
+    assert_eq!(desk.read(0x1017, 0), Ok(70));
+    desk.write(0x1011, 2, u32::from_le_bytes(*b"load"), 4).unwrap();
+    assert_eq!(desk.read(0x1017, 0), Ok(70), "from the next reset on");
+    desk.hear(frame(0, &[130, 0]));
+    desk.sent();
+    assert_eq!(desk.read(0x1017, 0), Ok(0));
+}
+
+#[test]
+fn the_bus_off_is_a_lost_link() {
+    let mut desk = Desk::operational();
+    desk.end.handle_line(desk.now, LineEvent::BusOff, &mut desk.toy);
+    assert_eq!(desk.sent()[0].data[..2], [0x40, 0x81]);
+    assert_eq!((desk.toy.losses, desk.end.state()), (1, nmt::State::PreOperational));
+}

@@ -1,0 +1,273 @@
+//! SDO: every kind, every size, every refusal.
+
+use super::*;
+use crate::proto::canopen::sdo::{BLOCK_MAX, BlockSegment, SEGMENT, Segment};
+
+const FILE: Object = Object::new(0x2006, 0);
+
+/// Sizes around every boundary there is, and some.
+const SIZES: [usize; 14] = [0, 1, 3, 4, 5, 7, 8, 14, 15, 888, 889, 890, 10_000, 2_000_000];
+
+fn content(size: usize) -> Vec<u8> {
+    (0..size).map(|n| (n * 7 + n / 256) as u8).collect()
+}
+
+fn upload(desk: &mut Desk, object: Object) -> Vec<u8> {
+    let size = match desk.ask(Request::Read(object)) {
+        Reply::Value(_, short) => {
+            let (bytes, len) = short.bytes();
+            return bytes[..len].to_vec();
+        }
+        Reply::ValueLong(_, size) => size.unwrap(),
+        other => panic!("{other:?}"),
+    };
+    let (mut all, mut toggle) = (Vec::new(), false);
+    loop {
+        let Reply::ValueSegment(segment) = desk.ask(Request::ReadSegment(toggle)) else { panic!() };
+        assert_eq!(segment.toggle, toggle);
+        all.extend_from_slice(segment.bytes());
+        toggle = !toggle;
+        if segment.last {
+            assert_eq!(all.len(), size as usize);
+            return all;
+        }
+    }
+}
+
+fn download(desk: &mut Desk, object: Object, data: &[u8], size: Option<u32>) -> Result<(), Abort> {
+    match desk.ask(Request::WriteLong(object, size)) {
+        Reply::Written(..) => {}
+        Reply::Abort(_, abort) => return Err(abort),
+        other => panic!("{other:?}"),
+    }
+    let count = data.len().div_ceil(SEGMENT).max(1);
+    for n in 0..count {
+        let piece = &data[n * SEGMENT..(n * SEGMENT + SEGMENT).min(data.len())];
+        let mut segment = Segment {
+            toggle: n % 2 == 1,
+            last: n + 1 == count,
+            len: piece.len() as u8,
+            ..Segment::default()
+        };
+        segment.data[..piece.len()].copy_from_slice(piece);
+        match desk.ask(Request::WriteSegment(segment)) {
+            Reply::WrittenSegment(toggle) => assert_eq!(toggle, segment.toggle),
+            Reply::Abort(_, abort) => return Err(abort),
+            other => panic!("{other:?}"),
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn segments_carry_every_size_both_ways() {
+    let mut desk = Desk::new();
+    for size in SIZES {
+        let data = content(size);
+        assert_eq!(download(&mut desk, FILE, &data, Some(size as u32)), Ok(()));
+        assert_eq!(desk.toy.file, data);
+        assert_eq!(upload(&mut desk, FILE), data);
+    }
+    assert_eq!(download(&mut desk, FILE, &content(100), None), Ok(()), "size not told");
+    assert_eq!(desk.toy.file, content(100));
+}
+
+#[test]
+fn a_fixed_value_can_come_in_segments() {
+    let mut desk = Desk::new();
+    let eight = 0x1122_3344_5566_7788_u64;
+    let object = Object::new(0x2004, 0);
+    assert_eq!(download(&mut desk, object, &eight.to_le_bytes(), Some(8)), Ok(()));
+    assert_eq!(desk.toy.values[usize::from(U64_AT)], eight);
+    assert_eq!(upload(&mut desk, object), eight.to_le_bytes());
+    assert_eq!(download(&mut desk, object, &[0; 9], Some(9)), Err(Abort::TOO_LONG));
+    assert_eq!(download(&mut desk, object, &[0; 7], Some(7)), Err(Abort::TOO_SHORT));
+    assert_eq!(download(&mut desk, object, &[0; 9], None), Err(Abort::TOO_LONG));
+    assert_eq!(download(&mut desk, object, &[0; 6], None), Err(Abort::TOO_SHORT));
+    assert_eq!(desk.toy.values[usize::from(U64_AT)], eight, "nothing of these was taken");
+    assert_eq!(upload(&mut desk, Object::new(0x1008, 0)), NAME.as_bytes());
+}
+
+#[test]
+fn a_toggle_that_does_not_alternate_ends_it() {
+    let mut desk = Desk::new();
+    desk.toy.file = content(20);
+    desk.ask(Request::Read(FILE));
+    let refused = Reply::Abort(FILE, Abort::TOGGLE);
+    assert_eq!(desk.ask(Request::ReadSegment(true)), refused);
+    let over = Reply::Abort(Object::default(), Abort::SPECIFIER);
+    assert_eq!(desk.ask(Request::ReadSegment(false)), over);
+    desk.ask(Request::WriteLong(FILE, None));
+    let segment = Segment { toggle: true, len: 7, ..Segment::default() };
+    assert_eq!(desk.ask(Request::WriteSegment(segment)), refused);
+}
+
+/// Reads in blocks of `segments`, losing every segment whose running number `loses` names.
+fn read_block(desk: &mut Desk, segments: u8, loses: impl Fn(usize) -> bool) -> Vec<u8> {
+    let start = Request::ReadBlock { object: FILE, crc: true, segments, threshold: 0 };
+    let Reply::ReadBlockReady { crc: true, size: Some(size), .. } = desk.ask(start) else {
+        panic!()
+    };
+    let (mut all, mut seen, mut ended) = (Vec::new(), 0, false);
+    let mut request = Request::ReadBlockStart;
+    while !ended {
+        let frames = desk.answers(request.emit(5));
+        let mut arrived = 0;
+        assert!(frames.len() <= usize::from(segments));
+        for frame in &frames {
+            let segment = BlockSegment::of(frame.data);
+            seen += 1;
+            if loses(seen) || segment.number != arrived + 1 {
+                continue;
+            }
+            arrived += 1;
+            all.extend_from_slice(&segment.data);
+            ended = segment.last;
+        }
+        request = Request::ReadBlockAck { arrived, segments };
+    }
+    let Reply::ReadBlockEnd { unused, crc } = desk.ask(request) else { panic!() };
+    all.truncate(all.len() - usize::from(unused));
+    assert_eq!(all.len(), size as usize);
+    assert_eq!(crc, sdo::crc(0, &all));
+    assert_eq!(desk.answers(Request::ReadBlockEnd.emit(5)), []);
+    all
+}
+
+#[test]
+fn blocks_are_read_whatever_is_lost() {
+    let mut desk = Desk::new();
+    for size in SIZES {
+        desk.toy.file = content(size);
+        assert_eq!(read_block(&mut desk, BLOCK_MAX, |_| false), desk.toy.file, "{size}");
+    }
+    desk.toy.file = content(3000);
+    for segments in [1, 2, 5, 127] {
+        let lossy = read_block(&mut desk, segments, |n| n % 13 == 3);
+        assert_eq!(lossy, desk.toy.file, "{segments}");
+    }
+}
+
+#[test]
+fn few_bytes_may_go_the_ordinary_way() {
+    let mut desk = Desk::new();
+    let ask = |threshold| Request::ReadBlock { object: FILE, crc: true, segments: 9, threshold };
+    desk.toy.file = content(4);
+    assert!(matches!(desk.ask(ask(4)), Reply::Value(FILE, Short { len: 4, .. })));
+    desk.toy.file = content(20);
+    assert_eq!(desk.ask(ask(20)), Reply::ValueLong(FILE, Some(20)));
+    assert!(matches!(desk.ask(ask(19)), Reply::ReadBlockReady { .. }));
+}
+
+/// Writes in blocks; `loses` as in [`read_block`].
+fn write_block(desk: &mut Desk, data: &[u8], loses: impl Fn(usize) -> bool) -> Reply {
+    let size = Some(data.len() as u32);
+    let start = Request::WriteBlock { object: FILE, crc: true, size };
+    let Reply::WriteBlockReady { crc: true, segments, .. } = desk.ask(start) else { panic!() };
+    let count = data.len().div_ceil(SEGMENT).max(1);
+    let (mut done, mut sent) = (0, 0);
+    while done < count {
+        let block = (count - done).min(usize::from(segments));
+        let mut answer = Vec::new();
+        for n in 0..block {
+            let at = (done + n) * SEGMENT;
+            let mut piece = [0; SEGMENT];
+            let rest = &data[at.min(data.len())..];
+            piece[..rest.len().min(SEGMENT)].copy_from_slice(&rest[..rest.len().min(SEGMENT)]);
+            let last = done + n + 1 == count;
+            let segment = BlockSegment { number: n as u8 + 1, last, data: piece };
+            sent += 1;
+            if n + 1 == block || !loses(sent) {
+                answer = desk.answers(frame(0x605, &segment.bytes()));
+            }
+        }
+        let Reply::WriteBlockAck { arrived, .. } = Reply::of(answer[0].data) else { panic!() };
+        done += usize::from(arrived);
+    }
+    let unused = (count * SEGMENT - data.len()) as u8;
+    desk.ask(Request::WriteBlockEnd { unused, crc: sdo::crc(0, data) })
+}
+
+#[test]
+fn blocks_are_written_whatever_is_lost() {
+    let mut desk = Desk::new();
+    for size in SIZES {
+        let data = content(size);
+        assert_eq!(write_block(&mut desk, &data, |_| false), Reply::WriteBlockDone, "{size}");
+        assert_eq!(desk.toy.file, data);
+    }
+    let data = content(5000);
+    assert_eq!(write_block(&mut desk, &data, |n| n % 17 == 2), Reply::WriteBlockDone);
+    assert_eq!(desk.toy.file, data);
+}
+
+#[test]
+fn a_block_with_a_wrong_check_is_refused() {
+    let mut desk = Desk::new();
+    desk.ask(Request::WriteBlock { object: FILE, crc: true, size: Some(7) });
+    let segment = BlockSegment { number: 1, last: true, data: [1; 7] };
+    desk.answers(frame(0x605, &segment.bytes()));
+    let end = Request::WriteBlockEnd { unused: 0, crc: 1 };
+    assert_eq!(desk.ask(end), Reply::Abort(FILE, Abort::CRC));
+    let start = Request::ReadBlock { object: FILE, crc: true, segments: 128, threshold: 0 };
+    assert_eq!(desk.ask(start), Reply::Abort(FILE, Abort::BLOCK_SIZE));
+    desk.toy.file = content(30);
+    desk.ask(Request::ReadBlock { object: FILE, crc: true, segments: 2, threshold: 0 });
+    assert_eq!(desk.answers(Request::ReadBlockStart.emit(5)).len(), 2);
+    let ack = Request::ReadBlockAck { arrived: 3, segments: 2 };
+    assert_eq!(desk.ask(ack), Reply::Abort(FILE, Abort::SEQUENCE));
+}
+
+#[test]
+fn an_abort_ends_a_block_in_silence() {
+    let mut desk = Desk::new();
+    desk.ask(Request::WriteBlock { object: FILE, crc: true, size: None });
+    assert_eq!(desk.answers(Request::Abort(FILE, Abort::GENERAL).emit(5)), []);
+    assert_eq!(desk.read(0x2000, 0), Ok(0), "the next request is one");
+}
+
+#[test]
+fn values_have_lengths_signs_limits_and_rights() {
+    let mut desk = Desk::new();
+    desk.write(0x2001, 0, 0xFFFE, 2).unwrap();
+    assert_eq!(desk.toy.values[usize::from(I16_AT)] as i64, -2, "with its sign");
+    assert_eq!(desk.read(0x2001, 0), Ok(0xFFFE), "without what lies above");
+    assert_eq!(desk.write(0x2001, 0, 1, 4), Err(Abort::LENGTH));
+    assert_eq!(desk.write(0x2002, 0, 1, 3), Err(Abort::LENGTH));
+    assert_eq!(desk.write(0x2002, 0, 0xAABB_CCDD, 0), Ok(()), "size not told");
+    assert_eq!(desk.read(0x2002, 0), Ok(0xAABB_CCDD));
+    assert_eq!(desk.write(0x2005, 0, 6, 2), Err(Abort::TOO_HIGH));
+    assert_eq!(desk.write(0x2005, 0, 0xFFFA, 2), Err(Abort::TOO_LOW));
+    assert_eq!(desk.write(0x2005, 0, 0xFFFB, 2), Ok(()));
+    assert_eq!(desk.write(0x2007, 0, 1, 2), Err(Abort::READ_ONLY));
+    assert_eq!(desk.read(0x2008, 0), Err(Abort::WRITE_ONLY));
+    assert_eq!(desk.read(0x2000, 1), Err(Abort::NO_SUB));
+    assert_eq!(desk.read(0x5000, 0), Err(Abort::NO_OBJECT));
+    assert_eq!(desk.read(0x1000, 0), Ok(0x1234_0192));
+    let nothing = Reply::Abort(Object::default(), Abort::SPECIFIER);
+    assert_eq!(desk.ask(Request::Other(0xE0)), nothing);
+}
+
+#[test]
+fn a_short_request_is_not_heard_unless_lenient() {
+    let short = frame(0x605, &[0x2F, 0x00, 0x20, 0, 7, 0, 0]);
+    assert_eq!(Desk::new().answers(short), []);
+    let mut lenient = Desk::with(Options { lenient: true, echoes: true, ..Options::STRICT });
+    let echoed = frame(0x585, &[0x60, 0x00, 0x20, 0, 7, 0, 0, 0]);
+    assert_eq!(lenient.answers(short), [echoed]);
+    // One byte told, two meant: 2F with an object of two bytes.
+    lenient.answers(frame(0x605, &[0x2F, 0x01, 0x20, 0, 0xE8, 0x03, 0, 0]));
+    assert_eq!(lenient.toy.values[usize::from(I16_AT)], 1000);
+    let mut plain = Desk::with(Options { segments: false, ..Options::STRICT });
+    let refused = Reply::Abort(FILE, Abort::SPECIFIER);
+    assert_eq!(plain.ask(Request::WriteLong(FILE, None)), refused);
+}
+
+#[test]
+fn a_stopped_node_serves_nobody() {
+    let mut desk = Desk::new();
+    desk.hear(frame(0, &[2, 0]));
+    assert_eq!(desk.answers(Request::Read(FILE).emit(5)), []);
+    desk.hear(frame(0, &[128, 5]));
+    assert_eq!(desk.read(0x2000, 0), Ok(0));
+}

@@ -1,0 +1,380 @@
+//! Object dictionaries: which objects a node has, of what type, and how they may be used.
+//!
+//! A [`Dictionary`] is a table that all nodes of a kind share; the values are each node's own. An
+//! entry is found in constant time, whatever the size of the table: its key is hashed into a table
+//! of places that is made once, at compile time for drives that are built in.
+//!
+//! ```
+//! use polepair_core::proto::canopen::od::{Access, Dictionary, Entry, Type};
+//! static ENTRIES: [Entry; 2] = [
+//!     Entry::new(0x1000, 0, Type::U32, Access::RO, 0, "device type").worth(0x20192),
+//!     Entry::new(0x6040, 0, Type::U16, Access::RW.mappable(), 1, "controlword"),
+//! ];
+//! static PLACES: [u16; 4] = Dictionary::places(&ENTRIES);
+//! static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
+//! assert_eq!(DICTIONARY.find(0x6040, 0).map(|entry| entry.name), Some("controlword"));
+//! assert!(DICTIONARY.find(0x6040, 1).is_none());
+//! ```
+
+/// A data type by its number (CiA 301, data type definitions).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Type(pub u8);
+
+impl Type {
+    /// One bit.
+    pub const BOOLEAN: Self = Self(0x01);
+    /// Signed, 8 bits.
+    pub const I8: Self = Self(0x02);
+    /// Signed, 16 bits.
+    pub const I16: Self = Self(0x03);
+    /// Signed, 32 bits.
+    pub const I32: Self = Self(0x04);
+    /// Unsigned, 8 bits.
+    pub const U8: Self = Self(0x05);
+    /// Unsigned, 16 bits.
+    pub const U16: Self = Self(0x06);
+    /// Unsigned, 32 bits.
+    pub const U32: Self = Self(0x07);
+    /// IEEE 754, 32 bits.
+    pub const F32: Self = Self(0x08);
+    /// Text of visible characters.
+    pub const TEXT: Self = Self(0x09);
+    /// Bytes.
+    pub const OCTETS: Self = Self(0x0A);
+    /// Text of 16-bit characters.
+    pub const UNICODE: Self = Self(0x0B);
+    /// Milliseconds after midnight and days since 1984, 48 bits.
+    pub const TIME_OF_DAY: Self = Self(0x0C);
+    /// Milliseconds and days, 48 bits.
+    pub const TIME_DIFFERENCE: Self = Self(0x0D);
+    /// Anything: a program, a file.
+    pub const DOMAIN: Self = Self(0x0F);
+    /// IEEE 754, 64 bits.
+    pub const F64: Self = Self(0x11);
+    /// Signed, 64 bits.
+    pub const I64: Self = Self(0x15);
+    /// Unsigned, 64 bits.
+    pub const U64: Self = Self(0x1B);
+
+    /// Bytes of a value; `None` for types of any length and those that are not known.
+    #[inline]
+    #[must_use]
+    pub const fn bytes(self) -> Option<u8> {
+        Some(match self.0 {
+            0x01 | 0x02 | 0x05 => 1,
+            0x03 | 0x06 => 2,
+            0x10 | 0x16 => 3,
+            0x04 | 0x07 | 0x08 => 4,
+            0x12 | 0x18 => 5,
+            0x0C | 0x0D | 0x13 | 0x19 => 6,
+            0x14 | 0x1A => 7,
+            0x11 | 0x15 | 0x1B => 8,
+            _ => return None,
+        })
+    }
+
+    /// Bits that a value takes in a PDO.
+    #[must_use]
+    pub const fn bits(self) -> Option<u8> {
+        match self.bytes() {
+            _ if self.0 == Self::BOOLEAN.0 => Some(1),
+            Some(bytes) => Some(8 * bytes),
+            None => None,
+        }
+    }
+
+    /// Whether values have a sign.
+    #[must_use]
+    pub const fn is_signed(self) -> bool {
+        matches!(self.0, 0x02..=0x04 | 0x10 | 0x12..=0x15)
+    }
+
+    /// `raw`, the bytes of such a value with the first one lowest, as a number.
+    #[inline]
+    #[must_use]
+    pub const fn number(self, raw: u64) -> i64 {
+        let Some(bytes) = self.bytes() else { return raw as i64 };
+        let spare = 64 - 8 * bytes as u32;
+        match self.is_signed() {
+            true => ((raw << spare) as i64) >> spare,
+            false => (raw << spare >> spare) as i64,
+        }
+    }
+}
+
+/// What may be done with an entry.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Access(u8);
+
+impl Access {
+    const READ: u8 = 1;
+    const WRITE: u8 = 2;
+    const TPDO: u8 = 4;
+    const RPDO: u8 = 8;
+
+    /// Read only.
+    pub const RO: Self = Self(Self::READ);
+    /// Written only.
+    pub const WO: Self = Self(Self::WRITE);
+    /// Read and written.
+    pub const RW: Self = Self(Self::READ | Self::WRITE);
+
+    /// The same, and it may be mapped into PDOs the ways it may be used.
+    #[must_use]
+    pub const fn mappable(self) -> Self {
+        Self(self.0 | self.0 << 2)
+    }
+
+    /// The same, and it may be mapped into PDOs that the node sends alone.
+    #[must_use]
+    pub const fn sendable(self) -> Self {
+        Self(self.0 | Self::TPDO)
+    }
+
+    /// The same, and it may be mapped into PDOs that the node receives alone.
+    #[must_use]
+    pub const fn receivable(self) -> Self {
+        Self(self.0 | Self::RPDO)
+    }
+
+    /// It may be read.
+    #[inline]
+    #[must_use]
+    pub const fn reads(self) -> bool {
+        self.0 & Self::READ != 0
+    }
+
+    /// It may be written.
+    #[inline]
+    #[must_use]
+    pub const fn writes(self) -> bool {
+        self.0 & Self::WRITE != 0
+    }
+
+    /// It may be mapped into a PDO that the node sends.
+    #[must_use]
+    pub const fn is_sendable(self) -> bool {
+        self.0 & Self::TPDO != 0
+    }
+
+    /// It may be mapped into a PDO that the node receives.
+    #[must_use]
+    pub const fn is_receivable(self) -> bool {
+        self.0 & Self::RPDO != 0
+    }
+}
+
+/// Value from the factory.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Worth {
+    /// A number.
+    Number(i64),
+    /// A number to which the node-ID is added: `$NODEID+0x600`.
+    PlusNode(i64),
+    /// A text.
+    Text(&'static str),
+}
+
+/// One sub-index of one object.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Entry {
+    key: u32,
+    /// Its type.
+    pub kind: Type,
+    /// What may be done with it.
+    pub access: Access,
+    /// The firmware's own number for it, or [`OWN`] for the protocol's objects.
+    pub tag: u16,
+    /// What it is called; empty for what has no name.
+    pub name: &'static str,
+    /// Value from the factory.
+    pub worth: Worth,
+    /// Least and greatest value that may be written.
+    pub limits: (i64, i64),
+}
+
+/// [`Entry::tag`] of objects that the protocol itself keeps, 1000h to 1FFFh.
+pub const OWN: u16 = u16::MAX;
+
+impl Entry {
+    /// An entry whose value from the factory is 0, without limits.
+    #[must_use]
+    pub const fn new(
+        index: u16,
+        sub: u8,
+        kind: Type,
+        access: Access,
+        tag: u16,
+        name: &'static str,
+    ) -> Self {
+        let (worth, limits) = (Worth::Number(0), (i64::MIN, i64::MAX));
+        Self { key: key(index, sub), kind, access, tag, name, worth, limits }
+    }
+
+    /// The same with a number from the factory.
+    #[must_use]
+    pub const fn worth(mut self, number: i64) -> Self {
+        self.worth = Worth::Number(number);
+        self
+    }
+
+    /// The same with a value from the factory.
+    #[must_use]
+    pub const fn holding(mut self, worth: Worth) -> Self {
+        self.worth = worth;
+        self
+    }
+
+    /// The same with limits.
+    #[must_use]
+    pub const fn within(mut self, least: i64, greatest: i64) -> Self {
+        self.limits = (least, greatest);
+        self
+    }
+
+    /// Its index.
+    #[must_use]
+    pub const fn index(&self) -> u16 {
+        (self.key >> 8) as u16
+    }
+
+    /// Its sub-index.
+    #[must_use]
+    pub const fn sub(&self) -> u8 {
+        self.key as u8
+    }
+
+    /// Index and sub-index in one number.
+    #[must_use]
+    pub const fn key(&self) -> u32 {
+        self.key
+    }
+
+    /// Its value from the factory as the bytes of its type, the first lowest; 0 for a text.
+    #[must_use]
+    pub const fn factory(&self, node: u8) -> u64 {
+        match self.worth {
+            Worth::Number(number) => number as u64,
+            Worth::PlusNode(number) => number as u64 + node as u64,
+            Worth::Text(_) => 0,
+        }
+    }
+}
+
+/// Index and sub-index in one number.
+#[inline]
+#[must_use]
+pub const fn key(index: u16, sub: u8) -> u32 {
+    (index as u32) << 8 | sub as u32
+}
+
+/// The entries of a kind of node.
+#[derive(Clone, Copy, Debug)]
+pub struct Dictionary {
+    entries: &'static [Entry],
+    places: &'static [u16],
+}
+
+/// A place that no entry has.
+const EMPTY: u16 = u16::MAX;
+
+impl Dictionary {
+    /// A dictionary of entries in ascending order, with what [`places`](Self::places) or
+    /// [`fill`](Self::fill) made of them.
+    ///
+    /// # Panics
+    /// When the entries are not in order: at compile time where it is a constant.
+    #[must_use]
+    pub const fn new(entries: &'static [Entry], places: &'static [u16]) -> Self {
+        let mut at = 1;
+        while at < entries.len() {
+            assert!(entries[at - 1].key < entries[at].key, "entries are not in order");
+            at += 1;
+        }
+        assert!(places.len().is_power_of_two() && places.len() > entries.len());
+        Self { entries, places }
+    }
+
+    /// Where `entries` are found: `N` is a power of two, at least twice their number.
+    #[must_use]
+    pub const fn places<const N: usize>(entries: &[Entry]) -> [u16; N] {
+        let mut places = [EMPTY; N];
+        Self::fill(entries, &mut places);
+        places
+    }
+
+    /// The same into a slice.
+    ///
+    /// # Panics
+    /// When its length is no power of two, or less than twice the number of entries.
+    pub const fn fill(entries: &[Entry], places: &mut [u16]) {
+        assert!(places.len().is_power_of_two() && places.len() >= 2 * entries.len());
+        let mut at = 0;
+        while at < places.len() {
+            places[at] = EMPTY;
+            at += 1;
+        }
+        let mut entry = 0;
+        while entry < entries.len() {
+            let mut place = hash(entries[entry].key) & (places.len() - 1);
+            while places[place] != EMPTY {
+                place = (place + 1) & (places.len() - 1);
+            }
+            places[place] = entry as u16;
+            entry += 1;
+        }
+    }
+
+    /// All entries, in ascending order of index and sub-index.
+    #[must_use]
+    pub const fn entries(&self) -> &'static [Entry] {
+        self.entries
+    }
+
+    /// The entry of that index and sub-index.
+    #[inline]
+    #[must_use]
+    pub fn find(&self, index: u16, sub: u8) -> Option<&'static Entry> {
+        let (wanted, mask) = (key(index, sub), self.places.len() - 1);
+        let mut place = hash(wanted) & mask;
+        loop {
+            let entry = self.entries.get(usize::from(*self.places.get(place)?))?;
+            if entry.key == wanted {
+                return Some(entry);
+            }
+            place = (place + 1) & mask;
+        }
+    }
+
+    /// The entries of one object.
+    #[must_use]
+    pub fn object(&self, index: u16) -> &'static [Entry] {
+        let start = self.entries.partition_point(|entry| entry.index() < index);
+        let end = self.entries.partition_point(|entry| entry.index() <= index);
+        &self.entries[start..end]
+    }
+}
+
+/// Neighbouring keys land apart: multiplied by 2^32 divided by the golden ratio.
+#[inline]
+const fn hash(key: u32) -> usize {
+    (key.wrapping_mul(0x9E37_79B1) >> 16) as usize
+}
+
+/// Two tables, each in order, as one.
+///
+/// # Panics
+/// When `N` is not the sum of their lengths: at compile time where it is a constant.
+#[must_use]
+pub const fn merge<const N: usize>(first: &[Entry], second: &[Entry]) -> [Entry; N] {
+    assert!(first.len() + second.len() == N, "N is not the number of entries");
+    let mut all = [Entry::new(0, 0, Type::U8, Access::RO, OWN, ""); N];
+    let (mut one, mut other) = (0, 0);
+    while one + other < N {
+        let ended = other == second.len();
+        let is_first = ended || (one < first.len() && first[one].key < second[other].key);
+        all[one + other] = if is_first { first[one] } else { second[other] };
+        (one, other) = if is_first { (one + 1, other) } else { (one, other + 1) };
+    }
+    all
+}
