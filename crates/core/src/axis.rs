@@ -1,9 +1,11 @@
 //! The unified vocabulary: what any axis can be told, what it tells, and who translates.
 
 use crate::error::{Failure, Outcome, Unsupported};
+use crate::lane::{Piece, Transfer, TransferKind};
 use crate::medium::Frame;
 use crate::plan::Argument;
 use crate::profile::{Parameter, ParameterId, Profile, Signal};
+use crate::program::{MemoryRules, Order, TransferStep};
 use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
 use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, Point};
 use crate::time::Instant;
@@ -325,6 +327,24 @@ pub trait Driver {
         PathStatus::default()
     }
 
+    /// What is to be known of the memory that programs of this drive lie in; `None` where it takes
+    /// none.
+    fn memory(&self) -> Option<&'static MemoryRules> {
+        None
+    }
+
+    /// A request of a transfer; `None` where the drive takes no programs.
+    fn transfer(&self, step: TransferStep) -> Option<Result<Self::Request, Unsupported>> {
+        let _ = step;
+        None
+    }
+
+    /// What tells the drive an order about its programs; `None` where it takes none.
+    fn order(&self, order: Order) -> Option<Self::Request> {
+        let _ = order;
+        None
+    }
+
     /// True when the address names several drives. Each of them answers a read.
     fn is_group(&self) -> bool {
         false
@@ -461,6 +481,52 @@ pub trait Axes {
     fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
         let _ = (ticket, points, complete);
         None
+    }
+
+    /// What is to be known of the memory that programs of an axis lie in; `None` where it takes none.
+    fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
+        let _ = axis;
+        None
+    }
+
+    /// Writes, verifies or reads words of an axis' memory. It ends in one outcome under `ticket`: how
+    /// many words; [`transferred`](Self::transferred) tells more. Nothing is written while the axis
+    /// has power or its program runs; until it ends, what would power the axis is refused.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn transfer(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        kind: TransferKind,
+        pieces: &[Piece],
+    ) -> Result<(), Unsupported> {
+        let _ = (now, ticket, axis, kind, pieces);
+        Err(Unsupported::NoPlan)
+    }
+
+    /// The axis' transfer that is under way, or its last one.
+    fn transferred(&self, axis: AxisIndex) -> Option<&Transfer> {
+        let _ = axis;
+        None
+    }
+
+    /// Tells an axis an order about its programs. One that could move the motor needs an armed axis;
+    /// one that ends a program overtakes everything, as a stop does.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn order(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        order: Order,
+    ) -> Result<(), Unsupported> {
+        let _ = (now, ticket, axis, order);
+        Err(Unsupported::NoPlan)
     }
 
     /// What one drive of a group answered; it comes before the outcome of its ticket, in the order of

@@ -97,6 +97,14 @@ pub enum Failure {
         /// The fault, in the drive's own code or bits.
         code: u32,
     },
+    /// The words in the drive's memory from the first address to the last are not those that they
+    /// should be.
+    Differs {
+        /// First address.
+        start: u32,
+        /// Last address.
+        end: u32,
+    },
     /// A stop, a newer command or the end of the link cut it short.
     Cancelled,
     /// The link went down.

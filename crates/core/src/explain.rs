@@ -214,6 +214,10 @@ pub trait Dissector: Sync {
     fn speaks_in_names(&self) -> bool {
         false
     }
+    /// The language of the programs that its drives keep and run; `None` where there are none.
+    fn programs(&self) -> Option<&'static dyn crate::program::Language> {
+        None
+    }
     /// Whether axes have groups that a message can go to.
     fn has_groups(&self) -> bool {
         false

@@ -9,6 +9,7 @@ mod slot;
 mod table;
 #[cfg(test)]
 mod tests;
+mod transfer;
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
@@ -20,6 +21,7 @@ use crate::error::{Outcome, Unsupported};
 use crate::medium::Medium;
 use crate::plan::Step;
 use crate::profile::{ParameterId, Profile};
+use crate::program::{MemoryRules, Order};
 use crate::station::{
     AxisIndex, Class, Counters, Event, Host, LineEvent, Request, Station, Ticket, Timed, To,
 };
@@ -30,6 +32,7 @@ use path::Path;
 pub use slot::BoxedDriver;
 use slot::Slot;
 use table::Table;
+pub use transfer::{Piece, Transfer, TransferKind};
 
 /// Jobs that a lane holds at once.
 pub const JOBS_MAX: usize = 64;
@@ -274,14 +277,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
         let request = slot.driver.parse(text)?;
-        if request.class() == Class::Never && !slot.state.armed {
-            return Err(Unsupported::NotArmed);
-        }
-        let stop = request.is_stop();
-        if stop {
-            self.jobs.cancel(axis);
-        }
-        self.jobs.add(ticket, axis, Task::Raw(request), stop)
+        self.say(ticket, axis, request)
     }
 
     fn stream(
@@ -310,6 +306,48 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let axis = self.jobs.fed(ticket)?;
         let path = self.slots.get_mut(usize::from(axis))?.path.as_mut()?;
         Some(path.feed(points, complete))
+    }
+
+    fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
+        self.slot(axis).ok()?.driver.memory()
+    }
+
+    fn transfer(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        kind: TransferKind,
+        pieces: &[Piece],
+    ) -> Result<(), Unsupported> {
+        let rules = self.slot(axis)?.driver.memory().ok_or(Unsupported::NoPlan)?;
+        if self.jobs.moving(axis) || self.jobs.transfers(axis) {
+            return Err(Unsupported::Busy);
+        }
+        let transfer = Transfer::new(kind, rules, pieces.to_vec())?;
+        self.jobs.add(ticket, axis, Task::Transfer(kind), false)?;
+        if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
+            slot.transfer = Some(Box::new(transfer));
+        }
+        Ok(())
+    }
+
+    fn transferred(&self, axis: AxisIndex) -> Option<&Transfer> {
+        self.slot(axis).ok()?.transfer.as_deref()
+    }
+
+    fn order(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        order: Order,
+    ) -> Result<(), Unsupported> {
+        let request = self.slot(axis)?.driver.order(order).ok_or(Unsupported::NoPlan)?;
+        if request.class() == Class::Never && self.jobs.moving(axis) {
+            return Err(Unsupported::Busy);
+        }
+        self.say(ticket, axis, request)
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
@@ -348,6 +386,24 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 }
 
 impl<M: Medium, H: Host<M>> Lane<M, H> {
+    /// One request of the protocol's own: what may move the motor needs an armed axis, what stops it
+    /// ends what runs.
+    fn say(
+        &mut self,
+        ticket: Ticket,
+        axis: AxisIndex,
+        request: H::Request,
+    ) -> Result<(), Unsupported> {
+        if request.class() == Class::Never && !self.slot(axis)?.state.armed {
+            return Err(Unsupported::NotArmed);
+        }
+        let stop = request.is_stop();
+        if stop {
+            self.jobs.cancel(axis);
+        }
+        self.jobs.add(ticket, axis, Task::Raw(request), stop)
+    }
+
     fn rehearse_step(
         &self,
         slot: &Slot<H::Request, H::Answer>,

@@ -29,6 +29,7 @@ pub mod mux;
 pub mod plan;
 pub mod plant;
 pub mod profile;
+pub mod program;
 pub mod proto;
 pub mod station;
 pub mod stream;

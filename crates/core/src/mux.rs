@@ -8,8 +8,10 @@ use alloc::vec::Vec;
 
 use crate::axis::{AnyLane, Axes, Command, Part, Rehearsed, State};
 use crate::error::{Outcome, Unsupported};
+use crate::lane::{Piece, Transfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
 use crate::profile::{ParameterId, Profile};
+use crate::program::{MemoryRules, Order};
 use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
@@ -195,6 +197,39 @@ impl Axes for Mux {
 
     fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
         self.lanes.iter_mut().find_map(|lane| lane.feed(ticket, points, complete))
+    }
+
+    fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
+        let (lane, axis) = self.of(axis)?;
+        lane.memory(axis)
+    }
+
+    fn transfer(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        kind: TransferKind,
+        pieces: &[Piece],
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.transfer(now, ticket, axis, kind, pieces)
+    }
+
+    fn transferred(&self, axis: AxisIndex) -> Option<&Transfer> {
+        let (lane, axis) = self.of(axis)?;
+        lane.transferred(axis)
+    }
+
+    fn order(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        order: Order,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.order(now, ticket, axis, order)
     }
 
     fn poll_part(&mut self) -> Option<Part> {

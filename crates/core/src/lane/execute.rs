@@ -5,6 +5,7 @@ use core::time::Duration;
 use super::job::{Asked, Job, Parts, Run, Stage, Task};
 use super::path::Path;
 use super::slot::Slot;
+use super::transfer::{Transfer, TransferKind};
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::plan::Step;
 use crate::profile::{Access, ParameterId, Persistence};
@@ -59,6 +60,8 @@ pub fn next<R: Request, A: Copy + 'static>(
         Task::Run(run) => next_of_run(now, run, slot),
         Task::Path => along_path(slot, |path, slot| path.next(now, slot))
             .unwrap_or(Err(Next::End(Outcome::NotDone(Failure::Cancelled)))),
+        Task::Transfer(_) => with_transfer(slot, Transfer::next)
+            .unwrap_or(Err(Next::End(Outcome::NotDone(Failure::Cancelled)))),
     }
 }
 
@@ -70,6 +73,17 @@ fn along_path<R: Request, A: Copy + 'static, T>(
     let mut path = slot.path.take()?;
     let done = f(&mut path, slot);
     slot.path = Some(path);
+    Some(done)
+}
+
+/// Lets the axis' transfer, if it has one, do something with the axis.
+fn with_transfer<R: Request, A: Copy + 'static, T>(
+    slot: &mut Slot<R, A>,
+    f: impl FnOnce(&mut Transfer, &mut Slot<R, A>) -> T,
+) -> Option<T> {
+    let mut transfer = slot.transfer.take()?;
+    let done = f(&mut transfer, slot);
+    slot.transfer = Some(transfer);
     Some(done)
 }
 
@@ -210,10 +224,10 @@ pub fn sent<R: Request>(job: &mut Job<R>, asked: Asked) {
 fn may_have_been_executed<R: Request>(job: &Job<R>) -> bool {
     let run = match job.task {
         Task::Run(run) => run.touched || matches!(run.stage, Stage::Confirm(..)),
-        Task::Path => true,
+        Task::Path | Task::Transfer(TransferKind::Write) => true,
         _ => false,
     };
-    run || matches!(job.asked, Asked::Write(..) | Asked::Send(_) | Asked::Confirm(..))
+    run || job.asked.changes()
 }
 
 /// How a job ends that something else ends.
@@ -263,8 +277,7 @@ pub fn answered<R: Request, A: Copy + 'static>(
         slot.note(now, id, raw);
     }
     if raw == Err(Failure::LinkDown) {
-        let asks = matches!(asked, Asked::Write(..) | Asked::Send(_) | Asked::Confirm(..));
-        let doubtful = asks || may_have_been_executed(job);
+        let doubtful = asked.changes() || may_have_been_executed(job);
         let failure = Failure::LinkDown;
         return Next::End(match doubtful {
             true => Outcome::Unknown(failure),
@@ -292,6 +305,14 @@ pub fn answered<R: Request, A: Copy + 'static>(
         Task::Path if job.cancelled => Next::End(Outcome::Unknown(Failure::Cancelled)),
         Task::Path => along_path(slot, |path, slot| path.answered(now, slot, asked, raw))
             .unwrap_or(Next::End(Outcome::Unknown(Failure::Cancelled))),
+        Task::Transfer(_) => {
+            let cancelled = job.cancelled;
+            with_transfer(slot, |transfer, slot| match cancelled {
+                true => Next::End(transfer.cut_short(Failure::Cancelled)),
+                false => transfer.answered(slot, raw),
+            })
+            .unwrap_or(Next::End(Outcome::Unknown(Failure::Cancelled)))
+        }
     }
 }
 

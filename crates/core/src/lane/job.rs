@@ -1,5 +1,6 @@
 //! One thing a lane was asked to do, and how far it is.
 
+use super::transfer::TransferKind;
 use crate::axis::{Command, Verb};
 use crate::error::Outcome;
 use crate::plan::{Operand, Step};
@@ -54,6 +55,8 @@ pub enum Task<R> {
     Run(Run),
     /// The path that the axis' slot holds.
     Path,
+    /// The transfer that the axis' slot holds.
+    Transfer(TransferKind),
 }
 
 /// What the request that is out asks.
@@ -70,6 +73,15 @@ pub enum Asked {
 }
 
 impl Asked {
+    /// Whether it could change the drive, or asks whether something did.
+    pub const fn changes(self) -> bool {
+        match self {
+            Self::Nothing | Self::Factor(_) | Self::Read(_) => false,
+            Self::Send(class) => !matches!(class, Class::Idempotent),
+            Self::Write(..) | Self::Confirm(..) => true,
+        }
+    }
+
     pub fn parameter(self) -> Option<ParameterId> {
         match self {
             Self::Factor(id) | Self::Read(id) | Self::Write(id, ..) | Self::Confirm(id, _) => {

@@ -4,6 +4,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use super::path::Path;
+use super::transfer::Transfer;
 use crate::axis::{Command, Driver, Part, Reading, State, Told};
 use crate::error::Unsupported;
 use crate::plan::{Operand, Step};
@@ -28,6 +29,8 @@ pub struct Slot<R, A> {
     pub state: State,
     /// The path that is streamed to it.
     pub path: Option<Box<Path>>,
+    /// What is on its way into its memory or out of it; the last one, when that has ended.
+    pub transfer: Option<Box<Transfer>>,
     factors: Vec<Factor>,
     /// What is needed of a parameter again and again, by [`ParameterId`].
     entries: Vec<Entry<R>>,
@@ -68,6 +71,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             profile,
             state: State::UNKNOWN,
             path: None,
+            transfer: None,
             factors,
             entries: Vec::with_capacity(profile.parameters.len()),
         };

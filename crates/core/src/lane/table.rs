@@ -5,6 +5,7 @@ use alloc::boxed::Box;
 use super::execute::{self, Next};
 use super::job::{Asked, Job, Parts, Task};
 use super::slot::{self, Slot};
+use super::transfer::TransferKind;
 use super::{JOBS_MAX, STOP_JOBS};
 use crate::axis::Part;
 use crate::error::{Failure, Outcome, Unsupported};
@@ -244,11 +245,18 @@ impl<R: Request> Table<R> {
         bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref()).any(|job| {
             let moves = match &job.task {
                 Task::Run(run) => run.moves() || run.is_stop(),
-                Task::Path => true,
+                Task::Path | Task::Transfer(TransferKind::Write) => true,
                 _ => false,
             };
             job.axis == axis.0 && moves
         })
+    }
+
+    /// Whether words are on their way into an axis' memory or out of it.
+    pub fn transfers(&self, axis: AxisIndex) -> bool {
+        let jobs = bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref());
+        let mut transfers = jobs.filter(|job| matches!(job.task, Task::Transfer(_)));
+        transfers.any(|job| job.axis == axis.0)
     }
 
     /// The axis on whose path the job of this ticket is, which goes on because there are points.

@@ -49,6 +49,8 @@ pub(super) struct Drive {
     /// What powered the motor or gave it somewhere to go: AXISON, UPD, a position written to TPOS.
     pub starts: u64,
     pub notice: Option<&'static str>,
+    /// Until when the EEPROM takes what was written: the drive answers nobody before.
+    pub busy_until: Instant,
     /// What programs and hosts read is as old as the last tick or instruction.
     published: bool,
 }
@@ -87,6 +89,7 @@ impl Drive {
             unrepeatable: 0,
             starts: 0,
             notice: None,
+            busy_until: Instant::ZERO,
             published: false,
             options,
         };
@@ -107,6 +110,7 @@ impl Drive {
         (self.axis, self.groups) = (self.first_axis(), 1);
         (self.baud, self.bit_rate) = (9600, 500_000);
         self.clock = Clock::new(&self.options, now);
+        self.busy_until = now;
         self.shaft.restart();
         (self.motion, self.points, self.guard) = (Motion::REST, Points::EMPTY, Guard::NEW);
         (self.notices, self.sync, self.outbox) = (Notices::NONE, Sync::SLAVE, Outbox::EMPTY);

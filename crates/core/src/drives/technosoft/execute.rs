@@ -6,7 +6,7 @@ use super::memory::Barred;
 use super::status::{der, mer};
 use crate::proto::tml::instruction;
 use crate::proto::tml::online::{Memory as Space, Online, PtPoint, PvtPoint};
-use crate::proto::tml::wire::{Instruction, operand_address};
+use crate::proto::tml::wire::{Instruction, low_first, operand_address};
 
 /// Why an instruction was not carried out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -250,12 +250,22 @@ impl Drive {
         match (space, long) {
             (Space::Data, false) => self.set(address, value as u16),
             (Space::Data, true) => self.set_long(address, value.cast_signed()),
-            (_, false) => Ok(self.memory.write(space, address, value as u16)?),
-            (_, true) => {
-                self.memory.write(space, address, value as u16)?;
-                Ok(self.memory.write(space, address.wrapping_add(1), (value >> 16) as u16)?)
-            }
+            (_, false) => self.burn(space, address, &[value as u16]),
+            (_, true) => self.burn(space, address, &low_first(value)),
         }
+    }
+
+    /// Writes to program memory. The EEPROM takes its time for each write \[I\]: what comes meanwhile
+    /// is done, and answered when it is ready (TML_LIB_light polls until then).
+    fn burn(&mut self, space: Space, address: u16, words: &[u16]) -> Done {
+        let before = self.memory.writes;
+        let mut at = (address..=u16::MAX).zip(words);
+        at.try_for_each(|(at, word)| self.memory.write(space, at, *word))?;
+        if self.memory.writes != before {
+            let free = self.busy_until.max(self.clock.now());
+            self.busy_until = free.plus_ms(self.options.eeprom_ms);
+        }
+        Ok(())
     }
 
     /// Writes a 16-bit variable.

@@ -39,6 +39,9 @@ impl Firmware for Drive {
     }
 
     fn poll_message(&mut self, now: Instant) -> Option<Message> {
+        if now < self.busy_until {
+            return None;
+        }
         let message = self.outbox.pop()?;
         self.sent(now, &message);
         Some(message)

@@ -75,7 +75,8 @@ impl Drive {
         };
         let points = self.ticks_to_next_point().filter(|_| self.notices.points);
         let at = |ticks: Option<u64>| ticks.map(|n| self.clock.after_ticks(n));
-        earliest(earliest(at(ticks), at(points)), at(self.sync.ticks_left()))
+        let held = (!self.outbox.is_empty()).then_some(self.busy_until);
+        earliest(earliest(at(ticks), at(points)), earliest(at(self.sync.ticks_left()), held))
     }
 
     fn must_look(&self) -> bool {

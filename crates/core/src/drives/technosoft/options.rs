@@ -25,6 +25,8 @@ pub(super) struct Options {
     pub clock_ppm: i32,
     /// What the firmware calls itself: `514L`.
     pub version: [u8; 4],
+    /// How long the EEPROM takes for a write of one or two words, ms. \[I\]
+    pub eeprom_ms: u32,
     /// Where this firmware has SRL_MASK.
     pub srl_mask: u16,
 }
@@ -69,6 +71,7 @@ impl Options {
             counts: 2000,
             slow_ns: 1_000_000,
             clock_ppm: 0,
+            eeprom_ms: 5,
             version: if late { *b"A00G" } else { *b"514L" },
             srl_mask: if late { super::at::SRL_MASK_FA00G } else { super::at::SRL_MASK_F514L },
         }
@@ -87,6 +90,7 @@ impl Options {
             ("counts", _) => self.counts = number(value, 4, 16_777_216)?,
             ("slow-loop-us", _) => self.slow_ns = 1000 * number::<u64>(value, 100, 10_000)?,
             ("clock-ppm", _) => self.clock_ppm = number(value, -1000, 1000)?,
+            ("eeprom-ms", _) => self.eeprom_ms = number(value, 0, 1000)?,
             ("byte-timeout-ms", _) => {
                 self.quirks.byte_timeout_ms = Some(number(value, 1, 10_000)?);
             }

@@ -28,6 +28,11 @@ impl Outbox {
         true
     }
 
+    /// Whether something waits.
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
     /// The oldest.
     pub fn pop(&mut self) -> Option<Message> {
         let message = self.messages[self.first].take()?;

@@ -35,6 +35,8 @@ const OPTIONS: DeviceOptions<'static> = DeviceOptions {
 };
 
 const NOTHING: [u8; 0] = [];
+/// Nothing that a test writes keeps the EEPROM busy for longer.
+const EEPROM_MS_MAX: u32 = 100;
 
 /// A drive on a test's desk, its serial port connected.
 struct Desk {
@@ -131,7 +133,15 @@ impl Desk {
     fn ask(&mut self, opcode: u16, address: u16) -> u32 {
         let axis = self.axis();
         let host = IdCode::host_at(axis).word();
-        let answer = self.send(IdCode::axis(axis), opcode, &[host, address]);
+        let mut answer = self.send(IdCode::axis(axis), opcode, &[host, address]);
+        // Its EEPROM may not be ready yet.
+        for _ in 0..EEPROM_MS_MAX {
+            if answer.len() > 1 {
+                break;
+            }
+            self.wait(1);
+            answer.extend(self.sent());
+        }
         let messages = messages(&answer[1..]);
         match Online::parse(&messages.last().expect("an answer").instruction) {
             Some(Online::TakeData { value, .. }) => value,

@@ -89,8 +89,8 @@ impl crate::station::Request for Ask {
 /// What may be done with an instruction whose fate is unknown.
 const fn class(instruction: &Instruction) -> Class {
     match instruction.opcode {
-        // AXISOFF, and STOP, STOP0 to STOP2.
-        0x0002 | 0x0104 | 0x0144 | 0x0184 | 0x01C4 => Class::Stop,
+        // AXISOFF, STOP, STOP0 to STOP2; END and ABORT, so that no program goes on to move it.
+        0x0001 | 0x1C02 | 0x0002 | 0x0104 | 0x0144 | 0x0184 | 0x01C4 => Class::Stop,
         0x0000 => Class::Idempotent,
         opcode if is_request(opcode) => Class::Idempotent,
         opcode => match assigned(instruction) {

@@ -8,12 +8,14 @@ use super::generic::GENERIC;
 use super::host::{CanHost, Encapsulation, Extended, HOST_ID, SerialHost, Standard};
 use super::instruction::{Scope, assemble};
 use super::online::{Online, PtPoint, PvtPoint};
+use super::program;
 use super::session::discovery;
 use super::wire::{IdCode, Instruction, Message, low_first};
 use crate::axis::{Driver, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
 use crate::medium::{Can, Frame, Stream};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile};
+use crate::program::{MemoryRules, Order, TransferStep};
 use crate::proto::{GROUP, HostOptions, Protocol};
 use crate::station::Class;
 use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, RawPoint};
@@ -215,6 +217,24 @@ impl Driver for Axis {
             counter: raw as u32 & u32::from(PvtPoint::COUNTER_MAX),
             counters: u32::from(PvtPoint::COUNTER_MAX) + 1,
         }
+    }
+
+    /// A program is one drive's: what a group has nobody could prove.
+    fn memory(&self) -> Option<&'static MemoryRules> {
+        (!self.to.group).then_some(&program::RULES)
+    }
+
+    fn transfer(&self, step: TransferStep) -> Option<Result<Ask, Unsupported>> {
+        let (instruction, class) = program::transfer(step);
+        let ask = self.ask(instruction).held_to(class);
+        // The pointer proves what was written.
+        let with = if matches!(step, TransferStep::Put(..)) { With::Nothing } else { With::Proof };
+        (!self.to.group).then_some(Ok(ask.with(with)))
+    }
+
+    fn order(&self, order: Order) -> Option<Ask> {
+        let (instruction, class) = program::order(order);
+        (!self.to.group).then_some(self.ask(instruction).held_to(class))
     }
 
     /// A value told unasked is that of the parameter at its address; of a long one the halves may be

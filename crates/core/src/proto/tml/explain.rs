@@ -18,6 +18,7 @@ use crate::explain::{
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, Profile};
+use crate::program::Language;
 use layout::Said;
 
 /// The axis ID that drives have from the factory, and hosts by default.
@@ -59,6 +60,10 @@ impl Dissector for TmlDissector {
 
     fn speaks_in_names(&self) -> bool {
         true
+    }
+
+    fn programs(&self) -> Option<&'static dyn Language> {
+        Some(&super::program::Tml)
     }
 
     fn has_groups(&self) -> bool {

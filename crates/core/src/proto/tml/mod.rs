@@ -13,6 +13,7 @@ pub mod generic;
 pub mod host;
 pub mod instruction;
 pub mod online;
+pub mod program;
 pub mod relay;
 pub mod rules;
 pub mod serial;

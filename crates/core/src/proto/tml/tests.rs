@@ -5,6 +5,7 @@ mod explain;
 mod garbage;
 mod online;
 mod pair;
+mod program;
 
 use super::wire::{IdCode, Instruction, low_first};
 

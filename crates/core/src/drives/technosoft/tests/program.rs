@@ -62,6 +62,45 @@ fn the_eeprom_is_written_through_a_pointer_and_summed_up() {
 }
 
 #[test]
+fn the_eeprom_takes_its_time_and_the_drive_answers_then() {
+    let mut desk = Desk::new();
+    desk.word(0x032B, 0x4100);
+    desk.tell(0x9029, &[0x032B, 0x1234, 0x5678]);
+    desk.tell(0x9028, &[0x032B, 0x9ABC]);
+    let host = IdCode::host_at(255).word();
+    let ask = [host, 0x032B];
+    assert_eq!(desk.send(IdCode::axis(255), 0xB004, &ask), [0x4F], "heard, not answered yet");
+    desk.wait(9);
+    assert!(desk.sent().is_empty(), "two writes of 5 ms");
+    desk.wait(1);
+    assert_eq!(messages(&desk.sent())[0].instruction.word(2), 0x4103);
+    assert_eq!(desk.device.truth(desk.now).flash_writes, 3, "words");
+    // RAM is written at once.
+    desk.word(0x032B, 0x8300);
+    desk.tell(0x9020, &[0x032B, 0x1234]);
+    assert_eq!(messages(&desk.send(IdCode::axis(255), 0xB004, &ask)[1..]).len(), 1);
+}
+
+#[test]
+fn a_program_in_the_eeprom_starts_with_the_drive_and_ram_is_empty_then() {
+    let mut desk = Desk::new();
+    let program = [0x649C, 0x2166, 77, 0x0001]; // BEGIN; VAR_I1 = 77; END
+    for (n, word) in (0..).zip(program) {
+        desk.word(0x032B, 0x4000 + n);
+        desk.tell(0x9028, &[0x032B, word]);
+    }
+    desk.load(0x8300, &program);
+    assert_eq!(desk.read(0x0366), 0, "written is not run");
+    desk.act(Act::PowerCycle);
+    desk.wait(2);
+    assert_eq!((desk.read(0x0366), desk.ask(0xB000, 0x8301)), (77, 0));
+    desk.word(0x0366, 0);
+    desk.tell(0x0402, &[]); // RESET
+    desk.wait(2);
+    assert_eq!((desk.read(0x0366), desk.ask(0xB008, 0x4003)), (77, 1));
+}
+
+#[test]
 fn loops_conditions_and_calls() {
     let mut desk = Desk::new();
     let program = [

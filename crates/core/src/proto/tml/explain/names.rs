@@ -43,7 +43,7 @@ pub(super) fn assemble(
     profile: Option<&'static Profile>,
     sender: IdCode,
 ) -> Result<Instruction, TextError> {
-    instruction::assemble(text, &Scope { profile, sender })
+    instruction::assemble(text, &Scope { profile, sender, ..Scope::default() })
 }
 
 /// How a variable is reached: its address, the page of short addresses that it is on, its type, and

@@ -7,6 +7,7 @@ use super::reader::{Failure, Reader, Result};
 use super::variable::{self, Kind, Variable};
 use super::{CONDITIONS, MEMORIES, RAW, Scope, forms};
 use crate::explain::TextError;
+use crate::program::Label;
 
 /// Instructions within an instruction.
 const DEPTH_MAX: u8 = 1;
@@ -24,16 +25,16 @@ const END: &str = "the end of the instruction";
 ///
 /// # Errors
 /// Where the text stops to make sense, and what should be there.
-pub fn assemble(text: &str, scope: &Scope) -> core::result::Result<Instruction, TextError> {
+pub fn assemble(text: &str, scope: &Scope<'_>) -> core::result::Result<Instruction, TextError> {
     let mut reader = Reader { text, at: 0 };
     statement(&mut reader, scope, 0).map_err(TextError::from)
 }
 
-fn statement(reader: &mut Reader<'_>, scope: &Scope, depth: u8) -> Result<Instruction> {
+fn statement(reader: &mut Reader<'_>, scope: &Scope<'_>, depth: u8) -> Result<Instruction> {
     reader.skip_spaces();
     let begin = *reader;
     if reader.sign(RAW).is_ok() {
-        return raw(reader, depth);
+        return raw(reader, scope, depth);
     }
     let first = first_name(begin, scope);
     let mut worst = begin.missing(NOTHING);
@@ -52,17 +53,19 @@ fn statement(reader: &mut Reader<'_>, scope: &Scope, depth: u8) -> Result<Instru
 }
 
 /// The variable whose name an instruction begins with: most forms ask for it.
-fn first_name(mut begin: Reader<'_>, scope: &Scope) -> (usize, Option<Variable>) {
+fn first_name(mut begin: Reader<'_>, scope: &Scope<'_>) -> (usize, Option<Variable>) {
     (begin.at, variable::named(scope.profile, begin.name()))
 }
 
 /// `.word 0x1234, …`: an opcode and its data words as they are.
-fn raw(reader: &mut Reader<'_>, depth: u8) -> Result<Instruction> {
+fn raw(reader: &mut Reader<'_>, scope: &Scope<'_>, depth: u8) -> Result<Instruction> {
     let (mut words, mut count) = ([0; 5], 0);
     loop {
-        let number = reader.number("a word: 0x0000 to 0xFFFF")?;
-        let room = words.get_mut(count).ok_or(number.refused("at most five words"))?;
-        *room = number.within(0, 0xFFFF, "a word: 0x0000 to 0xFFFF")? as u16;
+        let begin = *reader;
+        let word = word(reader, scope, "a word: 0x0000 to 0xFFFF")?;
+        let reach = reader.at;
+        let full = Failure { reach, ..begin.missing("at most five words") };
+        *words.get_mut(count).ok_or(full)? = word;
         count += 1;
         if !reader.has_sign(",") {
             break;
@@ -70,6 +73,24 @@ fn raw(reader: &mut Reader<'_>, depth: u8) -> Result<Instruction> {
     }
     end(reader, depth)?;
     Instruction::new(words[0], &words[1..count]).ok_or(reader.missing(END))
+}
+
+/// A number of 16 bits without sign, or a label.
+fn word(reader: &mut Reader<'_>, scope: &Scope<'_>, expected: &'static str) -> Result<u16> {
+    if let Some(address) = label(reader, scope) {
+        return Ok(address);
+    }
+    Ok(reader.number(expected)?.within(0, 0xFFFF, expected)? as u16)
+}
+
+/// What a label stands for, if the next name is one.
+fn label(reader: &mut Reader<'_>, scope: &Scope<'_>) -> Option<u16> {
+    let mut ahead = *reader;
+    let name = ahead.name();
+    let is = |known: &&Label<'_>| known.name.is_empty() || known.name.eq_ignore_ascii_case(name);
+    let found = scope.labels.iter().find(is).filter(|_| !name.is_empty())?;
+    *reader = ahead;
+    Some(found.address)
 }
 
 /// The end of a statement: of the text, or of the braces that it stands in.
@@ -86,7 +107,7 @@ fn end(reader: &mut Reader<'_>, depth: u8) -> Result<()> {
 /// An instruction that is being read.
 struct Draft<'a, 's> {
     reader: Reader<'a>,
-    scope: &'s Scope,
+    scope: &'s Scope<'s>,
     depth: u8,
     opcode: u16,
     words: [u16; 4],
@@ -98,7 +119,7 @@ struct Draft<'a, 's> {
 }
 
 impl<'a, 's> Draft<'a, 's> {
-    fn of(form: &Form, reader: Reader<'a>, scope: &'s Scope) -> Self {
+    fn of(form: &Form, reader: Reader<'a>, scope: &'s Scope<'s>) -> Self {
         let mut words = [0; 4];
         words[..form.fixed.len()].copy_from_slice(form.fixed);
         let (opcode, count) = (form.opcode, form.words);
@@ -127,6 +148,7 @@ impl<'a, 's> Draft<'a, 's> {
         match piece {
             Piece::Word(word) => self.reader.word(word),
             Piece::Sign(sign) => self.reader.sign(sign),
+            Piece::Target(at) => self.target(at),
             Piece::Near16 => self.near(false),
             Piece::Near32 => self.near(true),
             Piece::Var16(at) | Piece::Pointer(at) => self.variable(at, false).map(drop),
@@ -317,6 +339,14 @@ impl<'a, 's> Draft<'a, 's> {
             Piece::Long(at) => self.set_long(at, long()? as u32),
             _ => return Err(number.refused(SHORT)),
         }
+        Ok(())
+    }
+
+    fn target(&mut self, at: u8) -> Result<()> {
+        const EXPECTED: &str =
+            "an address: 0x0000 to 0xFFFF, a label of the program, or a variable";
+        let address = word(&mut self.reader, self.scope, EXPECTED)?;
+        self.set(at, address);
         Ok(())
     }
 

@@ -11,16 +11,22 @@ use core::fmt::{Error, Result, Write};
 ///
 /// What the table does not know, or knows only with other data, becomes `.word 0x1234, …`. Whatever
 /// is written assembles back to the same words under the same scope.
-pub fn disassemble(instruction: &Instruction, scope: &Scope, out: &mut dyn FnMut(&str)) {
+pub fn disassemble(instruction: &Instruction, scope: &Scope<'_>, out: &mut dyn FnMut(&str)) {
     match form_of(instruction, scope) {
         Some(form) => drop(Writer { scope, instruction, kind: Kind::Double, out }.form(form)),
         None => drop(raw(instruction, out)),
     }
 }
 
+/// Writes a word that begins no instruction.
+pub fn disassemble_word(word: u16, out: &mut dyn FnMut(&str)) {
+    // The sink takes whatever it is given.
+    let _ = write!(Sink(out), "{RAW} {:#06X}", Hex(word));
+}
+
 /// The form that an instruction is written in, if the table has one for it.
 #[must_use]
-pub fn form_of(instruction: &Instruction, scope: &Scope) -> Option<&'static Form> {
+pub fn form_of(instruction: &Instruction, scope: &Scope<'_>) -> Option<&'static Form> {
     let fits = |form: &&Form| {
         let out = &mut |_: &str| ();
         form.holds(instruction.opcode, instruction.data())
@@ -39,8 +45,8 @@ impl Write for Sink<'_> {
 }
 
 fn raw(instruction: &Instruction, out: &mut dyn FnMut(&str)) -> Result {
+    disassemble_word(instruction.opcode, out);
     let mut sink = Sink(out);
-    write!(sink, "{RAW} {:#06X}", Hex(instruction.opcode))?;
     instruction.data().iter().try_for_each(|word| write!(sink, ", {:#06X}", Hex(*word)))
 }
 
@@ -54,7 +60,7 @@ impl core::fmt::UpperHex for Hex {
 }
 
 struct Writer<'a, 'o> {
-    scope: &'a Scope,
+    scope: &'a Scope<'a>,
     instruction: &'a Instruction,
     /// What the variable before holds.
     kind: Kind,
@@ -137,7 +143,7 @@ impl Writer<'_, '_> {
             Piece::Number(at) if self.kind == Kind::Int => {
                 self.write(format_args!("{}", self.word(at).cast_signed()))
             }
-            Piece::Number(at) | Piece::Hex(at) | Piece::Narrow(at) => {
+            Piece::Number(at) | Piece::Hex(at) | Piece::Target(at) | Piece::Narrow(at) => {
                 self.write(format_args!("{:X}", Hex(self.word(at))))
             }
             Piece::Fixed(at) => self.fixed(self.long(at)),

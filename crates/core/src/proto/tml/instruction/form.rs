@@ -175,6 +175,8 @@ pub enum Piece {
     High(u8),
     /// A 16-bit number in hexadecimal.
     Hex(u8),
+    /// An address in a program: a number, or a label.
+    Target(u8),
     /// A 16-bit number that cannot be taken for one of 32.
     Narrow(u8),
     /// A 32-bit number that says so: by its size, its digits or an `L`.

@@ -26,7 +26,7 @@ mod tests;
 mod variable;
 
 pub use assemble::assemble;
-pub use disassemble::{disassemble, form_of};
+pub use disassemble::{disassemble, disassemble_word, form_of};
 pub use form::{Category, Certainty, Form, Piece, Source};
 pub use registers::{Bits, Register, register, registers};
 pub use table::forms;
@@ -34,14 +34,17 @@ pub use variable::{Kind, Variable, at, name_at, named, symbol};
 
 use super::wire::IdCode;
 use crate::profile::Profile;
+use crate::program::Label;
 
 /// What texts are read and written with.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Scope {
+pub struct Scope<'l> {
     /// Names of variables; without it they stand by their addresses.
     pub profile: Option<&'static Profile>,
     /// Whom the answers to requests are for, or who answers, where the text does not say.
     pub sender: IdCode,
+    /// Names of addresses in the program that the text is of; one without a name is any.
+    pub labels: &'l [Label<'l>],
 }
 
 /// Data words that follow an opcode in a program. `None` for an opcode that the table does not have:

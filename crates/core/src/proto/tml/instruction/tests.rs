@@ -11,11 +11,11 @@ use crate::drives::technosoft::profile::{TECHNOSOFT_F514L, TECHNOSOFT_FA00G};
 use crate::proto::tml::wire::{IdCode, Instruction};
 use std::string::String;
 
-const BARE: Scope = Scope { profile: None, sender: IdCode::host_at(255) };
-const F514L: Scope = Scope { profile: Some(&TECHNOSOFT_F514L), ..BARE };
-const FA00G: Scope = Scope { profile: Some(&TECHNOSOFT_FA00G), ..BARE };
+const BARE: Scope<'_> = Scope { profile: None, sender: IdCode::host_at(255), labels: &[] };
+const F514L: Scope<'_> = Scope { profile: Some(&TECHNOSOFT_F514L), ..BARE };
+const FA00G: Scope<'_> = Scope { profile: Some(&TECHNOSOFT_FA00G), ..BARE };
 
-fn text(instruction: &Instruction, scope: &Scope) -> String {
+fn text(instruction: &Instruction, scope: &Scope<'_>) -> String {
     let mut text = String::new();
     disassemble(instruction, scope, &mut |piece| text.push_str(piece));
     text
@@ -54,7 +54,7 @@ fn whatever_is_disassembled_assembles_to_the_same() {
     }
 }
 
-fn check(instruction: &Instruction, scope: &Scope) {
+fn check(instruction: &Instruction, scope: &Scope<'_>) {
     let text = text(instruction, scope);
     match assemble(&text, scope) {
         Ok(again) => assert_eq!(again, *instruction, "{text}"),

@@ -1,6 +1,6 @@
 //! Jumps, calls, functions, interrupts and waiting.
 
-use super::super::form::Piece::{Condition, Count, Hex, Long, Sign, Var16, Var32, Word};
+use super::super::form::Piece::{Condition, Count, Long, Sign, Target, Var16, Var32, Word};
 use super::{Category, Form, Piece, Source, form, whole};
 use Source::{Decompiler, Labels, Library};
 
@@ -32,19 +32,19 @@ pub(super) const FORMS: &[Form] = &[
         Labels,
         "waits for the event, at most so many slow loops",
     ),
-    with(0x7400, 1, &[Word("GOTO"), Hex(0)], Labels, "goes on elsewhere"),
+    with(0x7400, 1, &[Word("GOTO"), Target(0)], Labels, "goes on elsewhere"),
     with(0x7600, 1, &[Word("GOTO"), Var16(0)], Labels, "goes on where the variable points"),
-    with(0x7401, 1, &[Word("CALL"), Hex(0)], Library, "calls a function"),
+    with(0x7401, 1, &[Word("CALL"), Target(0)], Library, "calls a function"),
     with(0x7601, 1, &[Word("CALL"), Var16(0)], Library, "calls where the variable points"),
-    conditional(0x7480, &[Word("GOTO"), Hex(1), COMMA, Var16(0), COMMA, Condition], Labels),
-    conditional(0x7580, &[Word("GOTO"), Hex(1), COMMA, Var32(0), COMMA, Condition], Labels),
-    conditional(0x7481, &[Word("CALL"), Hex(1), COMMA, Var16(0), COMMA, Condition], Labels),
-    conditional(0x7581, &[Word("CALL"), Hex(1), COMMA, Var32(0), COMMA, Condition], Labels),
+    conditional(0x7480, &[Word("GOTO"), Target(1), COMMA, Var16(0), COMMA, Condition], Labels),
+    conditional(0x7580, &[Word("GOTO"), Target(1), COMMA, Var32(0), COMMA, Condition], Labels),
+    conditional(0x7481, &[Word("CALL"), Target(1), COMMA, Var16(0), COMMA, Condition], Labels),
+    conditional(0x7581, &[Word("CALL"), Target(1), COMMA, Var32(0), COMMA, Condition], Labels),
     conditional(0x7680, &[Word("GOTO"), Var16(1), COMMA, Var16(0), COMMA, Condition], Decompiler),
     conditional(0x7780, &[Word("GOTO"), Var16(1), COMMA, Var32(0), COMMA, Condition], Decompiler),
     conditional(0x7681, &[Word("CALL"), Var16(1), COMMA, Var16(0), COMMA, Condition], Decompiler),
     conditional(0x7781, &[Word("CALL"), Var16(1), COMMA, Var32(0), COMMA, Condition], Decompiler),
-    with(0x1C01, 1, &[Word("CALLS"), Hex(0)], Library, "calls a function that ABORT ends"),
+    with(0x1C01, 1, &[Word("CALLS"), Target(0)], Library, "calls a function that ABORT ends"),
     with(0x1E01, 1, &[Word("CALLS"), Var16(0)], Library, "the same where the variable points"),
     with(0x1C02, 0, &[Word("ABORT")], Labels, "ends the function that CALLS began"),
     form(

@@ -62,7 +62,7 @@ fn labels() -> Vec<Label> {
 }
 
 /// Labels leave out who asks or answers: it stood in another field.
-fn scope(instruction: &Instruction) -> Scope {
+fn scope(instruction: &Instruction) -> Scope<'static> {
     let online = Online::parse(instruction);
     let answered = online.and_then(|it| it.answered_by()).map(IdCode::axis);
     let sender = online.and_then(|it| it.reply_to()).or(answered).unwrap_or_default();

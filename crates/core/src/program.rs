@@ -1,0 +1,181 @@
+//! Programs in a drive's memory: words at addresses, made of text, written there and proven there.
+//!
+//! The third kind of job of a lane, beside plans and paths, is a [`Transfer`]: a program is written in
+//! chunks, each of which the drive proves to have before the next; each piece ends with the drive's
+//! own sum over it. Permanent memory wears, so that nothing is written there twice unless the drive
+//! said that it is not there, and every word counts.
+
+use core::ops::RangeInclusive;
+
+use crate::profile::Profile;
+
+/// Words that one transfer holds at most: a whole memory of 16-bit addresses.
+pub const WORDS_MAX: usize = 1 << 16;
+/// Labels of a program at most.
+pub const LABELS_MAX: usize = 1024;
+
+/// A name for an address.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Label<'t> {
+    /// As it is written in the text.
+    pub name: &'t str,
+    /// What it stands for.
+    pub address: u16,
+}
+
+/// How much an assembler made.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Assembled {
+    /// Words.
+    pub words: usize,
+    /// Labels.
+    pub labels: usize,
+}
+
+/// Why a text is no program: where, and what should stand there.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct SourceError {
+    /// Line, counted from 1.
+    pub line: u32,
+    /// Byte in the line, counted from 0.
+    pub at: usize,
+    /// What would have been right.
+    pub expected: &'static str,
+}
+
+/// A piece of a listing.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Listed<'a> {
+    /// Where it lies.
+    pub address: u16,
+    /// What lies there.
+    pub words: &'a [u16],
+}
+
+/// A language whose programs drives keep and run.
+pub trait Language: Sync {
+    /// Makes words of a program's text, to lie from `origin` on.
+    ///
+    /// # Errors
+    /// The line, the place in it, and what should stand there.
+    fn assemble<'t>(
+        &self,
+        text: &'t str,
+        origin: u16,
+        profile: Option<&'static Profile>,
+        words: &mut [u16],
+        labels: &mut [Label<'t>],
+    ) -> Result<Assembled, SourceError>;
+
+    /// Makes text of words that lie from `origin` on: an instruction after the other, each told with
+    /// its place, then in pieces. The text assembles to the same words.
+    fn disassemble(
+        &self,
+        origin: u16,
+        words: &[u16],
+        profile: Option<&'static Profile>,
+        show: &mut dyn FnMut(Listed<'_>, &mut dyn FnMut(&mut dyn FnMut(&str))),
+    );
+
+    /// The memory that programs lie in.
+    fn rules(&self) -> &'static MemoryRules;
+}
+
+/// What is to be known of the memory that programs lie in.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct MemoryRules {
+    /// Addresses that keep their words without power.
+    pub permanent: RangeInclusive<u16>,
+    /// Addresses that lose them.
+    pub volatile: RangeInclusive<u16>,
+    /// Where the program lies that runs by itself at power-up, and the instruction that ends it at
+    /// once: it stands there while the rest is written.
+    pub autorun: (u16, u16),
+    /// What must not be while memory is written.
+    pub idle: &'static [Check],
+    /// What tells that a called routine runs: a place, and its bits.
+    pub calling: (u16, u16),
+}
+
+/// A word of the drive's status that must have bits clear.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Check {
+    /// Where it is read.
+    pub address: u16,
+    /// The bits.
+    pub mask: u16,
+    /// What to do when one is set.
+    pub hint: &'static str,
+}
+
+/// A kind of memory.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Memory {
+    /// Loses its words with the power.
+    Volatile,
+    /// Keeps them, and wears when it is written.
+    Permanent,
+}
+
+impl MemoryRules {
+    /// Which memory holds so many words from `start` on; `None` when none holds all of them.
+    #[must_use]
+    pub fn memory(&self, start: u16, count: usize) -> Option<Memory> {
+        let last = u16::try_from(usize::from(start) + count.max(1) - 1).ok()?;
+        let within = |range: &RangeInclusive<u16>| range.contains(&start) && range.contains(&last);
+        match (within(&self.permanent), within(&self.volatile)) {
+            (true, _) => Some(Memory::Permanent),
+            (_, true) => Some(Memory::Volatile),
+            _ => None,
+        }
+    }
+}
+
+/// A request that a transfer needs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum TransferStep {
+    /// Reads a word of the drive's status.
+    Status(u16),
+    /// Points where the next words go.
+    Aim(u16),
+    /// Writes one word, or two, where it points, which moves on.
+    Put(Memory, u16, Option<u16>),
+    /// Where it points now.
+    Where,
+    /// Reads two words.
+    Get(Memory, u16),
+    /// The sum of the words from the first address to the last, both counted, modulo 65536.
+    Sum(Memory, u16, u16),
+}
+
+/// What a drive is told of its programs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Order {
+    /// Go on there, whatever runs now.
+    Go(u16),
+    /// Call the routine there, so that it can be given up.
+    Call(u16),
+    /// Give up the routine that was called so.
+    Abort,
+    /// Run no program any more.
+    End,
+    /// Tell whether a called routine runs: see [`MemoryRules::calling`].
+    Calling,
+}
+
+/// How far a transfer is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Progress {
+    /// Words that the drive has proven to have, or that were read.
+    pub done: usize,
+    /// Words in all.
+    pub total: usize,
+    /// Words sent once more because the drive did not have them.
+    pub repeated: usize,
+}
+
+/// The sum that drives compute, modulo 65536.
+#[must_use]
+pub fn sum(words: &[u16]) -> u16 {
+    words.iter().fold(0, |sum, word| sum.wrapping_add(*word))
+}
