@@ -198,7 +198,7 @@ fn begin(
 }
 
 /// Waits, and shows what the drive does where a person looks.
-fn hold(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
+pub fn hold(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
     let begun = clock::now();
     let end = seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
     let mut next = begun;
@@ -274,7 +274,7 @@ fn finish(started: &[Started], arrived: bool) -> Result<()> {
 }
 
 /// Waits until a motor that was told to stop stands still: without power it would coast.
-fn rest(axis: &Axis) -> Result<()> {
+pub fn rest(axis: &Axis) -> Result<()> {
     let end = clock::now() + REST_MAX;
     while let Some(velocity) = signal(axis, Signal::Velocity)?
         && velocity.raw.abs() > 1

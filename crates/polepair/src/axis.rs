@@ -18,6 +18,7 @@
 
 mod armed;
 mod fail;
+mod program;
 mod running;
 mod streamed;
 

@@ -102,6 +102,7 @@ pub fn verdict(outcome: Outcome) -> Option<Verdict> {
         Failure::NotReady { .. } => (Exit::Refused, Exception::Refused, "E602"),
         Failure::Faulted { .. } => (Exit::DriveFault, Exception::DriveFault, "E801"),
         Failure::NotReached => (Exit::Negative, Exception::PolepairError, "E101"),
+        Failure::Differs { .. } => (Exit::Negative, Exception::PolepairError, "E103"),
         Failure::Cancelled => (Exit::Negative, Exception::PolepairError, "E102"),
         Failure::LinkDown => (Exit::Adapter, Exception::PolepairError, "E313"),
         Failure::Impossible(why) => (Exit::Usage, Exception::Unsupported, unsupported_code(why)),

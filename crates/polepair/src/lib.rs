@@ -24,6 +24,7 @@ pub mod error;
 mod file;
 mod identify;
 pub mod profile;
+pub mod program;
 pub mod quantity;
 mod registry;
 pub mod scan;
@@ -39,6 +40,7 @@ pub use connect::{AnyTap, Connector, Link, connect};
 pub use error::Error;
 pub use file::FileError;
 pub use identify::Identified;
+pub use program::Program;
 pub use wire::AnyLink;
 pub use words::nearest;
 

@@ -10,6 +10,7 @@ mod info;
 mod moves;
 mod params;
 mod ports;
+mod program;
 mod scan;
 mod set;
 mod sim;
@@ -82,6 +83,8 @@ pub enum Verb {
     Jog(moves::Jog),
     /// Move an axis along the points of a file
     Stream(stream::Stream),
+    /// Make programs, put them into a drive's memory, and run them
+    Program(program::Program),
     /// Show signals or parameters again and again
     Watch(watch::Watch),
     /// List the serial adapters, and why one cannot be used
@@ -116,6 +119,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Home(verb) => verb.run(),
         Verb::Jog(verb) => verb.run(),
         Verb::Stream(verb) => verb.run(),
+        Verb::Program(verb) => verb.run(),
         Verb::Watch(verb) => verb.run(),
         Verb::Ports(verb) => verb.run(),
         Verb::Params(verb) => verb.run(),

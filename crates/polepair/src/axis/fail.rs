@@ -35,6 +35,12 @@ impl Axis {
             Failure::NotReached => said("not reached in time", "see whether something blocks it"),
             Failure::NotReady { hint } => said("the drive is not ready", hint),
             Failure::Faulted { code } => self.fault(code),
+            Failure::Differs { start, end } => (
+                format!("the drive has other words at {start:04X} to {end:04X}"),
+                "load the program again; if that does not help, that memory is locked \
+                 (LOCKEEPROM), not there, or worn out"
+                    .to_owned(),
+            ),
             Failure::Cancelled => said("a stop or a newer command came between", ""),
             Failure::LinkDown => {
                 let trouble = self.connection.trouble();

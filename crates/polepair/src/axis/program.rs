@@ -1,0 +1,183 @@
+//! Programs in an axis' drive: loaded, proven, read, run.
+
+use super::{Axis, Running};
+use crate::error::Error;
+use crate::program::{Program, Source};
+use polepair_core::error::Unsupported;
+use polepair_core::lane::{Piece, TransferKind};
+use polepair_core::program::{Language, Memory, MemoryRules, Order, Progress};
+use polepair_core::proto;
+use std::time::Duration;
+
+/// How often it is told how far a transfer is.
+const PAUSE: Duration = Duration::from_millis(50);
+
+const KEPT: &str = "a part of it lies in permanent memory, which wears: nothing is written there \
+                    unless that is asked for";
+
+impl Axis {
+    /// The language of its drive's programs.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] where it has none.
+    pub fn language(&self) -> Result<&'static dyn Language, Error> {
+        let dissector = proto::dissector(self.protocol);
+        let language = dissector.and_then(|dissector| dissector.programs());
+        language.ok_or_else(|| self.refuse("programs", Unsupported::NoPlan))
+    }
+
+    /// What a program's text is made into words with, to lie from `origin` on.
+    ///
+    /// # Errors
+    /// As [`language`](Self::language).
+    pub fn source(&self, origin: u16) -> Result<Source<'static>, Error> {
+        Ok(Source { language: self.language()?, profile: Some(self.profile), origin })
+    }
+
+    /// Writes a program into the drive's memory, chunk by chunk, each proven before the next, and has
+    /// the drive's sum of each piece agree. `permanent` allows writes to memory that wears. The axis
+    /// must have no power, and its program must not run. While permanent memory is written, an
+    /// instruction that ends at once stands where the drive starts by itself; the true one comes
+    /// last.
+    ///
+    /// ```
+    /// use polepair::Program;
+    /// let link = polepair::connect("sim:technosoft-f514l?time=virtual")?;
+    /// let axis = &link.axes()[0];
+    /// let text = "main: VAR_I1 = 77; END";
+    /// let program = Program::assemble("a.tml", text, &axis.source(0x8270)?)?;
+    /// axis.download(&program, false, |_| ())?;
+    /// axis.verify(&program)?;
+    /// axis.arm(true);
+    /// axis.go_to(program.label("main").unwrap())?;
+    /// link.sleep(std::time::Duration::from_millis(10));
+    /// assert_eq!(axis.get_raw("VAR_I1")?, 77);
+    /// # Ok::<(), polepair::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error`] by blame; `E103` names the addresses where the drive's sum differs. After any error
+    /// but [`Error::Unsupported`] the program in the drive may be incomplete.
+    pub fn download(
+        &self,
+        program: &Program,
+        permanent: bool,
+        show: impl FnMut(Progress),
+    ) -> Result<Progress, Error> {
+        const WHAT: &str = "loading a program";
+        let rules = self.memory_rules(WHAT)?;
+        let kept = |p: &Piece| rules.memory(p.start, p.words.len()) == Some(Memory::Permanent);
+        if !permanent && program.pieces().iter().any(kept) {
+            return Err(self.refuse(WHAT, Unsupported::Forbidden(KEPT)));
+        }
+        self.transfer(WHAT, TransferKind::Write, program.pieces(), show)
+    }
+
+    /// Whether the drive's sums over a program's pieces are the program's. Changes nothing. Sums do
+    /// not see words that changed places.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; `E103` names the addresses where they differ.
+    pub fn verify(&self, program: &Program) -> Result<(), Error> {
+        let pieces = program.pieces();
+        self.transfer("verifying a program", TransferKind::Verify, pieces, |_| ()).map(drop)
+    }
+
+    /// Reads so many words of the drive's memory for programs.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn upload(
+        &self,
+        start: u16,
+        count: usize,
+        show: impl FnMut(Progress),
+    ) -> Result<Program, Error> {
+        let words = vec![0; count];
+        self.transfer("reading memory", TransferKind::Read, &[Piece { start, words }], show)?;
+        let read = self.connection.with(|axes, _| {
+            let pieces = axes.transferred(self.index)?.pieces();
+            pieces.first().map(|piece| piece.words.clone())
+        });
+        Ok(Program::of(start, read.unwrap_or_default()))
+    }
+
+    /// Has the drive go on at an address, whatever runs there now. The axis must be armed: a program
+    /// may power and move its motor.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn go_to(&self, address: u16) -> Result<(), Error> {
+        self.order("starting a program", Order::Go(address)).map(drop)
+    }
+
+    /// Has the drive call a routine that [`abort`](Self::abort) can end; it returns at its `RET`.
+    /// The axis must be armed.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn call(&self, address: u16) -> Result<(), Error> {
+        self.order("calling a routine", Order::Call(address)).map(drop)
+    }
+
+    /// Whether a routine that was [called](Self::call) runs.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn is_calling(&self) -> Result<bool, Error> {
+        let (_, mask) = self.memory_rules("programs")?.calling;
+        let status = self.order("asking for the routine", Order::Calling)?;
+        Ok(status & i64::from(mask) != 0)
+    }
+
+    /// Ends the routine that was called, then whatever program runs, then the motion. Overtakes
+    /// everything else. The motor keeps its power.
+    ///
+    /// # Errors
+    /// [`Error`] by blame: the first; all three are tried.
+    pub fn abort(&self) -> Result<(), Error> {
+        let called = self.order("ending the routine", Order::Abort);
+        let ended = self.order("ending the program", Order::End);
+        called.and(ended).map(drop).and(self.stop())
+    }
+
+    /// What is to be known of the memory that its programs lie in.
+    pub(crate) fn memory_rules(&self, what: &str) -> Result<&'static MemoryRules, Error> {
+        let rules = self.connection.with(|axes, _| axes.memory(self.index));
+        rules.ok_or_else(|| self.refuse(what, Unsupported::NoPlan))
+    }
+
+    fn order(&self, what: &str, order: Order) -> Result<i64, Error> {
+        self.ask(what, |axes, now, ticket| axes.order(now, ticket, self.index, order))
+    }
+
+    fn transfer(
+        &self,
+        what: &str,
+        kind: TransferKind,
+        pieces: &[Piece],
+        mut show: impl FnMut(Progress),
+    ) -> Result<Progress, Error> {
+        let begin = |axes: &mut dyn polepair_core::axis::Axes, now, ticket| {
+            axes.transfer(now, ticket, self.index, kind, pieces)
+        };
+        let pending = self.connection.submit(begin).map_err(|why| self.refuse(what, why))?;
+        let mut running = Running { axis: self.clone(), pending, what: what.to_owned() };
+        loop {
+            let ended = running.wait(PAUSE)?;
+            let progress = self.progress();
+            show(progress);
+            if ended.is_some() {
+                return Ok(progress);
+            }
+            let Progress { done, total, .. } = progress;
+            running.what = format!("{what}, at {done} of {total} words");
+        }
+    }
+
+    fn progress(&self) -> Progress {
+        self.connection.with(|axes, _| {
+            axes.transferred(self.index).map(|transfer| transfer.progress()).unwrap_or_default()
+        })
+    }
+}

@@ -1,0 +1,284 @@
+//! Programs that drives keep and run: text of the drive's language, and software files (`.sw`).
+//!
+//! ```
+//! use polepair::Program;
+//! let text = "4000\n649C\n92\n0001\n\n5000\n1234\n";
+//! let program = Program::parse_sw("cell.sw", text)?;
+//! assert_eq!(program.pieces()[0].words, [0x649C, 0x0092, 0x0001]);
+//! assert_eq!(program.pieces()[1].start, 0x5000);
+//! assert_eq!(Program::parse_sw("again.sw", &program.to_sw())?, program);
+//! # Ok::<(), polepair::Error>(())
+//! ```
+
+use crate::file::FileError;
+use polepair_core::lane::Piece;
+use polepair_core::profile::Profile;
+use polepair_core::program::{LABELS_MAX, Label, Language, Listed, SourceError, WORDS_MAX};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// The largest file that is read, bytes.
+const FILE_MAX: u64 = 4 << 20;
+
+/// Words at addresses, with names for some of these.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Program {
+    pieces: Vec<Piece>,
+    labels: Vec<(String, u16)>,
+}
+
+/// What a text is made into words with.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// The language.
+    pub language: &'a dyn Language,
+    /// Names of the drive's variables.
+    pub profile: Option<&'static Profile>,
+    /// Where the first word lies.
+    pub origin: u16,
+}
+
+impl std::fmt::Debug for Source<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = self.profile.map(|profile| profile.name);
+        write!(f, "Source({name:?} at {:04X})", self.origin)
+    }
+}
+
+impl Program {
+    /// Words that lie one after the other.
+    #[must_use]
+    pub fn of(start: u16, words: Vec<u16>) -> Self {
+        Self { pieces: vec![Piece { start, words }], labels: Vec::new() }
+    }
+
+    /// Reads a file: a software file if it is called `.sw`, else text.
+    ///
+    /// # Errors
+    /// [`FileError`] with file, line, column and reason.
+    pub fn read(path: &Path, source: &Source<'_>) -> Result<Self, FileError> {
+        let file = path.display().to_string();
+        let whole = |reason: String| FileError::whole(&file, reason);
+        let size = std::fs::metadata(path).map_err(|e| whole(e.to_string()))?.len();
+        if size > FILE_MAX {
+            return Err(whole(format!("larger than {FILE_MAX} bytes: is it a program?")));
+        }
+        let text = std::fs::read(path).map_err(|e| whole(e.to_string()))?;
+        let text = String::from_utf8_lossy(&text);
+        match is_software(path) {
+            true => Self::parse_sw(&file, &text),
+            false => Self::assemble(&file, &text, source),
+        }
+    }
+
+    /// Makes words of a program's text.
+    ///
+    /// # Errors
+    /// [`FileError`] with the line, the column, and what should stand there.
+    pub fn assemble(file: &str, text: &str, source: &Source<'_>) -> Result<Self, FileError> {
+        let (mut words, mut labels) = (vec![0; WORDS_MAX], vec![Label::default(); LABELS_MAX]);
+        let Source { language, profile, origin } = *source;
+        let made = language
+            .assemble(text, origin, profile, &mut words, &mut labels)
+            .map_err(|error| misplaced(file, text, &error))?;
+        if made.words == 0 {
+            return Err(FileError::whole(file, "there is no instruction in it"));
+        }
+        words.truncate(made.words);
+        let labels = labels[..made.labels].iter().map(|l| (l.name.to_owned(), l.address));
+        Ok(Self { labels: labels.collect(), ..Self::of(origin, words) })
+    }
+
+    /// Reads a software file, as the vendor's tools write them: blocks that blank lines part, in each
+    /// the address of its first word, then its words, every one a line of at most four hexadecimal
+    /// digits ("Setup download and SW file checking", Technosoft's knowledge base; TML_LIB_light).
+    /// It has no sum of its own: the drive is asked for the sum of each block.
+    ///
+    /// # Errors
+    /// [`FileError`] with line, column and reason.
+    pub fn parse_sw(file: &str, text: &str) -> Result<Self, FileError> {
+        let mut pieces: Vec<Piece> = Vec::new();
+        let (mut open, mut total) = (false, 0);
+        for (line, digits) in (1..).zip(text.lines().map(str::trim)) {
+            let refuse = |reason: String| FileError { line, column: 1, ..whole(file, reason) };
+            let word = match digits {
+                "" => {
+                    open = false;
+                    continue;
+                }
+                digits => hex(digits).ok_or_else(|| refuse(not_hex(digits)))?,
+            };
+            match pieces.last_mut().filter(|_| open) {
+                Some(piece) => piece.words.push(word),
+                None => pieces.push(Piece { start: word, words: Vec::new() }),
+            }
+            (open, total) = (true, total + 1);
+            if total > WORDS_MAX {
+                return Err(refuse(format!("more than {WORDS_MAX} words")));
+            }
+        }
+        laid_out(file, &pieces)?;
+        Ok(Self { pieces, labels: Vec::new() })
+    }
+
+    /// The text of a software file.
+    #[must_use]
+    pub fn to_sw(&self) -> String {
+        let mut text = String::new();
+        for (n, piece) in self.pieces.iter().enumerate() {
+            text.push_str(if n == 0 { "" } else { "\n" });
+            for word in std::iter::once(&piece.start).chain(&piece.words) {
+                // Writing into a String cannot fail.
+                let _ = writeln!(text, "{word:04X}");
+            }
+        }
+        text
+    }
+
+    /// The text that its words stand for, with their addresses as comments. Of a single piece it
+    /// assembles to the same words.
+    #[must_use]
+    pub fn listing(&self, language: &dyn Language, profile: Option<&'static Profile>) -> String {
+        let mut text = String::new();
+        for piece in &self.pieces {
+            let mut show = |listed: Listed<'_>, say: &mut dyn FnMut(&mut dyn FnMut(&str))| {
+                let mut line = String::new();
+                say(&mut |piece| line.push_str(piece));
+                let words: String =
+                    listed.words.iter().map(|word| format!(" {word:04X}")).collect();
+                let _ = writeln!(text, "{line:<32} // {:04X}:{words}", listed.address);
+            };
+            language.disassemble(piece.start, &piece.words, profile, &mut show);
+        }
+        text
+    }
+
+    /// Its words, in pieces.
+    #[must_use]
+    pub fn pieces(&self) -> &[Piece] {
+        &self.pieces
+    }
+
+    /// How many words.
+    #[must_use]
+    pub fn words(&self) -> usize {
+        self.pieces.iter().map(|piece| piece.words.len()).sum()
+    }
+
+    /// What a label of its text stands for; case does not matter.
+    #[must_use]
+    pub fn label(&self, name: &str) -> Option<u16> {
+        let found = self.labels.iter().find(|(known, _)| known.eq_ignore_ascii_case(name));
+        found.map(|(_, address)| *address)
+    }
+
+    /// The labels of its text.
+    pub fn labels(&self) -> impl Iterator<Item = (&str, u16)> {
+        self.labels.iter().map(|(name, address)| (name.as_str(), *address))
+    }
+}
+
+/// Whether a file is a software file, by its name.
+#[must_use]
+pub fn is_software(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("sw"))
+}
+
+fn whole(file: &str, reason: String) -> FileError {
+    FileError::whole(file, reason)
+}
+
+fn hex(digits: &str) -> Option<u16> {
+    let good = digits.len() <= 4 && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
+    good.then(|| u16::from_str_radix(digits, 16).ok()).flatten()
+}
+
+fn not_hex(digits: &str) -> String {
+    let shown: String = digits.chars().take(20).collect();
+    format!("`{shown}` is no word: a line has one of at most four hexadecimal digits, 0000 to FFFF")
+}
+
+/// Whether the blocks have words, end within memory, and lie apart.
+fn laid_out(file: &str, pieces: &[Piece]) -> Result<(), FileError> {
+    let end = |piece: &Piece| usize::from(piece.start) + piece.words.len();
+    if pieces.is_empty() {
+        return Err(whole(file, "there is no block in it".to_owned()));
+    }
+    for (n, piece) in pieces.iter().enumerate() {
+        let start = piece.start;
+        if piece.words.is_empty() {
+            return Err(whole(file, format!("the block at {start:04X} has no words")));
+        }
+        if end(piece) > WORDS_MAX {
+            return Err(whole(file, format!("the block at {start:04X} goes beyond FFFF")));
+        }
+        let overlaps = |other: &&Piece| {
+            usize::from(other.start) < end(piece) && usize::from(start) < end(other)
+        };
+        if let Some(other) = pieces[..n].iter().find(overlaps) {
+            let other = other.start;
+            return Err(whole(file, format!("the blocks at {other:04X} and {start:04X} overlap")));
+        }
+    }
+    Ok(())
+}
+
+/// A complaint about a place in a text.
+fn misplaced(file: &str, text: &str, error: &SourceError) -> FileError {
+    let SourceError { line, at, expected } = *error;
+    let source = text.lines().nth(line as usize - 1).unwrap_or("");
+    let before = source.get(..at).unwrap_or(source);
+    let column = u32::try_from(before.chars().count() + 1).unwrap_or(0);
+    let found: String = source.get(at..).unwrap_or("").trim().chars().take(24).collect();
+    let reason = match found.as_str() {
+        "" => format!("expected {expected}"),
+        found => format!("`{found}`: expected {expected}"),
+    };
+    FileError { line, column, ..whole(file, reason) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Program, Source};
+    use polepair_core::program::Language;
+    use polepair_core::proto;
+
+    fn language() -> &'static dyn Language {
+        proto::dissector("tml").and_then(|dissector| dissector.programs()).unwrap()
+    }
+
+    fn source(origin: u16) -> Source<'static> {
+        let profile = polepair_core::drives::profiles().iter().find(|p| p.protocol == "tml");
+        Source { language: language(), profile: profile.copied(), origin }
+    }
+
+    #[test]
+    fn software_files_are_refused_with_line_and_reason() {
+        let reason = |text: &str| Program::parse_sw("a.sw", text).unwrap_err().to_string();
+        assert!(reason("4000\n12\nxyz\n").starts_with("a.sw:3:1: `xyz` is no word"));
+        assert!(reason("4000\n12345\n").starts_with("a.sw:2:1: "), "five digits");
+        assert!(reason("4000\n+12\n").starts_with("a.sw:2:1: "), "no signs");
+        assert_eq!(reason("\n\n"), "a.sw: there is no block in it");
+        assert_eq!(reason("4000\n1\n\n5000\n"), "a.sw: the block at 5000 has no words");
+        assert_eq!(reason("FFFF\n1\n2\n"), "a.sw: the block at FFFF goes beyond FFFF");
+        let overlap = "4000\n1\n2\n\n3FFF\n1\n2\n";
+        assert_eq!(reason(overlap), "a.sw: the blocks at 4000 and 3FFF overlap");
+        let dos = Program::parse_sw("a.sw", "\r\n4000\r\n1\r\n\r\n\r\n5000\r\n2\r\n").unwrap();
+        assert_eq!((dos.pieces().len(), dos.words()), (2, 2));
+    }
+
+    #[test]
+    fn text_becomes_words_and_words_text() {
+        let text = "main: CPOS = 4000; CALL wait\n GOTO main // for ever\nwait: !MC; WAIT!; RET\n";
+        let program = Program::assemble("a.tml", text, &source(0x8270)).unwrap();
+        assert_eq!(program.label("WAIT"), Some(0x8277));
+        assert_eq!(program.labels().count(), 2);
+        let listed = program.listing(language(), source(0).profile);
+        assert!(listed.contains("CPOS = 4000"), "{listed}");
+        assert!(listed.lines().next().unwrap().ends_with("// 8270: 249E 0FA0 0000"), "{listed}");
+        let again = Program::assemble("b.tml", &listed, &source(0x8270)).unwrap();
+        assert_eq!(again.pieces(), program.pieces());
+        let bad = Program::assemble("a.tml", "NOP\n  GOTO é", &source(0x8270)).unwrap_err();
+        assert_eq!((bad.line, bad.column), (2, 8), "{bad}");
+    }
+}
