@@ -33,7 +33,7 @@ other short addresses lie in 0200-03FF. A variable elsewhere is assigned as `NAM
 - `[5]` is axis 5, `[G2]` group 2, `[G1+3]` two groups, `[G*]` everybody, `[H5]` the host at axis 5.
 - `FROM` says who asks or answers. Left out, it is the host that `--host` gives.
 - A negative counter of `PVTP` and `PTP` loses its sign, as in the vendor's tool.
-- Labels are numbers: `GOTO 0x4012`.
+- `GOTO`, `CALL` and `CALLS` take an address (`GOTO 0x4012`), or in a [program](../guides/drive-programs.md) a label.
 - What the table does not have stays words, in both directions: `.word 0x7777, 0x0001`.
 
 **Certainty.** *verified*: the vendor says so, or frames of real drives show it. *inferred*: one \
@@ -140,6 +140,7 @@ const fn operand(piece: Piece) -> &'static str {
         Piece::Memory | Piece::MemoryHigh => "pm/dm/spi",
         Piece::Number(_) | Piece::Narrow(_) => "value16",
         Piece::Hex(_) => "word",
+        Piece::Target(_) => "address",
         Piece::Long(_) | Piece::Wide(_) => "value32",
         Piece::Fixed(_) => "fixed",
         Piece::High(_) => "value16",

@@ -230,10 +230,11 @@ impl Transfer {
 
     fn proven(&mut self, pointer: u16) -> Next {
         let moved = usize::from(pointer.wrapping_sub(self.address()));
-        if moved > self.sent {
+        if self.at + moved > self.current().0.words.len() {
+            // Something was taken twice, and words behind the piece are spoiled.
             return self.fail(Failure::Misbehaved);
         }
-        if moved < self.sent {
+        if moved != self.sent {
             return self.again();
         }
         self.at += self.sent;
