@@ -78,7 +78,7 @@ Examples:
 pub struct Assemble {
     /// The text; a software file (.sw) is turned into text
     #[arg(value_name = "FILE")]
-    file: PathBuf,
+    path: PathBuf,
     /// Where the result goes; else to stdout
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -95,9 +95,9 @@ impl Assemble {
     pub fn run(self) -> Result {
         let (language, profile) = self.language()?;
         let source = Source { language, profile, origin: self.place.origin(language) };
-        let read = Program::read(&self.file, &source);
+        let read = Program::read(&self.path, &source);
         let program = read.map_err(|error| outcome::error(error.into()))?;
-        let text = match is_software(&self.file) {
+        let text = match is_software(&self.path) {
             true => program.listing(language, profile),
             false => program.to_sw(),
         };
@@ -139,7 +139,7 @@ pub struct Load {
     target: Target,
     /// A program's text, or a software file (.sw)
     #[arg(value_name = "FILE")]
-    file: PathBuf,
+    path: PathBuf,
     #[command(flatten)]
     place: Place,
     /// Say what would be written where, and write nothing
@@ -151,7 +151,7 @@ impl Load {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
         let axis = only(&session)?;
-        let program = self.place.read(axis, &self.file)?;
+        let program = self.place.read(axis, &self.path)?;
         let language = axis.language().map_err(outcome::error)?;
         describe(&program, language);
         if self.dry_run {
@@ -192,7 +192,7 @@ pub struct Verify {
     target: Target,
     /// A program's text, or a software file (.sw)
     #[arg(value_name = "FILE")]
-    file: PathBuf,
+    path: PathBuf,
     #[command(flatten)]
     place: Place,
     /// Read every word: sums do not see words that changed places
@@ -204,7 +204,7 @@ impl Verify {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
         let axis = only(&session)?;
-        let program = self.place.read(axis, &self.file)?;
+        let program = self.place.read(axis, &self.path)?;
         session.listen();
         if self.words {
             return compare(axis, &program);
@@ -252,7 +252,7 @@ pub struct Save {
     target: Target,
     /// Where it goes; words if it is called .sw, else text
     #[arg(value_name = "FILE")]
-    file: PathBuf,
+    path: PathBuf,
     /// The first address; else where the drive starts by itself
     #[arg(long, value_name = "ADDRESS", value_parser = address)]
     at: Option<u16>,
@@ -277,11 +277,11 @@ impl Save {
             return Err(Problem::new(Exit::Negative, "E110", what));
         }
         let program = Program::of(start, words);
-        let text = match is_software(&self.file) {
+        let text = match is_software(&self.path) {
             true => program.to_sw(),
             false => program.listing(language, Some(axis.profile())),
         };
-        let mut out = Output::file(&self.file)?;
+        let mut out = Output::file(&self.path)?;
         out.buffer().extend_from_slice(text.as_bytes());
         out.flush()?;
         describe(&program, language);
