@@ -27,12 +27,15 @@ impl<A: Copy, const N: usize> Events<A, N> {
         N - self.pushed.wrapping_sub(self.taken) as usize
     }
 
-    /// Notes one more. Whoever submits requests leaves room for the end of each.
+    /// Notes one more and lends it, so that a large answer can be completed where it lies. Whoever
+    /// submits requests leaves room for the end of each.
     #[inline]
-    pub fn push(&mut self, to: To, result: Result<A, Failure>) {
+    pub fn push(&mut self, to: To, result: Result<A, Failure>) -> &mut Result<A, Failure> {
         debug_assert!(self.room() > 0, "submit leaves room for every end");
-        self.ring[self.pushed as usize % N] = (to, result);
+        let place = &mut self.ring[self.pushed as usize % N];
+        *place = (to, result);
         self.pushed = self.pushed.wrapping_add(1);
+        &mut place.1
     }
 
     /// The oldest that was not taken yet.

@@ -11,9 +11,9 @@
 mod receive;
 
 use super::ascii::{self, Collector};
-use super::request::{Answer, Ask, Request, WORDS_MAX};
+use super::request::{Answer, Ask, Request};
 use super::rtu::{self, ADU_MAX};
-use super::wire::{BROADCAST, Format, Function, Space};
+use super::wire::{BROADCAST, Format, Space};
 use crate::error::Failure;
 use crate::medium::{SerialLine, Stream};
 use crate::proto::HostOptions;
@@ -56,7 +56,9 @@ pub struct Host {
     format: Format,
     line: SerialLine,
     timeout_ns: u64,
-    gap_us: Option<u32>,
+    /// Silence before a frame: what the options say, and what the standard does.
+    gap_ns: Option<u64>,
+    silence_ns: u64,
     echo: Echo,
     /// Cleared when replies come faster than the baud rate allows: the wire is none.
     timed: bool,
@@ -98,7 +100,8 @@ pub struct Host {
     payload: [u8; ADU_MAX],
     payload_len: usize,
     answered: Option<Answered>,
-    held: Option<(Instant, Answer)>,
+    /// When the answer came that is held back.
+    held: Option<Instant>,
     events: Events<Answer, EVENTS_MAX>,
     counters: Counters,
 }
@@ -146,29 +149,59 @@ enum Role {
     Abandoned,
 }
 
-/// The exchange before: what was asked, what came and when.
+/// The exchange before, if it was a read: what was asked, and when the answer came. What was read
+/// still lies where the payload begins.
 #[derive(Clone, Copy, Debug)]
 struct Answered {
     at: Instant,
     latency_ns: u64,
-    answer: Answer,
+    unit: u8,
+    space: Space,
+    start: u16,
+    count: u16,
+    len: usize,
 }
 
 const NOTHING_OWED: Owed = Owed { unit: 0, function: 0, echo: (0, 0), role: Role::Abandoned };
+
+impl Owed {
+    #[inline]
+    fn of(request: &Request, role: Role) -> Self {
+        let echo = match request.ask {
+            Ask::Read { space, count, .. } => (0, space.reply_bytes(count) as u16),
+            _ => request.ask.echo(),
+        };
+        Self { unit: request.unit, function: request.ask.function().code(), echo, role }
+    }
+
+    /// Bytes of the PDU that is owed, if it is no exception.
+    #[inline]
+    fn pdu_len(self) -> usize {
+        match Space::read_by(self.function) {
+            Some(_) => 2 + usize::from(self.echo.1),
+            None => 5,
+        }
+    }
+}
 
 impl Host {
     /// A host that sends `format`.
     #[must_use]
     pub fn new(format: Format, options: &HostOptions) -> Self {
         let timeout_ms = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let line = SerialLine::n81(options.baud);
         Self {
             format,
-            line: SerialLine::n81(options.baud),
+            line,
             timeout_ns: u64::from(timeout_ms.max(1)) * 1_000_000,
-            gap_us: options.gap_us,
+            gap_ns: options.gap_us.map(|gap| match gap {
+                GAP_TRUE_CHARACTERS => rtu::true_silence_ns(&line),
+                us => u64::from(us) * 1000,
+            }),
+            silence_ns: rtu::silence_ns(&line),
             echo: if options.echo { Echo::Always } else { Echo::Unknown },
             timed: options.baud != 0,
-            pace: Pace::new(&SerialLine::n81(options.baud)),
+            pace: Pace::new(&line),
             soon: false,
             early_streak: 0,
             timely: 0,
@@ -212,24 +245,43 @@ impl Host {
         &self.owed[..self.owed_len]
     }
 
-    fn end(&mut self, result: Result<Answer, Failure>) {
-        let Some(current) = self.current.take() else { return };
-        match result {
-            Ok(_) | Err(Failure::Refused { .. }) => self.counters.answered += 1,
-            Err(Failure::Silent) => self.counters.silent += 1,
-            Err(_) => {}
+    /// The present request was answered; what it read is the payload.
+    #[inline]
+    fn succeed(&mut self) {
+        let Some(Current { ticket, request, .. }) = &self.current else { return };
+        self.counters.answered += 1;
+        self.alive = Some(request.unit);
+        let event = self.events.push(To::Ticket(*ticket), Ok(Answer::BLANK));
+        if let Ok(answer) = event {
+            answer.fill(request, &self.payload[..self.payload_len]);
         }
-        self.alive = match result {
-            Err(Failure::Silent) => None,
-            _ => Some(current.request.unit),
-        };
+        self.close();
+    }
+
+    /// The present request was refused, or brought no answer.
+    #[cold]
+    fn fail(&mut self, failure: Failure) {
+        let Some(Current { ticket, request, .. }) = &self.current else { return };
+        match failure {
+            Failure::Refused { .. } => self.counters.answered += 1,
+            Failure::Silent => self.counters.silent += 1,
+            _ => {}
+        }
+        self.alive = (failure != Failure::Silent).then_some(request.unit);
+        self.events.push(To::Ticket(*ticket), Err(failure));
+        self.close();
+    }
+
+    #[inline]
+    fn close(&mut self) {
+        self.current = None;
         if self.sending == Some(Sending::Request) {
             self.sending = None;
         }
-        self.events.push(To::Ticket(current.ticket), result);
     }
 
     /// Nothing is outstanding and nothing can still come.
+    #[inline]
     fn settle(&mut self) {
         self.quarantine = false;
         self.deadline = None;
@@ -243,44 +295,37 @@ impl Host {
     /// When the next frame may go out: after the silence that the line needs, but no later than a
     /// timeout after it was asked for, however much the line babbles.
     fn send_at(&self) -> Instant {
-        let Some(active) = self.active_at else { return Instant::ZERO };
-        let quiet = active.plus_ns(self.gap_ns(self.next_unit()));
-        let patience = self.timeout_ns.max(2 * u64::from(STATION_GAP_US) * 1000);
-        match (self.sending, self.current) {
-            (Some(Sending::Request), Some(current)) => quiet.min(current.since.plus_ns(patience)),
-            _ => quiet.min(self.deadline.unwrap_or(Instant::FAR)),
-        }
+        self.quiet().min(self.latest())
     }
 
-    fn next_unit(&self) -> Option<u8> {
-        match self.sending {
-            Some(Sending::Request) => self.current.map(|current| current.request.unit),
+    /// When the line has been silent for long enough.
+    #[inline]
+    fn quiet(&self) -> Instant {
+        let unit = match (self.sending, &self.current) {
+            (Some(Sending::Request), Some(current)) => Some(current.request.unit),
             _ => self.sent_unit,
+        };
+        self.active_at.map_or(Instant::ZERO, |active| active.plus_ns(self.gap_to(unit)))
+    }
+
+    fn latest(&self) -> Instant {
+        let patience = self.timeout_ns.max(2 * u64::from(STATION_GAP_US) * 1000);
+        match (self.sending, &self.current) {
+            (Some(Sending::Request), Some(current)) => current.since.plus_ns(patience),
+            _ => self.deadline.unwrap_or(Instant::FAR),
         }
     }
 
-    fn gap_ns(&self, unit: Option<u8>) -> u64 {
+    /// Silence before a frame to a station.
+    #[inline]
+    fn gap_to(&self, unit: Option<u8>) -> u64 {
         let timed = self.timed && self.format == Format::Rtu;
-        let gap = match self.gap_us {
-            Some(GAP_TRUE_CHARACTERS) => rtu::true_silence_ns(&self.line),
-            Some(us) => u64::from(us) * 1000,
-            None if timed => rtu::silence_ns(&self.line),
-            None => 0,
-        };
-        let station = u64::from(STATION_GAP_US) * 1000;
+        let gap = self.gap_ns.unwrap_or(if timed { self.silence_ns } else { 0 });
         let other = self.sent_unit.is_some() && unit != self.sent_unit;
-        if self.sent_unit == Some(BROADCAST) || (other && timed && self.gap_us.is_none()) {
-            gap.max(station)
+        if self.sent_unit == Some(BROADCAST) || (other && timed && self.gap_ns.is_none()) {
+            gap.max(u64::from(STATION_GAP_US) * 1000)
         } else {
             gap
-        }
-    }
-
-    /// The request that the next frame carries.
-    fn next_request(&self) -> Option<(Request, Role)> {
-        match self.sending? {
-            Sending::Request => self.current.map(|current| (current.request, Role::Request)),
-            Sending::Probe => self.probe().map(|probe| (probe, Role::Probe)),
         }
     }
 
@@ -297,47 +342,49 @@ impl Host {
         Some(Request { unit, ask, class: Class::Idempotent })
     }
 
-    fn note_sent(&mut self, now: Instant, request: &Request, role: Role) {
-        let reply_len = request.ask.pdu(|pdu| pdu.reply_len()).unwrap_or(0) + 3;
-        let reply_len = match self.format {
-            Format::Rtu => reply_len,
-            Format::Ascii => 2 * reply_len + 1,
-        };
-        let reply = self.line.characters_ns(reply_len as u32);
+    /// Notes that what lies in `sent` goes out now, and what is owed for it.
+    #[inline]
+    fn note_sent(&mut self, now: Instant, owed: Owed) {
         let gone = self.line.characters_ns(self.sent_len as u32);
+        self.sending = None;
         self.sent_at = now;
-        self.sent_unit = Some(request.unit);
+        self.sent_unit = Some(owed.unit);
         self.active_at = Some(now.plus_ns(gone));
         self.sent_ns = gone;
         self.echo_seen = false;
-        self.early &= role == Role::Probe;
-        self.heard &= role == Role::Probe;
-        self.skip(self.received_len);
+        self.early &= owed.role == Role::Probe;
+        self.heard &= owed.role == Role::Probe;
+        if self.received_len > 0 {
+            self.skip(self.received_len);
+        }
         self.junk = false;
         self.characters.clear();
         self.pace.sent(now, gone);
         self.counters.sent += 1;
-        if request.unit == BROADCAST {
-            let count = request.ask.echo().1;
-            self.end(Ok(answer_to(request, count)));
-            self.settle();
-            return;
+        if owed.unit == BROADCAST {
+            self.succeed();
+            return self.settle();
         }
         // A probe may be answered as late as any request.
         let timeouts = if self.quarantine { QUARANTINE_TIMEOUTS } else { 1 };
+        let reply = self.line.characters_ns(self.characters_of(owed.pdu_len()) as u32);
         self.deadline = Some(now.plus_ns(gone + reply + timeouts * self.timeout_ns));
-        self.owe(request, role);
+        self.owe(owed);
     }
 
-    fn owe(&mut self, request: &Request, role: Role) {
-        let function = request.ask.function();
-        let echo = match request.ask {
-            Ask::Read { space, count, .. } => (0, space.reply_bytes(count) as u16),
-            _ => request.ask.echo(),
-        };
-        if self.owed_len < OWED_MAX {
-            let owed = Owed { unit: request.unit, function: function.code(), echo, role };
-            self.owed[self.owed_len] = owed;
+    /// Characters of a frame around a PDU of so many bytes.
+    #[inline]
+    fn characters_of(&self, pdu_len: usize) -> usize {
+        match self.format {
+            Format::Rtu => pdu_len + 3,
+            Format::Ascii => 2 * pdu_len + 7,
+        }
+    }
+
+    #[inline]
+    fn owe(&mut self, owed: Owed) {
+        if let Some(place) = self.owed.get_mut(self.owed_len) {
+            *place = owed;
             self.owed_len += 1;
         }
     }
@@ -377,6 +424,42 @@ impl Host {
         }
     }
 
+    #[inline]
+    fn begin(&mut self, now: Instant, ticket: Ticket, request: Request) {
+        self.held = None;
+        self.payload_len = 0;
+        self.current = Some(Current { ticket, request, attempts: 1, since: now });
+        self.sending = Some(Sending::Request);
+    }
+
+    /// Takes a request where something stands against it, and gives it back if too much does: a
+    /// stop takes the place of the present request in a quarantined line.
+    #[cold]
+    fn submit_in_doubt(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        request: Request,
+    ) -> Result<(), Request> {
+        let full = self.events.room() < ROOM_MIN;
+        let busy = self.current.is_some() || self.quarantine;
+        if full || (busy && !(station::Request::is_stop(&request) && self.quarantine)) {
+            return Err(request);
+        }
+        self.fail(Failure::Silent);
+        for owed in &mut self.owed[..self.owed_len] {
+            if owed.role == Role::Request {
+                owed.role = Role::Abandoned;
+            }
+        }
+        self.begin(now, ticket, request);
+        if request.unit == BROADCAST && request.ask.function().reads().is_some() {
+            // Nobody answers a broadcast (MSL 2.1): a read of it is silence without a byte sent.
+            self.fail(Failure::Silent);
+        }
+        Ok(())
+    }
+
     /// The quarantine ran out: nothing can still come.
     fn give_up(&mut self, now: Instant) {
         let worth = self.heard || self.current.is_some_and(|c| self.alive == Some(c.request.unit));
@@ -384,7 +467,7 @@ impl Host {
         if worth {
             self.lost(now);
         } else {
-            self.end(Err(Failure::Silent));
+            self.fail(Failure::Silent);
         }
     }
 
@@ -404,23 +487,9 @@ impl Host {
             self.quarantine = false;
             self.deadline = None;
         } else {
-            self.end(Err(Failure::Silent));
+            self.fail(Failure::Silent);
         }
     }
-}
-
-fn answer_to(request: &Request, count: u16) -> Answer {
-    let function = request.ask.function();
-    let single = matches!(function, Function::WriteCoil | Function::WriteRegister);
-    let (start, _) = request.ask.echo();
-    let count = if single { 1 } else { count };
-    let mut words = [0; WORDS_MAX];
-    match request.ask {
-        Ask::WriteCoil { on, .. } => words[0] = u16::from(on),
-        Ask::WriteRegister { value, .. } => words[0] = value,
-        _ => {}
-    }
-    Answer { unit: request.unit, function, start, count, words }
 }
 
 impl Timed for Host {
@@ -431,11 +500,10 @@ impl Timed for Host {
             return;
         }
         match self.held.take() {
-            Some((at, answer)) => {
-                let latency_ns = now.0.saturating_sub(self.sent_at.0);
-                self.answered = Some(Answered { at, latency_ns, answer });
+            Some(at) => {
+                self.remember(at, now);
                 self.settle();
-                self.end(Ok(answer));
+                self.succeed();
             }
             None => self.late(now),
         }
@@ -450,46 +518,46 @@ impl Timed for Host {
 }
 
 impl Station<Stream> for Host {
+    #[inline]
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
         self.active_at = Some(self.active_at.map_or(now, |active| active.max(now)));
         self.heard = true;
         if self.format == Format::Ascii {
             return self.work_ascii(now, unit);
         }
-        let mut rest = unit;
-        while !rest.is_empty() {
-            if self.received_len == RECEIVE_MAX {
-                self.skip(1);
-            }
-            let room = (RECEIVE_MAX - self.received_len).min(rest.len());
-            let (head, tail) = rest.split_at(room);
-            self.received[self.received_len..self.received_len + room].copy_from_slice(head);
-            self.received_len += room;
-            self.pace.heard(now, self.received_len);
-            self.work_rtu(now);
-            rest = tail;
+        match self.plain_read(unit) {
+            Some(data) => self.read(now, unit.len(), data),
+            None => self.collect(now, unit),
         }
     }
 
     fn handle_line(&mut self, _now: Instant, event: LineEvent) {
         if matches!(event, LineEvent::Down) {
-            self.end(Err(Failure::LinkDown));
+            self.fail(Failure::LinkDown);
         }
         if matches!(event, LineEvent::Down | LineEvent::Up) && self.current.is_none() {
             self.abandon();
         }
     }
 
+    #[inline]
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
-        self.sending?;
-        if now < self.send_at() {
+        let sending = self.sending?;
+        if now < self.quiet() && now < self.latest() {
             return None;
         }
-        let (request, role) = self.next_request()?;
-        self.sending = None;
+        let (request, role) = match sending {
+            Sending::Request => (&self.current.as_ref()?.request, Role::Request),
+            Sending::Probe => (&self.probe()?, Role::Probe),
+        };
         self.sent_len = request.emit(self.format, &mut self.sent);
-        self.note_sent(now, &request, role);
-        out.get_mut(..self.sent_len)?.copy_from_slice(&self.sent[..self.sent_len]);
+        let owed = Owed::of(request, role);
+        self.note_sent(now, owed);
+        if self.sent_len == rtu::SHORT {
+            *out.first_chunk_mut::<{ rtu::SHORT }>()? = *self.sent.first_chunk()?;
+        } else {
+            out.get_mut(..self.sent_len)?.copy_from_slice(&self.sent[..self.sent_len]);
+        }
         Some(self.sent_len)
     }
 
@@ -502,31 +570,17 @@ impl station::Host<Stream> for Host {
     type Request = Request;
     type Answer = Answer;
 
+    #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Request) -> Result<(), Request> {
-        let stop = station::Request::is_stop(&request);
-        let full = self.events.room() < ROOM_MIN;
         let busy = self.current.is_some() || self.quarantine;
-        if full || (busy && !(stop && self.quarantine)) {
-            return Err(request);
+        if busy || self.events.room() < ROOM_MIN || request.unit == BROADCAST {
+            return self.submit_in_doubt(now, ticket, request);
         }
-        self.end(Err(Failure::Silent));
-        for owed in &mut self.owed[..self.owed_len] {
-            if owed.role == Role::Request {
-                owed.role = Role::Abandoned;
-            }
-        }
-        self.held = None;
-        self.payload_len = 0;
-        self.current = Some(Current { ticket, request, attempts: 1, since: now });
-        if request.unit == BROADCAST && request.ask.function().reads().is_some() {
-            // Nobody answers a broadcast (MSL 2.1): a read of it is silence without a byte sent.
-            self.end(Err(Failure::Silent));
-        } else {
-            self.sending = Some(Sending::Request);
-        }
+        self.begin(now, ticket, request);
         Ok(())
     }
 
+    #[inline]
     fn poll_event(&mut self) -> Option<&Event<Answer>> {
         self.events.next()
     }

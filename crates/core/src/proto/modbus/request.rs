@@ -1,6 +1,6 @@
 //! What the commanding end is asked for and what it brings back, as small values.
 
-use super::wire::{Format, Function, RequestPdu, Space, WRITE_BITS_MAX};
+use super::wire::{Format, Function, RequestPdu, Space, WRITE_BITS_MAX, words};
 use super::{ascii, rtu};
 use crate::station::{self, Class};
 
@@ -71,6 +71,7 @@ pub enum Ask {
 impl Ask {
     /// Its function.
     #[must_use]
+    #[inline]
     pub const fn function(&self) -> Function {
         match *self {
             Self::Read { space, .. } => space.read(),
@@ -82,7 +83,6 @@ impl Ask {
     }
 
     /// Hands the PDU to `with`.
-    #[inline]
     pub fn pdu<T>(&self, with: impl FnOnce(RequestPdu<'_>) -> T) -> T {
         match *self {
             Self::Read { space, start, count } => with(RequestPdu::Read { space, start, count }),
@@ -108,6 +108,7 @@ impl Ask {
 
     /// First address and what a good answer repeats with it: the value, or the count.
     #[must_use]
+    #[inline]
     pub const fn echo(&self) -> (u16, u16) {
         match *self {
             Self::Read { start, count, .. } => (start, count),
@@ -123,6 +124,15 @@ impl Request {
     /// Writes the frame and returns its length.
     #[inline]
     pub fn emit(&self, format: Format, out: &mut [u8]) -> usize {
+        // What happens most, ahead of everything else: a read.
+        if let (Format::Rtu, Ask::Read { space, start, count }) = (format, self.ask) {
+            return rtu::emit_request(self.unit, &RequestPdu::Read { space, start, count }, out);
+        }
+        self.emit_any(format, out)
+    }
+
+    #[inline(never)]
+    fn emit_any(&self, format: Format, out: &mut [u8]) -> usize {
         self.ask.pdu(|pdu| match format {
             Format::Rtu => rtu::emit_request(self.unit, &pdu, out),
             Format::Ascii => ascii::emit(self.unit, out, |out| pdu.emit(out)),
@@ -154,6 +164,31 @@ pub struct Answer {
 }
 
 impl Answer {
+    /// To be filled in.
+    pub(super) const BLANK: Self =
+        Self { unit: 0, function: Function::Unknown(0), start: 0, count: 0, words: [0; WORDS_MAX] };
+
+    /// Makes a blank the good answer to a request, with the data of a read.
+    #[inline]
+    pub(super) fn fill(&mut self, request: &Request, data: &[u8]) {
+        self.unit = request.unit;
+        self.function = request.ask.function();
+        (self.start, self.count) = request.ask.echo();
+        match request.ask {
+            Ask::Read { space, .. } if space.is_bits() => {
+                for (at, &byte) in data.iter().enumerate().take(2 * WORDS_MAX) {
+                    self.words[at / 2] |= u16::from(byte) << (8 * (at % 2));
+                }
+            }
+            Ask::Read { .. } => {
+                self.words.iter_mut().zip(words(data)).for_each(|(place, word)| *place = word);
+            }
+            Ask::WriteCoil { on, .. } => (self.count, self.words[0]) = (1, on.into()),
+            Ask::WriteRegister { value, .. } => (self.count, self.words[0]) = (1, value),
+            Ask::WriteCoils { .. } | Ask::WriteRegisters { .. } => {}
+        }
+    }
+
     /// The answer as one number, the first register highest, as far as 64 bits reach; bits with the
     /// lowest address in bit 0; the value written, or how many.
     #[must_use]

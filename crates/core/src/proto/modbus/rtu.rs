@@ -14,6 +14,9 @@ pub const ADU_MAX: usize = 256;
 /// Shortest frame, bytes: address, function code, CRC.
 pub const ADU_MIN: usize = 4;
 
+/// Bytes of a read or of a single write.
+pub(super) const SHORT: usize = 8;
+
 /// CRC of one byte followed by so many zero bytes: slicing by eight.
 static TABLES: [[u16; 256]; 8] = tables();
 
@@ -49,16 +52,26 @@ pub fn emit(unit: u8, out: &mut [u8], pdu: impl FnOnce(&mut [u8]) -> usize) -> u
     end + 2
 }
 
-/// Writes a request and returns its length, as [`emit`] does. The short ones are put together in
-/// registers: bytes just written are slow to read again.
+/// Writes a request and returns its length, as [`emit`] does.
 #[inline(always)]
 pub fn emit_request(unit: u8, pdu: &RequestPdu<'_>, out: &mut [u8]) -> usize {
-    let Some([code, a, b, c, d]) = pdu.short() else {
-        return emit(unit, out, |out| pdu.emit(out));
-    };
-    let [low, high] = crc16(&[unit, code, a, b, c, d]).to_le_bytes();
-    out[..8].copy_from_slice(&[unit, code, a, b, c, d, low, high]);
-    8
+    match pdu.short() {
+        Some(pdu) => {
+            out[..SHORT].copy_from_slice(&short(unit, pdu));
+            SHORT
+        }
+        None => emit(unit, out, |out| pdu.emit(out)),
+    }
+}
+
+/// A frame around a PDU of five bytes. It is put together in a register: bytes just written one by
+/// one are slow to read again.
+#[inline(always)]
+pub(super) fn short(unit: u8, (code, first, second): (u8, u16, u16)) -> [u8; SHORT] {
+    let head = u64::from(unit) | u64::from(code) << 8;
+    let body = head | u64::from(first.swap_bytes()) << 16 | u64::from(second.swap_bytes()) << 32;
+    let [a, b, c, d, e, f, _, _] = body.to_le_bytes();
+    (body | u64::from(crc16(&[a, b, c, d, e, f])) << 48).to_le_bytes()
 }
 
 /// Whether the check of a whole frame agrees. The CRC over a frame and its own CRC is zero.

@@ -393,17 +393,16 @@ impl<'a> RequestPdu<'a> {
         }
     }
 
-    /// The whole PDU of those that have five bytes: reads and single writes.
+    /// Function and two words, where there is nothing else: reads and single writes.
     #[inline(always)]
-    pub(super) const fn short(&self) -> Option<[u8; 5]> {
+    pub(super) const fn short(&self) -> Option<(u8, u16, u16)> {
         let (first, second) = match *self {
             Self::Read { start, count, .. } => (start, count),
             Self::WriteCoil { address, on } => (address, if on { COIL_ON } else { 0 }),
             Self::WriteRegister { address, value } => (address, value),
             _ => return None,
         };
-        let ([a, b], [c, d]) = (first.to_be_bytes(), second.to_be_bytes());
-        Some([self.function().code(), a, b, c, d])
+        Some((self.function().code(), first, second))
     }
 
     /// Its function.

@@ -1,14 +1,15 @@
 //! Receiving: frames found in the bytes, echoes taken out, replies struck from the ledger.
 
 use super::{
-    Answered, Echo, Host, Owed, QUARANTINE_TIMEOUTS, Role, SUSPECT_NS, TIMELY_MIN, answer_to,
+    Answered, Current, Echo, Host, Owed, QUARANTINE_TIMEOUTS, RECEIVE_MAX, Role, SUSPECT_NS,
+    TIMELY_MIN,
 };
 use crate::error::Failure;
 use crate::proto::modbus::ascii::{self, Fed};
-use crate::proto::modbus::request::{Answer, Request, WORDS_MAX};
+use crate::proto::modbus::request::Ask;
 use crate::proto::modbus::rtu::{self, ADU_MAX};
 use crate::proto::modbus::wire::{
-    BROADCAST, EXCEPTION_BIT, Format, Function, ReplyPdu, Span, words,
+    BROADCAST, EXCEPTION_BIT, Format, PDU_MAX, ReplyPdu, Space, Span,
 };
 use crate::station::Counters;
 use crate::time::Instant;
@@ -26,7 +27,58 @@ impl Host {
         self.pace.took(count);
     }
 
-    pub(super) fn work_rtu(&mut self, now: Instant) {
+    /// The data in these bytes, if they are the whole reply to the one read that is owed, and
+    /// nothing is in doubt: what happens most, so it is looked at first and where it lies.
+    #[inline]
+    pub(super) fn plain_read<'a>(&self, adu: &'a [u8]) -> Option<&'a [u8]> {
+        let [owed] = self.owed() else { return None };
+        let [unit, function, count, data @ .., _, _] = adu else { return None };
+        let plain = self.received_len == 0 && !self.quarantine && owed.role == Role::Request;
+        let owed_len = usize::from(owed.echo.1);
+        let fits = (owed.unit, owed.function, owed_len) == (*unit, *function, data.len())
+            && usize::from(*count) == data.len()
+            && (1..=PDU_MAX - 2).contains(&data.len())
+            && Space::read_by(*function).is_some();
+        let echo = || adu.starts_with(&self.sent[..self.sent_len]);
+        (plain && fits && !echo() && rtu::agrees(adu)).then_some(data)
+    }
+
+    /// Takes the data that came as a plain read.
+    #[inline]
+    pub(super) fn read(&mut self, now: Instant, adu_len: usize, data: &[u8]) {
+        self.pace.heard(now, adu_len);
+        self.soon = self.pace.early() > 0;
+        self.pace.took(adu_len);
+        if self.too_early(now, adu_len) {
+            self.counters.late += 1;
+            return;
+        }
+        self.owed_len = 0;
+        self.answered(now, data);
+        if self.held.is_none() {
+            self.settle();
+        }
+    }
+
+    /// Takes bytes to those that no frame was made of yet.
+    #[cold]
+    pub(super) fn collect(&mut self, now: Instant, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            if self.received_len == RECEIVE_MAX {
+                self.skip(1);
+            }
+            let room = (RECEIVE_MAX - self.received_len).min(rest.len());
+            let (head, tail) = rest.split_at(room);
+            self.received[self.received_len..self.received_len + room].copy_from_slice(head);
+            self.received_len += room;
+            self.pace.heard(now, self.received_len);
+            self.work_rtu(now);
+            rest = tail;
+        }
+    }
+
+    fn work_rtu(&mut self, now: Instant) {
         while self.received_len > 0 {
             match self.cut() {
                 Cut::Skip(count) => self.skip(count),
@@ -206,21 +258,15 @@ impl Host {
         };
         if at + 1 == self.owed_len
             && !self.quarantine
-            && self.too_early(now, self.characters_of(pdu))
+            && self.too_early(now, self.characters_of(pdu.len()))
         {
             self.counters.late += 1;
             return;
         }
-        let owed = self.owed[at];
-        let result = match reply {
-            ReplyPdu::Exception { exception, .. } => {
-                Err(Failure::Refused { code: u32::from(exception.code()) })
-            }
-            reply => Ok(reply),
-        };
+        let role = self.owed[at].role;
         let lost = self.paid(at);
-        match owed.role {
-            Role::Request => self.answer(now, result),
+        match role {
+            Role::Request => self.answer(now, &reply),
             Role::Abandoned => self.counters.late += 1,
             Role::Probe => {}
         }
@@ -283,80 +329,88 @@ impl Host {
         self.sent_at.plus_ns(whole - whole / 20)
     }
 
-    fn characters_of(&self, pdu: &[u8]) -> usize {
-        match self.format {
-            Format::Rtu => pdu.len() + 3,
-            Format::Ascii => 2 * pdu.len() + 7,
+    fn answer(&mut self, now: Instant, reply: &ReplyPdu<'_>) {
+        match *reply {
+            ReplyPdu::Exception { exception, .. } => {
+                self.doubt_echo();
+                self.fail(Failure::Refused { code: u32::from(exception.code()) });
+            }
+            ReplyPdu::Read { data, .. } => self.answered(now, data),
+            _ => self.answered(now, &[]),
         }
     }
 
-    fn answer(&mut self, now: Instant, result: Result<ReplyPdu<'_>, Failure>) {
-        let Some(current) = self.current else { return };
-        if !matches!(current.request.ask.function(), Function::WriteCoil | Function::WriteRegister)
-            && self.echo == Echo::Learnt
-            && !self.echo_seen
-            && !self.junk
-        {
+    /// An exchange that could tell of an echo had none.
+    #[inline]
+    fn doubt_echo(&mut self) {
+        let Some(Current { request, .. }) = &self.current else { return };
+        let single = matches!(request.ask, Ask::WriteCoil { .. } | Ask::WriteRegister { .. });
+        if self.echo == Echo::Learnt && !single && !self.echo_seen && !self.junk {
             self.echo = Echo::Unknown;
         }
-        let reply = match result {
-            Ok(reply) => reply,
-            Err(failure) => return self.end(Err(failure)),
-        };
-        let answer = self.fill(&current.request, reply);
+    }
+
+    /// The present request was answered, a read with these data.
+    #[inline]
+    fn answered(&mut self, now: Instant, data: &[u8]) {
+        self.doubt_echo();
         if self.held.take().is_some() {
             self.counters.late += 1;
             self.answered = None;
         }
-        if self.suspect(now, &answer) {
-            self.held = Some((now, answer));
-            self.owe(&current.request, Role::Request);
-            let usual = self.answered.map_or(0, |before| before.latency_ns);
-            let wait = (2 * usual).clamp(SUSPECT_NS, SUSPECT_NS.max(self.timeout_ns));
-            self.deadline = Some(now.plus_ns(wait));
-            return;
+        let suspect = self.suspect(now, data);
+        self.payload_len = data.len();
+        self.payload[..data.len()].copy_from_slice(data);
+        if suspect {
+            return self.hold(now);
         }
-        let latency_ns = now.0.saturating_sub(self.sent_at.0);
-        self.answered = Some(Answered { at: now, latency_ns, answer });
-        self.end(Ok(answer));
+        self.remember(now, now);
+        self.succeed();
+    }
+
+    /// Holds the answer back until another had its time to come.
+    #[cold]
+    fn hold(&mut self, now: Instant) {
+        let Some(current) = &self.current else { return };
+        let owed = Owed::of(&current.request, Role::Request);
+        self.held = Some(now);
+        self.owe(owed);
+        let usual = self.answered.map_or(0, |before| before.latency_ns);
+        let wait = (2 * usual).clamp(SUSPECT_NS, SUSPECT_NS.max(self.timeout_ns));
+        self.deadline = Some(now.plus_ns(wait));
+    }
+
+    /// Notes the present exchange for the next one's sake: the answer came then, and is taken now.
+    #[inline]
+    pub(super) fn remember(&mut self, came: Instant, now: Instant) {
+        let Some(Current { request, .. }) = &self.current else { return };
+        self.answered = match request.ask {
+            Ask::Read { space, start, count } => Some(Answered {
+                at: came,
+                latency_ns: now.0.saturating_sub(self.sent_at.0),
+                unit: request.unit,
+                space,
+                start,
+                count,
+                len: self.payload_len,
+            }),
+            _ => None,
+        };
     }
 
     /// Whether this may be the duplicate of the reply before: the same bytes to another question,
     /// at once, on a wire where timing tells nothing.
-    fn suspect(&self, now: Instant, answer: &Answer) -> bool {
-        let Some(before) = self.answered else { return false };
-        let same = before.answer.unit == answer.unit
-            && before.answer.function == answer.function
-            && before.answer.words == answer.words
-            && before.answer.count == answer.count;
-        same && !self.timed
-            && answer.function.reads().is_some()
-            && before.answer.start != answer.start
-            && now.since(before.at).as_nanos() < u128::from(SUSPECT_NS)
-    }
-
-    fn fill(&mut self, request: &Request, reply: ReplyPdu<'_>) -> Answer {
-        let mut answer = answer_to(request, request.ask.echo().1);
-        self.payload_len = 0;
-        match reply {
-            ReplyPdu::Read { space, data } => {
-                self.payload[..data.len()].copy_from_slice(data);
-                self.payload_len = data.len();
-                if space.is_bits() {
-                    for (at, &byte) in data.iter().enumerate().take(2 * WORDS_MAX) {
-                        answer.words[at / 2] |= u16::from(byte) << (8 * (at % 2));
-                    }
-                } else {
-                    for (slot, word) in answer.words.iter_mut().zip(words(data)) {
-                        *slot = word;
-                    }
-                }
-            }
-            ReplyPdu::WroteCoil { on, .. } => answer.words[0] = u16::from(on),
-            ReplyPdu::WroteRegister { value, .. } => answer.words[0] = value,
-            _ => {}
-        }
-        answer
+    #[inline]
+    fn suspect(&self, now: Instant, data: &[u8]) -> bool {
+        let (Some(before), Some(current)) = (&self.answered, &self.current) else { return false };
+        let Ask::Read { space, start, count } = current.request.ask else { return false };
+        !self.timed
+            && before.start != start
+            && before.count == count
+            && before.unit == current.request.unit
+            && before.space == space
+            && now.0.saturating_sub(before.at.0) < SUSPECT_NS
+            && self.payload[..before.len] == *data
     }
 }
 
