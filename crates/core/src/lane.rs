@@ -98,27 +98,33 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     #[inline]
     fn feed(&mut self, now: Instant) {
         while let Some((n, job)) = self.jobs.next() {
-            let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
-            let ticket = Ticket(n as u32);
+            let Some(slot) = self.slots.get(usize::from(job.axis)) else { return };
             if let Some((id, request)) = execute::plain_read(job, slot) {
-                let Ok(()) = self.host.submit(now, ticket, *request) else { return };
+                let Ok(()) = self.host.submit(now, Ticket(n as u32), *request) else { return };
                 job.asked = Asked::Read(id);
-            } else {
-                match execute::next(now, job, slot) {
-                    Ok((request, asked)) => {
-                        let Ok(()) = self.host.submit(now, ticket, request) else { return };
-                        execute::sent(job, asked);
-                    }
-                    Err(next) => {
-                        self.jobs.passed(n, next);
-                        continue;
-                    }
-                }
+                self.jobs.sent(n);
+            } else if !self.feed_one(now, n) {
+                return;
             }
-            self.jobs.sent(n);
             // A host may end a request at once that its protocol's rules forbid.
             self.settle(now);
         }
+    }
+
+    /// Lets job `n` have its turn. Returns false when the host will not have its request.
+    #[inline(never)]
+    fn feed_one(&mut self, now: Instant, n: usize) -> bool {
+        let Some(job) = self.jobs.get_mut(n) else { return false };
+        let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return false };
+        match execute::next(now, job, slot) {
+            Ok((request, asked)) => {
+                let Ok(()) = self.host.submit(now, Ticket(n as u32), request) else { return false };
+                execute::sent(job, asked);
+                self.jobs.sent(n);
+            }
+            Err(next) => self.jobs.passed(n, next),
+        }
+        true
     }
 }
 
@@ -159,7 +165,11 @@ impl<M: Medium, H: Host<M>> Timed for Lane<M, H> {
 impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     fn handle_input(&mut self, now: Instant, unit: &M::Unit) {
         self.host.handle_input(now, unit);
-        self.settle(now);
+        while let Some(event) = self.host.poll_event() {
+            if !self.jobs.read_answered(now, &mut self.slots, event) {
+                take(now, &mut self.jobs, &mut self.slots, &mut self.parts, event);
+            }
+        }
     }
 
     fn handle_line(&mut self, now: Instant, event: LineEvent) {

@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 use super::path::Path;
 use super::transfer::Transfer;
 use crate::axis::{Command, Driver, Part, Reading, State, Told};
-use crate::error::Unsupported;
+use crate::error::{Failure, Unsupported};
 use crate::plan::{Operand, Step};
 use crate::profile::{Access, Parameter, ParameterId, Profile, Scale, SignalSource};
 use crate::time::Instant;
@@ -39,6 +39,7 @@ pub struct Slot<R, A> {
 /// What is needed of a parameter again and again, worked out once.
 #[derive(Clone, Debug)]
 struct Entry<R> {
+    parameter: &'static Parameter,
     /// The request that reads it.
     read: Result<R, Unsupported>,
     /// SI value of one raw unit; `None` when other parameters have a say in it.
@@ -81,9 +82,10 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         slot
     }
 
-    fn describe(&mut self, id: ParameterId, parameter: &Parameter) {
+    fn describe(&mut self, id: ParameterId, parameter: &'static Parameter) {
         let signals = self.profile.signals.iter();
         self.entries.push(Entry {
+            parameter,
             read: match parameter.access {
                 Access::Write => Err(Unsupported::WriteOnly(id)),
                 _ => self.driver.read(parameter),
@@ -121,6 +123,18 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         }
         in_range(parameter, id, raw)?;
         Ok(parameter)
+    }
+
+    /// The raw value of a parameter in what the drive answered, taken into the state and the scales.
+    ///
+    /// # Errors
+    /// What the driver finds wrong with the answer.
+    #[inline]
+    pub fn answered(&mut self, now: Instant, id: ParameterId, answer: &A) -> Result<i64, Failure> {
+        let entry = self.entries.get(usize::from(id.0));
+        let raw = self.driver.answer(entry.map(|entry| entry.parameter), answer)?;
+        self.note(now, id, raw);
+        Ok(raw)
     }
 
     /// Takes a raw reading of a parameter into the state and the scales.

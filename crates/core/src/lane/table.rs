@@ -9,12 +9,12 @@ use super::transfer::TransferKind;
 use super::{JOBS_MAX, STOP_JOBS};
 use crate::axis::Part;
 use crate::error::{Failure, Outcome, Unsupported};
-use crate::station::{AxisIndex, Request, Ticket};
+use crate::station::{AxisIndex, Event, Request, Ticket, To};
 use crate::time::{Instant, earliest};
 
 /// At most [`JOBS_MAX`] jobs. Bit n of each mask stands for job n.
 pub struct Table<R> {
-    jobs: Box<[Option<Job<R>>]>,
+    jobs: Box<[Option<Job<R>>; JOBS_MAX]>,
     used: u64,
     /// Has something to send.
     ready: u64,
@@ -36,7 +36,7 @@ pub struct Table<R> {
 impl<R: Request> Table<R> {
     pub fn new() -> Self {
         Self {
-            jobs: (0..JOBS_MAX).map(|_| None).collect(),
+            jobs: Box::new([const { None }; JOBS_MAX]),
             used: 0,
             ready: 0,
             urgent: 0,
@@ -79,8 +79,10 @@ impl<R: Request> Table<R> {
         let bit = 1 << n;
         self.used |= bit;
         self.ready |= bit;
-        self.urgent = self.urgent & !bit | u64::from(stop) << n;
-        self.going = self.going & !bit | u64::from(moves) << n;
+        if stop || moves || (self.urgent | self.going) & bit != 0 {
+            self.urgent = self.urgent & !bit | u64::from(stop) << n;
+            self.going = self.going & !bit | u64::from(moves) << n;
+        }
         Ok(())
     }
 
@@ -90,16 +92,20 @@ impl<R: Request> Table<R> {
         if self.ready == 0 {
             return None;
         }
-        let (urgent, going) = (self.ready & self.urgent, self.ready & self.going);
-        let from = match (urgent, going) {
-            (0, 0) => self.ready,
-            (0, going) => going,
-            (urgent, _) => urgent,
-        };
+        let mut from = self.ready;
+        if from & (self.urgent | self.going) != 0 {
+            let urgent = from & self.urgent;
+            from &= if urgent == 0 { self.going } else { urgent };
+        }
         let behind = from & self.behind;
         let pick = if behind == 0 { from } else { behind };
         let n = pick.trailing_zeros() as usize;
         Some((n, self.jobs.get_mut(n)?.as_mut()?))
+    }
+
+    /// Job `n`.
+    pub fn get_mut(&mut self, n: usize) -> Option<&mut Job<R>> {
+        self.jobs.get_mut(n)?.as_mut()
     }
 
     /// The request of job `n` is out: the next turn is another's.
@@ -115,8 +121,31 @@ impl<R: Request> Table<R> {
         self.follow(n, next);
     }
 
-    /// What the answer to its request makes of job `n`.
+    /// Takes the answer to a read of a parameter, if the event is one: what happens most, so it is
+    /// looked at first. Returns false when it is something else.
     #[inline]
+    pub fn read_answered<A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &mut [Slot<R, A>],
+        event: &Event<A>,
+    ) -> bool {
+        let (To::Ticket(Ticket(n)), Ok(answer)) = event else { return false };
+        let n = *n as usize;
+        let Some(Some(job)) = self.jobs.get_mut(n) else { return false };
+        let (Task::Read(_), Asked::Read(id), Parts::None) = (&job.task, job.asked, job.parts)
+        else {
+            return false;
+        };
+        let Some(slot) = slots.get_mut(usize::from(job.axis)) else { return false };
+        match slot.answered(now, id, answer) {
+            Ok(raw) => self.end(n, Outcome::Done(raw)),
+            Err(failure) => self.fail(n, failure),
+        }
+        true
+    }
+
+    /// What the answer to its request makes of job `n`.
     pub fn answered<A: Copy + 'static>(
         &mut self,
         now: Instant,
@@ -131,13 +160,6 @@ impl<R: Request> Table<R> {
             Ok(answer) => slot.driver.answer(parameter, answer),
             Err(failure) => Err(*failure),
         };
-        // What happens most, ahead of everything else: a read was answered.
-        if let (Task::Read(_), Asked::Read(id), Parts::None, Ok(raw)) =
-            (&job.task, job.asked, job.parts, raw)
-        {
-            slot.note(now, id, raw);
-            return self.end(n, Outcome::Done(raw));
-        }
         let raw = execute::together(job, raw);
         let next = execute::answered(now, job, slot, raw);
         self.follow(n, next);
@@ -191,6 +213,11 @@ impl<R: Request> Table<R> {
         self.ended |= 1 << n;
     }
 
+    #[cold]
+    fn fail(&mut self, n: usize, failure: Failure) {
+        self.end(n, Outcome::NotDone(failure));
+    }
+
     /// Ends a job wherever it is.
     fn end_at_once(&mut self, n: usize, outcome: Outcome) {
         self.ready &= !(1 << n);
@@ -207,12 +234,15 @@ impl<R: Request> Table<R> {
         let n = self.ended.trailing_zeros() as usize;
         self.ended &= !(1 << n);
         self.used &= !(1 << n);
-        let job = self.jobs[n].take()?;
-        match job.outcome? {
-            // Made anew, as one number: what was just written in parts is slow to read as a whole.
-            Outcome::Done(raw) => Some((job.ticket, Outcome::Done(raw))),
-            outcome => Some((job.ticket, outcome)),
+        let place = self.jobs.get_mut(n)?;
+        let job = place.as_ref()?;
+        // Made anew, as one number: what was just written in parts is slow to read as a whole.
+        if let Some(Outcome::Done(raw)) = job.outcome {
+            let ticket = job.ticket;
+            *place = None;
+            return Some((ticket, Outcome::Done(raw)));
         }
+        failed(place)
     }
 
     /// Ends what runs on an axis, reads excepted: a stop is next.
@@ -295,6 +325,13 @@ impl<R: Request> Table<R> {
             }
         }
     }
+}
+
+/// Takes a job that is through out of its place.
+#[cold]
+fn failed<R>(place: &mut Option<Job<R>>) -> Option<(Ticket, Outcome)> {
+    let job = place.take()?;
+    Some((job.ticket, job.outcome?))
 }
 
 fn bits(mut mask: u64) -> impl Iterator<Item = usize> {

@@ -31,10 +31,11 @@ impl Pace {
         Self { character_ns: tolerated(line.characters_ns(1)), left: Instant::ZERO, early: 0 }
     }
 
-    /// A request was put on the line at `now` and takes `ns`; what was held is dropped.
+    /// A request was put on the line at `now` and takes `ns` at least, [`tolerated`]; what was held
+    /// is dropped.
     #[inline]
     pub const fn sent(&mut self, now: Instant, ns: u64) {
-        self.left = now.plus_ns(tolerated(ns));
+        self.left = now.plus_ns(ns);
         self.early = 0;
     }
 
@@ -63,7 +64,7 @@ impl Pace {
 
 #[cfg(test)]
 mod tests {
-    use super::Pace;
+    use super::{Pace, tolerated};
     use crate::medium::SerialLine;
     use crate::time::Instant;
 
@@ -72,16 +73,16 @@ mod tests {
         let line = SerialLine::n81(9600);
         let mut pace = Pace::new(&line);
         let at = |characters: u32| Instant(line.characters_ns(characters));
-        pace.sent(Instant::ZERO, line.characters_ns(9));
+        pace.sent(Instant::ZERO, tolerated(line.characters_ns(9)));
         pace.heard(at(10), 9);
         assert_eq!(pace.early(), 8, "only the last of them can have begun behind the request");
         pace.took(5);
         assert_eq!(pace.early(), 3);
-        pace.sent(Instant::ZERO, line.characters_ns(9));
+        pace.sent(Instant::ZERO, tolerated(line.characters_ns(9)));
         pace.heard(at(18), 9);
         assert_eq!(pace.early(), 0);
         // A head that was handed over too soon makes the frame late, whenever its tail comes.
-        pace.sent(Instant::ZERO, line.characters_ns(9));
+        pace.sent(Instant::ZERO, tolerated(line.characters_ns(9)));
         pace.heard(at(8), 2);
         pace.heard(at(100), 9);
         assert_eq!(pace.early(), 2);

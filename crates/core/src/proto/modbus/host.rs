@@ -18,7 +18,7 @@ use crate::error::Failure;
 use crate::medium::{SerialLine, Stream};
 use crate::proto::HostOptions;
 use crate::proto::events::Events;
-use crate::proto::pace::Pace;
+use crate::proto::pace::{Pace, tolerated};
 use crate::station::{self, Class, Counters, Event, LineEvent, Station, Ticket, Timed, To};
 use crate::time::Instant;
 
@@ -198,7 +198,10 @@ impl Host {
                 GAP_TRUE_CHARACTERS => rtu::true_silence_ns(&line),
                 us => u64::from(us) * 1000,
             }),
-            silence_ns: rtu::silence_ns(&line),
+            silence_ns: match format {
+                Format::Rtu => rtu::silence_ns(&line),
+                Format::Ascii => 0,
+            },
             echo: if options.echo { Echo::Always } else { Echo::Unknown },
             timed: options.baud != 0,
             pace: Pace::new(&line),
@@ -301,11 +304,27 @@ impl Host {
     /// When the line has been silent for long enough.
     #[inline]
     fn quiet(&self) -> Instant {
+        let Some(active) = self.active_at else { return Instant::ZERO };
         let unit = match (self.sending, &self.current) {
             (Some(Sending::Request), Some(current)) => Some(current.request.unit),
             _ => self.sent_unit,
         };
-        self.active_at.map_or(Instant::ZERO, |active| active.plus_ns(self.gap_to(unit)))
+        let gap = self.gap_ns.unwrap_or(if self.timed { self.silence_ns } else { 0 });
+        if unit == self.sent_unit && unit != Some(BROADCAST) {
+            return active.plus_ns(gap);
+        }
+        active.plus_ns(gap.max(self.other_gap_ns()))
+    }
+
+    /// Least silence before a frame to another station than the one spoken to last.
+    #[cold]
+    fn other_gap_ns(&self) -> u64 {
+        let timed = self.timed && self.format == Format::Rtu && self.gap_ns.is_none();
+        match self.sent_unit {
+            Some(BROADCAST) => u64::from(STATION_GAP_US) * 1000,
+            Some(_) if timed => u64::from(STATION_GAP_US) * 1000,
+            _ => 0,
+        }
     }
 
     fn latest(&self) -> Instant {
@@ -313,19 +332,6 @@ impl Host {
         match (self.sending, &self.current) {
             (Some(Sending::Request), Some(current)) => current.since.plus_ns(patience),
             _ => self.deadline.unwrap_or(Instant::FAR),
-        }
-    }
-
-    /// Silence before a frame to a station.
-    #[inline]
-    fn gap_to(&self, unit: Option<u8>) -> u64 {
-        let timed = self.timed && self.format == Format::Rtu;
-        let gap = self.gap_ns.unwrap_or(if timed { self.silence_ns } else { 0 });
-        let other = self.sent_unit.is_some() && unit != self.sent_unit;
-        if self.sent_unit == Some(BROADCAST) || (other && timed && self.gap_ns.is_none()) {
-            gap.max(u64::from(STATION_GAP_US) * 1000)
-        } else {
-            gap
         }
     }
 
@@ -359,7 +365,7 @@ impl Host {
         }
         self.junk = false;
         self.characters.clear();
-        self.pace.sent(now, gone);
+        self.pace.sent(now, tolerated(gone));
         self.counters.sent += 1;
         if owed.unit == BROADCAST {
             self.succeed();

@@ -39,8 +39,8 @@ pub struct SerialHost {
     len: usize,
     sent: [u8; DATAGRAM],
     echo_due: bool,
-    last_byte: Instant,
-    noise: Instant,
+    /// Until when the line has to be silent.
+    quiet: Instant,
     shifted: bool,
 }
 
@@ -52,29 +52,40 @@ impl SerialHost {
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
         let line = SerialLine::n81(options.baud);
         let on_wire_ns = line.characters_ns(2 * DATAGRAM as u32);
+        let quiet_ns = line.characters_ns(QUIET_CHARACTERS);
+        let gap_ns = match options.gap_us {
+            Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
+            gap => u64::from(gap.unwrap_or(0)) * 1_000,
+        };
         Self {
             session: Session::new(host.into(), timeout),
             line,
             on_wire_ns: (tolerated(on_wire_ns), on_wire_ns),
             pace: Pace::new(&line),
-            quiet_ns: line.characters_ns(QUIET_CHARACTERS),
+            quiet_ns,
             host,
-            gap_ns: match options.gap_us {
-                Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
-                gap => u64::from(gap.unwrap_or(0)) * 1_000,
-            },
+            gap_ns,
             buffer: [0; DATAGRAM],
             len: 0,
             sent: [0; DATAGRAM],
             echo_due: false,
-            last_byte: Instant::ZERO,
-            noise: Instant::ZERO,
+            quiet: Instant(quiet_ns.max(gap_ns)),
             shifted: false,
         }
     }
 
-    /// Judges nine bytes and returns how many of them are done with: all, or one.
+    /// Takes nine bytes that are just the good reply that is waited for. Returns false when they are
+    /// not. An echo never is: no module has the host's address.
     #[inline]
+    fn usual(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> bool {
+        let reply = Reply::unchecked(window);
+        self.pace.early() == 0
+            && checksum(window) == window[DATAGRAM - 1]
+            && reply.host == self.host
+            && self.session.usual(now, reply)
+    }
+
+    /// Judges nine bytes and returns how many of them are done with: all, or one.
     fn window(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
         if self.echo_due && *window == self.sent {
             self.echo_due = false;
@@ -109,8 +120,18 @@ impl SerialHost {
         }
         self.session.counters.corrupt += u64::from(window[0] == self.host);
         self.session.counters.skipped += 1;
-        self.noise = now;
+        self.quiet = self.quiet.max(now.plus_ns(self.quiet_ns));
         1
+    }
+
+    /// Takes nine bytes that came at once and are something else.
+    #[cold]
+    fn unusual(&mut self, now: Instant, window: &[u8; DATAGRAM]) {
+        let done = self.window(now, window);
+        self.pace.took(done);
+        if done < DATAGRAM {
+            self.collect(now, &window[done..]);
+        }
     }
 
     /// Takes bytes one by one.
@@ -151,16 +172,14 @@ impl Timed for SerialHost {
 impl Station<Stream> for SerialHost {
     #[inline]
     fn handle_input(&mut self, now: Instant, bytes: &[u8]) {
-        self.last_byte = now;
+        self.quiet = self.quiet.max(now.plus_ns(self.gap_ns));
         self.pace.heard(now, self.len + bytes.len());
         // A whole datagram at once, as nearly always, is looked at where it lies.
         if self.len == 0
             && let Ok(window) = bytes.try_into()
         {
-            let done = self.window(now, window);
-            self.pace.took(done);
-            if done < DATAGRAM {
-                self.collect(now, &bytes[done..]);
+            if !self.usual(now, window) {
+                self.unusual(now, window);
             }
         } else {
             self.collect(now, bytes);
@@ -184,15 +203,16 @@ impl Station<Stream> for SerialHost {
             *out.first_mut()? = 0;
             return Some(1);
         }
-        let quiet = self.last_byte.plus_ns(self.gap_ns).max(self.noise.plus_ns(self.quiet_ns));
-        if now < quiet {
-            self.session.hold(quiet);
+        if now < self.quiet {
+            self.session.hold(self.quiet);
         }
         let request = self.session.transmit(now, self.on_wire_ns)?;
         self.shifted = false;
-        self.session.counters.skipped += self.len as u64;
-        self.len = 0;
-        self.pace.sent(now, self.on_wire_ns.1 / 2);
+        if self.len > 0 {
+            self.session.counters.skipped += self.len as u64;
+            self.len = 0;
+        }
+        self.pace.sent(now, self.on_wire_ns.0 / 2);
         let bytes = request.emit();
         self.sent = bytes;
         self.echo_due = true;

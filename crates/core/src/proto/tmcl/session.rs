@@ -87,6 +87,12 @@ struct Pending {
     not_before: Instant,
     earliest: Instant,
     deadline: Instant,
+    doubts: Doubts,
+}
+
+/// What makes the next reply less than certain.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Doubts {
     /// Replies of the same opcode that may still come for older requests.
     ambiguous: u8,
     bad_sum: bool,
@@ -94,6 +100,16 @@ struct Pending {
     early: bool,
     /// A stop waits: no further attempt.
     cut_short: bool,
+}
+
+impl Doubts {
+    const NONE: Self = Self {
+        ambiguous: 0,
+        bad_sum: false,
+        bad_sum_of_module: false,
+        early: false,
+        cut_short: false,
+    };
 }
 
 impl Pending {
@@ -108,11 +124,7 @@ impl Pending {
             not_before: now,
             earliest: now,
             deadline: now,
-            ambiguous,
-            bad_sum: false,
-            bad_sum_of_module: false,
-            early: false,
-            cut_short: false,
+            doubts: Doubts { ambiguous, ..Doubts::NONE },
         }
     }
 }
@@ -143,7 +155,7 @@ pub struct Session {
     /// is taken for fiction (USB).
     early_streak: u8,
     /// Replies in a row that took their time.
-    timely: u8,
+    timely: u64,
     up: bool,
     pub(super) counters: Counters,
 }
@@ -151,7 +163,7 @@ pub struct Session {
 /// Requests in a row whose only reply came too soon, after which replies are taken as they come.
 const EARLY_MAX: u8 = 2;
 /// Replies in a row that took their time, after which the baud rate is believed again.
-const TIMELY_MIN: u8 = 16;
+const TIMELY_MIN: u64 = 16;
 
 impl Session {
     pub(super) fn new(host: u16, timeout_ms: u32) -> Self {
@@ -272,8 +284,30 @@ impl Session {
         }
     }
 
-    /// Takes a reply that passed every check of the wire.
+    /// Takes the good reply that is waited for, where nothing is in doubt: what happens most, so it
+    /// is looked at first. Returns false when it is something else.
     #[inline]
+    pub(super) fn usual(&mut self, now: Instant, reply: Reply) -> bool {
+        let Some(pending) = &self.pending else { return false };
+        let request = &pending.ask.request;
+        let ours = reply.module == request.address
+            && reply.opcode == request.opcode
+            && reply.status == Status::Ok
+            && request.opcode != Opcode::ReadMemory;
+        let plain = pending.sent && pending.attempts == 1 && pending.doubts == Doubts::NONE;
+        let trusted = !self.suspicious && self.early_streak == 0 && now >= pending.earliest;
+        let (true, true, true, Some(ticket)) = (ours, plain, trusted, pending.ticket) else {
+            return false;
+        };
+        self.timely += 1;
+        self.heard[usize::from(reply.module >> 6)] |= 1 << (reply.module & 63);
+        self.counters.answered += 1;
+        self.pending = None;
+        self.events.push(To::Ticket(ticket), Ok(Answer::Reply(reply)));
+        true
+    }
+
+    /// Takes a reply that passed every check of the wire.
     pub(super) fn reply(&mut self, now: Instant, reply: Reply, soon: bool) {
         if is_event(&reply) { self.event(reply) } else { self.judge(now, reply, soon) }
     }
@@ -350,7 +384,7 @@ impl Session {
                 self.start(now, Some(ticket), ask);
             }
             (Some(_), true) => {
-                pending.cut_short = true;
+                pending.doubts.cut_short = true;
                 self.stop = Some((ticket, ask));
             }
             (None, _) => {
@@ -377,7 +411,6 @@ impl Session {
         self.pending = Some(Pending::new(now, ticket, ask, ambiguous));
     }
 
-    #[inline]
     fn judge(&mut self, now: Instant, reply: Reply, soon: bool) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
             self.counters.late += 1;
@@ -385,8 +418,8 @@ impl Session {
         };
         let request = &pending.ask.request;
         if reply.status == Status::WrongChecksum {
-            pending.bad_sum = true;
-            pending.bad_sum_of_module = reply.module == request.address;
+            pending.doubts.bad_sum = true;
+            pending.doubts.bad_sum_of_module = reply.module == request.address;
             pending.deadline = pending.deadline.min(now.plus_ns(GRACE_NS));
             return;
         }
@@ -400,13 +433,13 @@ impl Session {
         }
         let soon = soon || now < pending.earliest;
         if soon && self.early_streak < EARLY_MAX {
-            pending.early = true;
+            pending.doubts.early = true;
             self.counters.late += 1;
             return;
         }
-        self.timely = if soon { 0 } else { self.timely.saturating_add(1) };
-        if pending.ambiguous > 0 {
-            pending.ambiguous -= 1;
+        self.timely = if soon { 0 } else { self.timely + 1 };
+        if pending.doubts.ambiguous > 0 {
+            pending.doubts.ambiguous -= 1;
             self.counters.late += 1;
             return;
         }
@@ -432,11 +465,10 @@ impl Session {
     }
 
     /// What is outstanding was answered: what that says of the module, and what comes next.
-    #[inline]
     fn close(&mut self, now: Instant) {
         let Some(pending) = &self.pending else { return };
         let (probe, module) = (pending.ticket.is_none(), pending.ask.request.address);
-        let doubtful = pending.attempts > 1 || pending.bad_sum;
+        let doubtful = pending.attempts > 1 || pending.doubts.bad_sum;
         self.heard[usize::from(module >> 6)] |= 1 << (module & 63);
         if self.early_streak < EARLY_MAX || self.timely >= TIMELY_MIN {
             self.early_streak = 0;
@@ -463,15 +495,15 @@ impl Session {
     /// No answer in time.
     fn expired(&mut self, now: Instant) {
         let Some(mut pending) = self.pending.take() else { return };
-        if pending.early {
+        if pending.doubts.early {
             self.early_streak = (self.early_streak + 1).min(EARLY_MAX);
         }
         let resendable = matches!(pending.ask.class, Class::Idempotent | Class::Stop);
         let attempts = if self.knows(pending.ask.request.address) { ATTEMPTS_MAX } else { 2 };
         let user = pending.ticket.is_some();
-        if user && resendable && pending.attempts < attempts && !pending.cut_short {
+        if user && resendable && pending.attempts < attempts && !pending.doubts.cut_short {
             pending.sent = false;
-            pending.bad_sum = false;
+            pending.doubts.bad_sum = false;
             pending.ready = now;
             pending.not_before = now;
             self.pending = Some(pending);
@@ -483,7 +515,7 @@ impl Session {
         self.suspect(now, &pending, worth);
         if user {
             self.counters.silent += 1;
-            let failure = match pending.bad_sum && pending.bad_sum_of_module {
+            let failure = match pending.doubts.bad_sum && pending.doubts.bad_sum_of_module {
                 true => Failure::Refused { code: Status::WrongChecksum.number().into() },
                 false => Failure::Silent,
             };
@@ -541,7 +573,7 @@ impl Session {
         }
         suspect.until = suspect.until.max(until);
         // A module that says "wrong checksum" is there and quick: it is worth trying on.
-        suspect.probe_due = probe && (suspect.probes < PROBES_MAX || pending.bad_sum);
+        suspect.probe_due = probe && (suspect.probes < PROBES_MAX || pending.doubts.bad_sum);
         self.suspicious = true;
     }
 

@@ -13,7 +13,7 @@ use super::wire::{IdCode, Instruction, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
-use crate::proto::pace::Pace;
+use crate::proto::pace::{Pace, tolerated};
 use crate::proto::{self, GROUP, HostOptions};
 use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
@@ -215,7 +215,7 @@ impl Station<Stream> for SerialHost {
             Out::Message(message) => {
                 let mut frame = [0; FRAME_MAX];
                 let len = serial::encode(&message, &mut frame);
-                self.pace.sent(now, self.line.characters_ns(len as u32));
+                self.pace.sent(now, tolerated(self.line.characters_ns(len as u32)));
                 self.sent = Some(message);
                 out.get_mut(..len)?.copy_from_slice(&frame[..len]);
                 Some(len)
