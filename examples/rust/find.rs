@@ -6,6 +6,7 @@
 //! The second word is the highest address that is tried (8).
 
 use polepair::scan::scan;
+use std::ops::ControlFlow;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let words: Vec<String> = std::env::args().skip(1).collect();
@@ -15,6 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let connector = polepair::Connector::discover()?;
     let found = scan(&connector, url, 1..=last, &mut |at| {
         eprint!("\raddress {} ({} of {}) ", at.number, at.done + 1, at.of);
+        ControlFlow::Continue(())
     })?;
     eprintln!();
     for drive in &found.found {

@@ -165,6 +165,7 @@ fn operand_text(operand: Operand) -> String {
         Argument::Acceleration => "acceleration",
         Argument::Torque => "torque",
         Argument::JerkTime => "time of the jerk",
+        Argument::Period => "period",
     };
     match operand {
         Operand::Is(raw) => raw.to_string(),

@@ -78,7 +78,7 @@ const fn customary(kind: AxisKind, argument: Argument) -> Unit {
         (AxisKind::Rotary, Argument::Acceleration) => Unit::RpmPerSecond,
         (AxisKind::Linear, Argument::Target) => Unit::Millimetre,
         (AxisKind::Ratio, Argument::Target) => Unit::Percent,
-        (_, Argument::JerkTime) => Unit::Second,
+        (_, Argument::JerkTime | Argument::Period) => Unit::Second,
         _ => Unit::None,
     }
 }
@@ -91,6 +91,7 @@ pub fn argument(axis: &Axis, verb: Verb, which: Argument, text: &str) -> Result<
             Argument::Acceleration => "--acc",
             Argument::Torque => "--torque",
             Argument::JerkTime => "--s-curve",
+            Argument::Period => "--period",
             Argument::Target => "VALUE",
         };
         let name = axis.profile().name;

@@ -51,6 +51,8 @@ pub enum Format {
     Text,
     /// One JSON object a reading
     Jsonl,
+    /// Comma-separated, with a head
+    Csv,
 }
 
 impl Target {

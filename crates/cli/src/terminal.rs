@@ -135,3 +135,12 @@ impl Table {
         text
     }
 }
+
+/// A line of comma-separated values.
+pub fn csv<'a>(fields: impl IntoIterator<Item = &'a str>) -> String {
+    let quoted = |field: &str| match field.contains([',', '"', '\n']) {
+        true => format!("\"{}\"", field.replace('"', "\"\"")),
+        false => field.to_owned(),
+    };
+    fields.into_iter().map(quoted).collect::<Vec<_>>().join(",")
+}

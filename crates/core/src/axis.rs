@@ -42,13 +42,17 @@ pub enum Verb {
     Home,
     /// Wait until the last move or homing is done. Moves nothing.
     Reached,
+    /// Give its time to the other drives of its bus, again and again.
+    GiveTime,
+    /// Give its time no more.
+    WithholdTime,
     /// Put the settings into permanent memory.
     Store,
 }
 
 impl Verb {
     /// Every verb.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 17] = [
         Self::Enable,
         Self::Disable,
         Self::Stop,
@@ -63,6 +67,8 @@ impl Verb {
         Self::CurveBy,
         Self::Home,
         Self::Reached,
+        Self::GiveTime,
+        Self::WithholdTime,
         Self::Store,
     ];
 
@@ -84,6 +90,8 @@ impl Verb {
             Self::CurveBy => "curve-by",
             Self::Home => "home",
             Self::Reached => "reached",
+            Self::GiveTime => "give-time",
+            Self::WithholdTime => "withhold-time",
             Self::Store => "store",
         }
     }
@@ -104,7 +112,7 @@ impl Verb {
     /// Whether a caller can give it such an argument. All others are never there.
     #[must_use]
     pub const fn takes(self, argument: Argument) -> bool {
-        use Argument::{Acceleration, JerkTime, Target, Torque, Velocity};
+        use Argument::{Acceleration, JerkTime, Period, Target, Torque, Velocity};
         match self {
             Self::Velocity => matches!(argument, Velocity | Acceleration),
             Self::Torque => matches!(argument, Torque),
@@ -115,6 +123,7 @@ impl Verb {
                 matches!(argument, Target | Velocity | Acceleration | JerkTime)
             }
             Self::Home => matches!(argument, Velocity),
+            Self::GiveTime => matches!(argument, Period),
             _ => false,
         }
     }
@@ -142,6 +151,8 @@ pub struct Command {
     pub torque: Option<f64>,
     /// How long the acceleration takes to build up.
     pub jerk_time: Option<f64>,
+    /// How often.
+    pub period: Option<f64>,
 }
 
 impl Command {
@@ -154,6 +165,7 @@ impl Command {
             Argument::Acceleration => self.acceleration,
             Argument::Torque => self.torque,
             Argument::JerkTime => self.jerk_time,
+            Argument::Period => self.period,
         }
     }
 
@@ -167,6 +179,7 @@ impl Command {
             acceleration: None,
             torque: None,
             jerk_time: None,
+            period: None,
         }
     }
 }
@@ -529,9 +542,10 @@ pub trait Axes {
         Err(Unsupported::NoPlan)
     }
 
-    /// What one drive of a group answered; it comes before the outcome of its ticket, in the order of
-    /// the drives' addresses.
-    fn poll_part(&mut self) -> Option<Part> {
+    /// What the next drive of a group answered under `ticket`; it comes before the outcome, in the
+    /// order of the drives' addresses.
+    fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
+        let _ = ticket;
         None
     }
 

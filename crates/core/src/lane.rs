@@ -40,8 +40,7 @@ pub const JOBS_MAX: usize = 64;
 /// because of it.
 pub const STOP_JOBS: usize = 4;
 
-/// Answers of a group's drives that wait to be taken at most; what comes beyond is in the outcome
-/// alone.
+/// Answers of a group's drives that wait to be taken at most; the oldest go first, which nobody took.
 pub const PARTS_MAX: usize = 512;
 
 /// One host, its axes, and the jobs that take turns on it.
@@ -142,9 +141,11 @@ fn take<R: Request, A: Copy + 'static>(
         (To::Address(address), Ok(answer)) => slot::unasked(now, slots, *address, answer),
         (To::Part(Ticket(n), address), _) => {
             let part = jobs.part(now, slots, (*n as usize, *address), answer);
-            if let Some(part) = part.filter(|_| parts.len() < parts.capacity()) {
-                parts.push_back(part);
+            let Some(part) = part else { return };
+            if parts.len() >= PARTS_MAX {
+                parts.pop_front();
             }
+            parts.push_back(part);
         }
         (To::Address(_), Err(_)) => {}
     }
@@ -364,8 +365,9 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         self.jobs.outcome()
     }
 
-    fn poll_part(&mut self) -> Option<Part> {
-        self.parts.pop_front()
+    fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
+        let at = self.parts.iter().position(|part| part.ticket == ticket)?;
+        self.parts.remove(at)
     }
 
     fn rehearse(

@@ -232,8 +232,8 @@ impl Axes for Mux {
         lane.order(now, ticket, axis, order)
     }
 
-    fn poll_part(&mut self) -> Option<Part> {
-        self.lanes.iter_mut().find_map(|lane| lane.poll_part())
+    fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
+        self.lanes.iter_mut().find_map(|lane| lane.poll_part(ticket))
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {

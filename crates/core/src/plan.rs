@@ -149,4 +149,6 @@ pub enum Argument {
     Torque,
     /// How long the acceleration takes to build up.
     JerkTime,
+    /// How often.
+    Period,
 }

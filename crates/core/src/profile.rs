@@ -319,11 +319,13 @@ pub enum Signal {
     Reached,
     /// Mode of operation.
     Mode,
+    /// Its own time, which drives of a bus may keep together.
+    Time,
 }
 
 impl Signal {
     /// Number of signals.
-    pub const COUNT: usize = 13;
+    pub const COUNT: usize = 14;
     /// Every signal, in order.
     pub const ALL: [Self; Self::COUNT] = [
         Self::Position,
@@ -339,6 +341,7 @@ impl Signal {
         Self::Moving,
         Self::Reached,
         Self::Mode,
+        Self::Time,
     ];
 
     /// The word users type.
@@ -358,6 +361,7 @@ impl Signal {
             Self::Moving => "moving",
             Self::Reached => "reached",
             Self::Mode => "mode",
+            Self::Time => "time",
         }
     }
 }

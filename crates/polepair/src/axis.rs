@@ -210,6 +210,31 @@ impl Axis {
         self.ask(&what, |axes, now, ticket| axes.read(now, ticket, self.index, id))
     }
 
+    /// Reads a parameter of each drive that the axis stands for, raw, with the drive's address: of a
+    /// group one value a drive that answered, in the order of their addresses.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; that the drives of a group have different values is none.
+    pub fn read_each(&self, id: ParameterId) -> Result<Vec<(u32, i64)>, Error> {
+        let what = format!("reading `{}`", self.parameter(id)?.name);
+        let submit = |axes: &mut dyn polepair_core::axis::Axes, now: Instant, ticket: Ticket| {
+            axes.read(now, ticket, self.index, id)
+        };
+        let pending = self.connection.submit(submit).map_err(|why| self.refuse(&what, why))?;
+        let ticket = pending.ticket();
+        let ended = Running { axis: self.clone(), pending, what }.finish();
+        let parts = self.connection.with(|axes, _| {
+            let parts = std::iter::from_fn(|| axes.poll_part(ticket));
+            parts.map(|part| (part.address, part.raw)).collect::<Vec<_>>()
+        });
+        match ended {
+            Ok(raw) if parts.is_empty() => Ok(vec![(self.number, raw)]),
+            Err(error @ Error::Interrupted { .. }) => Err(error),
+            Err(error) if parts.is_empty() => Err(error),
+            Ok(_) | Err(_) => Ok(parts),
+        }
+    }
+
     /// Writes a parameter, raw; `keep` also has the drive keep it over power-off.
     ///
     /// # Errors

@@ -242,7 +242,7 @@ impl Connector {
     /// Axes by number on one line, whatever others it has. One host at a time.
     pub(crate) fn axes_found(&self, line: &Line, found: &[Found]) -> Result<Vec<Axis>, Error> {
         let profiles: Vec<_> = found.iter().map(|one| (one.profile, one.number)).collect();
-        let (connection, before) = line.probe(&profiles)?;
+        let (connection, before) = line.probe(&profiles, false)?;
         let axis = |(n, one): (usize, &Found)| Axis {
             connection: connection.clone(),
             index: AxisIndex(u8::try_from(before + n).unwrap_or(u8::MAX)),
@@ -406,6 +406,7 @@ fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
         echo: url.flag("echo")?,
         answers_only: answers_only(url)?,
+        probing: false,
         ..HostOptions::new(baud)
     })
 }
@@ -506,11 +507,13 @@ impl Line {
     pub(crate) fn probe(
         &self,
         axes: &[(&'static polepair_core::profile::Profile, u32)],
+        probing: bool,
     ) -> Result<(Connection, usize), Error> {
         let relay = self.relay.filter(|relay| axes.iter().all(|(_, number)| number != relay));
         let first = relay.map(|relay| (self.spoken.generic, relay));
         let all: Vec<_> = first.into_iter().chain(axes.iter().copied()).collect();
-        Ok((self.connection(&all)?, all.len() - axes.len()))
+        let options = HostOptions { probing, ..self.options };
+        Ok((self.connection_with(options, &all)?, all.len() - axes.len()))
     }
 
     /// A host with these axes on the wire. One at a time.
@@ -518,8 +521,16 @@ impl Line {
         &self,
         axes: &[(&'static polepair_core::profile::Profile, u32)],
     ) -> Result<Connection, Error> {
+        self.connection_with(self.options, axes)
+    }
+
+    fn connection_with(
+        &self,
+        options: HostOptions,
+        axes: &[(&'static polepair_core::profile::Profile, u32)],
+    ) -> Result<Connection, Error> {
         let missing = || Error::usage("E203", "the protocol has no host", "");
-        let (name, options) = (self.spoken.name, self.options);
+        let name = self.spoken.name;
         Ok(match &self.link {
             SharedLink::Serial(link) => {
                 let lane = registry::lane(name, options, axes).ok_or_else(missing)?;

@@ -47,6 +47,7 @@ pub(crate) struct Prober<'a> {
     line: &'a Line,
     candidates: Vec<(&'static Profile, Identity)>,
     patience: Option<Duration>,
+    looking: bool,
 }
 
 /// What one address gave.
@@ -66,12 +67,18 @@ impl<'a> Prober<'a> {
         let known = config.all_profiles().filter(speaks);
         let candidates = known.filter_map(|p| Some((p, p.identity?)));
         let candidates = candidates.take(CANDIDATES_MAX).collect();
-        Self { line, candidates, patience: None }
+        Self { line, candidates, patience: None, looking: false }
     }
 
     /// Waits for each answer at most so long, whatever the host would.
     pub(crate) fn patient(mut self, patience: Option<Duration>) -> Self {
         self.patience = patience;
+        self
+    }
+
+    /// Takes silence for an empty address without trying twice: most are.
+    pub(crate) fn looking(mut self) -> Self {
+        self.looking = true;
         self
     }
 
@@ -110,7 +117,7 @@ impl<'a> Prober<'a> {
         let generic = self.line.spoken.generic;
         let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
         axes.push((generic, number));
-        let (connection, before) = self.line.probe(&axes)?;
+        let (connection, before) = self.line.probe(&axes, self.looking)?;
         let (mut heard, mut best) = (false, None::<(u32, usize, i64)>);
         let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {

@@ -4,7 +4,7 @@
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! use polepair::scan::scan;
 //! let connector = polepair::Connector::default();
-//! let scan = scan(&connector, "sim:tmcl?axes=2&time=virtual", 1..=4, &mut |_| {})?;
+//! let scan = scan(&connector, "sim:tmcl?axes=2&time=virtual", 1..=4, &mut |_| std::ops::ControlFlow::Continue(()))?;
 //! assert_eq!(scan.found.iter().map(|f| f.number).collect::<Vec<_>>(), [1, 3]);
 //! # }
 //! # Ok::<(), polepair::Error>(())
@@ -19,7 +19,7 @@ use crate::wire::{Shared, SharedLink};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::Profile;
 use polepair_link::{Link, Received};
-use std::ops::RangeInclusive;
+use std::ops::{ControlFlow, RangeInclusive};
 
 /// Addresses that one scan tries at most on one wire.
 const ADDRESSES_MAX: usize = 256;
@@ -37,6 +37,8 @@ pub struct Scan {
     pub tried: Vec<String>,
     /// Who answered, by address.
     pub found: Vec<Found>,
+    /// Addresses that were not asked any more because `progress` broke the scan off.
+    pub unasked: usize,
 }
 
 /// A drive that answered.
@@ -71,7 +73,8 @@ pub struct Progress {
 }
 
 /// Asks every address of the link's protocol, or those of `numbers` if that is not empty, who is
-/// there. Only reads are sent. `progress` hears of every address before it is asked.
+/// there. Only reads are sent. `progress` hears of every address before it is asked, and may
+/// break the scan off: what was found is kept.
 ///
 /// On a CAN bus it first listens who speaks by himself, and where the protocol has a question that
 /// every drive answers, that one question stands for asking each address.
@@ -83,7 +86,7 @@ pub fn scan(
     connector: &Connector,
     url: &str,
     numbers: impl Into<Numbers>,
-    progress: &mut dyn FnMut(Progress),
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Scan, Error> {
     let mut url = connector.url(url)?;
     // All drives of a simulated rack are there, whichever axes the string names.
@@ -93,7 +96,7 @@ pub fn scan(
     };
     let (lines, _simulation) = connector.lines(&url)?;
     let numbers = numbers.into();
-    let mut scan = Scan { tried: Vec::new(), found: Vec::new() };
+    let mut scan = Scan { tried: Vec::new(), found: Vec::new(), unasked: 0 };
     for line in &lines {
         let wanted = match (&numbers.0, axes.is_empty()) {
             (Some(range), _) => range.clone().take(ADDRESSES_MAX).collect(),
@@ -104,9 +107,12 @@ pub fn scan(
         };
         let every = numbers.0.is_none() && axes.is_empty();
         let wanted = candidates(line, wanted, every, &mut scan.tried)?;
-        let prober = Prober::new(line, &connector.config);
+        let prober = Prober::new(line, &connector.config).looking();
         for (done, &number) in wanted.iter().enumerate() {
-            progress(Progress { number, done, of: wanted.len() });
+            if progress(Progress { number, done, of: wanted.len() }).is_break() {
+                scan.unasked = wanted.len() - done;
+                return Ok(scan);
+            }
             let probe = prober.probe(number)?;
             if let Probe::Forbidden(hint) = probe {
                 scan.tried.push(format!("not address {number}: {hint}"));

@@ -81,7 +81,9 @@ fn one_question_finds_every_drive_where_the_protocol_has_one() {
     for url in ["sim:tmlcan:5,7,31?time=virtual", "sim:technocan:5,7,31?time=virtual"] {
         let watcher = Watcher::default();
         let connector = Connector::default().with_tap(watcher.clone());
-        let found = scan(&connector, url, Numbers::ALL, &mut |_| {}).unwrap();
+        let found =
+            scan(&connector, url, Numbers::ALL, &mut |_| std::ops::ControlFlow::Continue(()))
+                .unwrap();
         let numbers: Vec<u32> = found.found.iter().map(|found| found.number).collect();
         assert_eq!(numbers, [5, 7, 31], "{url}");
         assert!(found.tried[0].ends_with("all with one question"), "{:?}", found.tried);
@@ -116,7 +118,9 @@ fn a_relay_brings_its_host_to_the_axes_behind_it() {
     let far = link.named("y").unwrap();
     let position = far.signals(&[Signal::Position]).unwrap()[0];
     assert!(position.at.is_some() && position.value == 0.0);
-    let found = scan(&Connector::default(), &url, 1..=6, &mut |_| {}).unwrap();
+    let found =
+        scan(&Connector::default(), &url, 1..=6, &mut |_| std::ops::ControlFlow::Continue(()))
+            .unwrap();
     assert_eq!(found.found.iter().map(|found| found.number).collect::<Vec<_>>(), [1, 5]);
     std::fs::remove_file(&file).unwrap();
 }

@@ -72,7 +72,11 @@ fn a_scan_finds_who_is_there_and_says_what_it_tried() {
     let connector = Connector::default();
     let url = "sim:syntron-ts?axes=3&time=virtual";
     let mut asked = 0;
-    let scan = scan(&connector, url, 1..=5, &mut |_| asked += 1).unwrap();
+    let scan = scan(&connector, url, 1..=5, &mut |_| {
+        asked += 1;
+        std::ops::ControlFlow::Continue(())
+    })
+    .unwrap();
     assert_eq!(asked, 5);
     let numbers: Vec<u32> = scan.found.iter().map(|found| found.number).collect();
     assert_eq!(numbers, [1, 2, 3]);
@@ -86,9 +90,10 @@ fn a_silent_address_is_an_error_that_says_so() {
     let rack = "sim:syntron-ts:3?time=virtual";
     assert_eq!(connect(rack).unwrap().axes()[0].number(), 3);
     let connector = Connector::default();
-    let none = scan(&connector, rack, 4..=5, &mut |_| {}).unwrap();
+    let none = scan(&connector, rack, 4..=5, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
     assert!(none.found.is_empty());
-    let all = scan(&connector, rack, Numbers::ALL, &mut |_| {}).unwrap();
+    let all =
+        scan(&connector, rack, Numbers::ALL, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
     assert_eq!(all.found.len(), 1);
 }
 

@@ -140,7 +140,9 @@ impl Actor {
         say(&format!("scanning {url}"));
         let frames = Frames::default();
         let connector = connector(&url, &frames);
-        let found = polepair::scan::scan(&connector, &url, 1..=3, &mut |_| {});
+        let found = polepair::scan::scan(&connector, &url, 1..=3, &mut |_| {
+            std::ops::ControlFlow::Continue(())
+        });
         let found = found.map_err(outcome::error)?.found;
         for one in &found {
             say(&format!(

@@ -6,12 +6,13 @@ use polepair_capture::jsonl;
 use polepair_core::profile::{Access, Parameter, ParameterId};
 
 use crate::cmd::params::no_such_parameter;
+use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read};
+use crate::session::Session;
 use crate::target::{Format, Target};
-use crate::terminal::{Output, say};
+use crate::terminal::{Output, csv, say};
 
-/// Reads parameters by name, with their units.
+/// Reads parameters by name, with their units. A group answers drive by drive.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -37,14 +38,19 @@ impl Get {
         let session = self.target.open()?;
         session.listen();
         let mut out = Output::stdout();
+        if self.format == Format::Csv {
+            out.line("axis,name,symbol,raw,value,unit");
+        }
         let mut failed: Vec<Problem> = Vec::new();
         let mut shown = 0;
         for axis in session.axes() {
             for id in wanted(axis, &self.names)? {
-                match read(axis, id) {
-                    Ok(value) => {
+                match each(axis, id) {
+                    Ok(values) => {
                         shown += 1;
-                        self.show(&session, axis, id, &value, &mut out);
+                        for (number, value) in &values {
+                            self.show(&session, (axis, *number), id, value, &mut out);
+                        }
                     }
                     Err(problem) if problem.exit == Exit::Refused => failed.push(problem),
                     Err(problem) => {
@@ -61,22 +67,42 @@ impl Get {
     fn show(
         &self,
         session: &Session,
-        axis: &Axis,
+        (axis, number): (&Axis, u32),
         id: ParameterId,
         value: &Value,
         out: &mut Output,
     ) {
         let Some(parameter) = axis.profile().parameter(id) else { return };
-        if self.format == Format::Jsonl {
-            return object(axis, parameter, value, out.buffer());
+        match self.format {
+            Format::Jsonl => object(number, parameter, value, out.buffer()),
+            Format::Csv => out.line(&row(number, parameter, value)),
+            Format::Text => {
+                let shown = if self.raw { value.raw.to_string() } else { value.to_string() };
+                let who = match number == axis.number() {
+                    true => session.who(axis),
+                    false => format!("#{number} "),
+                };
+                out.line(&format!("{who}{} = {shown}", parameter.name));
+            }
         }
-        let shown = if self.raw { value.raw.to_string() } else { value.to_string() };
-        out.line(&format!("{}{} = {shown}", session.who(axis), parameter.name));
     }
 }
 
-fn object(axis: &Axis, parameter: &Parameter, value: &Value, out: &mut Vec<u8>) {
-    out.extend_from_slice(format!("{{\"axis\":{},\"name\":", axis.number()).as_bytes());
+/// The value of each drive that an axis stands for, with the drive's number.
+fn each(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, Value)>> {
+    let with_unit = |(number, raw)| Ok((number, axis.value(id, raw)?));
+    let parts = axis.read_each(id).and_then(|parts| parts.into_iter().map(with_unit).collect());
+    parts.map_err(outcome::error)
+}
+
+fn row(number: u32, parameter: &Parameter, value: &Value) -> String {
+    let number = number.to_string();
+    let (raw, shown) = (value.raw.to_string(), value.value.to_string());
+    csv([&number, parameter.name, parameter.symbol, &raw, &shown, parameter.unit.symbol()])
+}
+
+fn object(number: u32, parameter: &Parameter, value: &Value, out: &mut Vec<u8>) {
+    out.extend_from_slice(format!("{{\"axis\":{number},\"name\":").as_bytes());
     jsonl::string(out, parameter.name);
     out.extend_from_slice(b",\"symbol\":");
     jsonl::string(out, parameter.symbol);

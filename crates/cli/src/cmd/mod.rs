@@ -16,6 +16,7 @@ mod set;
 mod sim;
 mod stop;
 mod stream;
+mod sync;
 mod verbs;
 mod watch;
 
@@ -85,6 +86,8 @@ pub enum Verb {
     Stream(stream::Stream),
     /// Make programs, put them into a drive's memory, and run them
     Program(program::Program),
+    /// Keep the time of several drives together
+    Sync(sync::Sync),
     /// Show signals or parameters again and again
     Watch(watch::Watch),
     /// List the serial adapters, and why one cannot be used
@@ -120,6 +123,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Jog(verb) => verb.run(),
         Verb::Stream(verb) => verb.run(),
         Verb::Program(verb) => verb.run(),
+        Verb::Sync(verb) => verb.run(),
         Verb::Watch(verb) => verb.run(),
         Verb::Ports(verb) => verb.run(),
         Verb::Params(verb) => verb.run(),

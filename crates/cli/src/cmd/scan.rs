@@ -1,16 +1,17 @@
 //! `polepair scan URL [--ids 1-32]`
 
 use std::io::IsTerminal as _;
-use std::ops::RangeInclusive;
+use std::ops::{ControlFlow, RangeInclusive};
 
 use clap::Args;
 use polepair::scan::{Found, Numbers, Progress};
 use polepair_capture::jsonl;
 
+use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::target::{Format, Target};
-use crate::terminal::{Output, Table, colour_out, say};
+use crate::terminal::{Output, Table, colour_out, csv, say};
 
 /// Looks for drives on a link, by reads only.
 #[derive(Args, Debug)]
@@ -39,7 +40,9 @@ impl Scan {
             if live {
                 eprint!("\r\x1b[Kasking address {} ({} of {})", at.number, at.done + 1, at.of);
             }
+            if interrupt::came() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
+        interrupt::listen(|| {});
         let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut progress);
         if live {
             eprint!("\r\x1b[K");
@@ -50,9 +53,17 @@ impl Scan {
             Format::Text if scan.found.is_empty() => {}
             Format::Text => out.buffer().extend_from_slice(table(&scan.found).as_bytes()),
             Format::Jsonl => scan.found.iter().for_each(|found| object(found, out.buffer())),
+            Format::Csv => {
+                out.line("axis,drive,known,product,clash");
+                scan.found.iter().for_each(|found| out.line(&row(found)));
+            }
         }
         out.flush()?;
         scan.tried.iter().for_each(|tried| say(&format!("tried {tried}")));
+        if scan.unasked > 0 {
+            say(&format!("interrupted: {} addresses were not asked", scan.unasked));
+            return Err(Problem::interrupted());
+        }
         if scan.found.is_empty() {
             return Err(Problem::new(Exit::NoReply, "E403", "no drive answered.")
                 .why("Every address that was tried stayed silent.")
@@ -89,6 +100,12 @@ fn table(found: &[Found]) -> String {
         }
     }
     text
+}
+
+fn row(found: &Found) -> String {
+    let (number, known) = (found.number.to_string(), found.identified.to_string());
+    let clash = found.clash.as_deref().unwrap_or_default();
+    csv([&number, found.profile.name, &known, found.profile.title, clash])
 }
 
 fn object(found: &Found, out: &mut Vec<u8>) {

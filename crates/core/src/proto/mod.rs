@@ -72,6 +72,9 @@ pub struct HostOptions {
     /// Axes behind a relay only answer questions of their own: what they say unasked, or to a
     /// question to a group, does not come back.
     pub answers_only: bool,
+    /// Somebody looks for drives: an address that never answered is not tried again, so that silence
+    /// costs no more than it must.
+    pub probing: bool,
 }
 
 impl HostOptions {
@@ -92,6 +95,7 @@ impl HostOptions {
             host: None,
             echo: false,
             answers_only: false,
+            probing: false,
         }
     }
 }

@@ -9,8 +9,8 @@
 //! send FUNCTION INDEX VALUE [like NAME]   keep NAME        wait 50 ms
 //! ```
 //!
-//! VALUE is a number, `{target}`, `{velocity}`, `{acceleration}`, `{torque}`, `{jerk-time}`, or with a
-//! question mark, `{velocity?}`, where the step is left out when the caller gives none.
+//! VALUE is a number, `{target}`, `{velocity}`, `{acceleration}`, `{torque}`, `{jerk-time}`,
+//! `{period}`, or with a question mark, `{velocity?}`, where the step is left out when the caller gives none.
 
 use super::draft::{DraftStep, Named};
 use crate::file::{FileError, Found, Place, number};
@@ -23,12 +23,13 @@ pub(crate) const WAIT_MS_MAX: u32 = 86_400_000;
 const VERBS: [&str; 10] =
     ["write", "ensure", "read", "copy", "require", "no-fault", "until", "send", "keep", "wait"];
 
-const ARGUMENTS: [(&str, Argument); 5] = [
+const ARGUMENTS: [(&str, Argument); 6] = [
     ("target", Argument::Target),
     ("velocity", Argument::Velocity),
     ("acceleration", Argument::Acceleration),
     ("torque", Argument::Torque),
     ("jerk-time", Argument::JerkTime),
+    ("period", Argument::Period),
 ];
 
 /// How an argument is written.

@@ -133,7 +133,7 @@ impl Bench {
             self.world.step();
             let (outcome, parts) = self.axes(|axes, _| {
                 let outcome = axes.poll_outcome();
-                (outcome, std::iter::from_fn(|| axes.poll_part()).collect::<Vec<Part>>())
+                (outcome, std::iter::from_fn(|| axes.poll_part(ticket)).collect::<Vec<Part>>())
             });
             self.parts.extend(parts.iter().map(|part| (part.address, part.raw)));
             match outcome {

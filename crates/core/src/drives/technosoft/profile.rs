@@ -2976,7 +2976,7 @@ static TECHNOSOFT_F514L_FAULTS: [Fault; 16] = [
     },
 ];
 
-static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 11] = [
+static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 12] = [
     SignalSource {
         signal: Signal::Position,
         parameter: ParameterId(16),
@@ -3074,9 +3074,16 @@ static TECHNOSOFT_F514L_SIGNALS: [SignalSource; 11] = [
             (34570, "PT"),
         ],
     },
+    SignalSource {
+        signal: Signal::Time,
+        parameter: ParameterId(198),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
 ];
 
-static TECHNOSOFT_F514L_PLANS: [Plan; 15] = [
+static TECHNOSOFT_F514L_PLANS: [Plan; 17] = [
     Plan {
         verb: Verb::Enable,
         source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there",
@@ -3486,6 +3493,23 @@ static TECHNOSOFT_F514L_PLANS: [Plan; 15] = [
                 within_ms: 1000,
             },
         ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::GiveTime,
+        source: "manual chapter 5, example 4: SETSYNC makes it master, which synchronises so often",
+        steps: &[Step::Send {
+            function: 0x2,
+            index: 0x1404,
+            operand: Operand::Argument(Argument::Period),
+            like: Some(ParameterId(198)),
+        }],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::WithholdTime,
+        source: "manual chapter 5, example 4: SETSYNC 0",
+        steps: &[Step::Send { function: 0x2, index: 0x1404, operand: Operand::Is(0), like: None }],
         undo: &[],
     },
     Plan {
@@ -6671,7 +6695,7 @@ static TECHNOSOFT_FA00G_PARAMETERS: [Parameter; 1102] = [
     mapped("VarFilter", 0xc999, Encoding::I16),
 ];
 
-static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 11] = [
+static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 12] = [
     SignalSource {
         signal: Signal::Position,
         parameter: ParameterId(12),
@@ -6769,9 +6793,16 @@ static TECHNOSOFT_FA00G_SIGNALS: [SignalSource; 11] = [
             (34570, "PT"),
         ],
     },
+    SignalSource {
+        signal: Signal::Time,
+        parameter: ParameterId(207),
+        mask: -1,
+        equals: None,
+        values: &[],
+    },
 ];
 
-static TECHNOSOFT_FA00G_PLANS: [Plan; 15] = [
+static TECHNOSOFT_FA00G_PLANS: [Plan; 17] = [
     Plan {
         verb: Verb::Enable,
         source: "TML_LIB_light: set-up check, ENDINIT, AXISON, SRL bit 15; STA first, so that no older target is there",
@@ -7181,6 +7212,23 @@ static TECHNOSOFT_FA00G_PLANS: [Plan; 15] = [
                 within_ms: 1000,
             },
         ],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::GiveTime,
+        source: "manual chapter 5, example 4: SETSYNC makes it master, which synchronises so often",
+        steps: &[Step::Send {
+            function: 0x2,
+            index: 0x1404,
+            operand: Operand::Argument(Argument::Period),
+            like: Some(ParameterId(207)),
+        }],
+        undo: &[],
+    },
+    Plan {
+        verb: Verb::WithholdTime,
+        source: "manual chapter 5, example 4: SETSYNC 0",
+        steps: &[Step::Send { function: 0x2, index: 0x1404, operand: Operand::Is(0), like: None }],
         undo: &[],
     },
     Plan {

@@ -20,6 +20,10 @@ use crate::time::Instant;
 
 /// Time allowed for an answer when neither caller nor profile says one, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
+/// The same on a serial port while somebody looks for drives: a relay acknowledges for each address
+/// behind it, so there silence is known by the missing answer. What a relay and its bus take, and
+/// twice an adapter's latency.
+const PROBING_MS: u32 = 40;
 /// Time allowed for an acknowledgement, and for each SYNC byte, on a serial port, ms. The manual's
 /// typical value is 2 (chapter 3); adapters need more.
 pub const ACK_SERIAL_MS: u32 = 20;
@@ -132,7 +136,9 @@ impl Waits {
     fn new(options: &HostOptions, character_ns: u64) -> Self {
         let usual = if options.baud == 0 { ACK_NETWORK_MS } else { ACK_SERIAL_MS };
         let ms = |given: Option<u32>| u64::from(given.unwrap_or(usual).max(ACK_MIN_MS)) * 1_000_000;
-        let answer = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let quick = options.probing && options.baud != 0;
+        let usual_answer = if quick { PROBING_MS } else { REPLY_TIMEOUT_MS };
+        let answer = options.reply_timeout_ms.unwrap_or(usual_answer);
         let pace_us = if options.baud == 0 { PACE_US } else { 0 };
         Self {
             ack_ns: ms(options.ack_timeout_ms),
@@ -160,6 +166,7 @@ fn place(wire: Wire, options: &HostOptions, axes: &[u32]) -> Place {
         relay,
         alone: axes.len() == 1 && first.is_some(),
         behind_technocan: options.answers_only,
+        probing: options.probing,
         broken: relay.and_then(|relay| wire.host_id(id, relay).err()),
     }
 }

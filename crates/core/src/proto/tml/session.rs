@@ -29,6 +29,9 @@ use gather::Gather;
 pub const ATTEMPTS_MAX: u8 = 3;
 /// Synchronisation bytes sent at most before a line is taken for dead (manual, chapter 3).
 pub const SYNCS_MAX: u8 = 15;
+/// The same while somebody looks for drives: most addresses are nobody's, and on most lines some drive
+/// hears the first one.
+const SYNCS_PROBING: u8 = 2;
 /// Questions asked at most to end one doubt.
 pub const PROBES_MAX: u8 = 4;
 /// Events that wait to be taken at most; what drives say unasked beyond that is counted and lost.
@@ -79,6 +82,8 @@ pub struct Place {
     pub alone: bool,
     /// The relay's bus is TechnoCAN.
     pub behind_technocan: bool,
+    /// Somebody looks for drives.
+    pub probing: bool,
     /// What the host's ID breaks.
     pub broken: Option<Rule>,
 }

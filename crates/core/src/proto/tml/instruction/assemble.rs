@@ -21,7 +21,8 @@ const END: &str = "the end of the instruction";
 /// hexadecimal (`0x`), may be negative and end in `L` or `U`. A fixed variable takes a decimal number
 /// as units (`CSPD = 16.5`, `CSPD = 16`) and a hexadecimal one as its raw 32 bits. Variables stand by
 /// name, or by address as `@0x0228L` (32 bits) and `@0x025E` (16 bits); `NAME(H)` and `NAME(L)` are
-/// the halves of a 32-bit one.
+/// the halves of a 32-bit one. `q` before a number and `SGN` for `SGM`, as some people write, are
+/// taken too.
 ///
 /// # Errors
 /// Where the text stops to make sense, and what should be there.

@@ -100,6 +100,9 @@ impl<'a> Reader<'a> {
         let mut here = *self;
         for letter in sign.bytes().filter(|letter| *letter != b' ') {
             here.skip_spaces();
+            if letter.is_ascii_digit() {
+                here.skip_marks();
+            }
             if here.rest().as_bytes().first() != Some(&letter) {
                 return Err(here.missing(sign.trim()));
             }
@@ -124,13 +127,15 @@ impl<'a> Reader<'a> {
         &rest[..len]
     }
 
-    /// A number: decimal, hexadecimal with 0x, with a fraction; `L` and `U` may end it.
+    /// A number: decimal, hexadecimal with 0x, with a fraction; `L` and `U` may end it. Some people
+    /// mark a number by `q` before it.
     pub(super) fn number(&mut self, expected: &'static str) -> Result<Number> {
         self.skip_spaces();
         let mut here = *self;
         let negative = here.has_sign("-");
         let _ = !negative && here.has_sign("+");
         here.skip_spaces();
+        here.skip_marks();
         let hexadecimal = here.rest().len() > 2 && here.rest()[..2].eq_ignore_ascii_case("0x");
         let mut number =
             Number { at: self.at, end: 0, whole: 0, fixed: None, hex: None, long: false };
@@ -153,6 +158,14 @@ impl<'a> Reader<'a> {
         }
         *self = here;
         Ok(number)
+    }
+
+    /// The letters `q` before a digit.
+    fn skip_marks(&mut self) {
+        let rest = self.rest().trim_start_matches(['q', 'Q']);
+        if rest.starts_with(|first: char| first.is_ascii_digit()) {
+            self.at = self.text.len() - rest.len();
+        }
     }
 
     /// Digits of a base; more than any word holds count as the greatest number.

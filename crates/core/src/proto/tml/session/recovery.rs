@@ -3,7 +3,7 @@
 
 use super::{
     ATTEMPTS_MAX, DRAIN_NS, FICTION_MIN, LATEST_TIMEOUTS, Out, Pending, Phase, Place, SYNCS_MAX,
-    Session, Stage,
+    SYNCS_PROBING, Session, Stage,
 };
 use crate::error::Failure;
 use crate::proto::tml::ask::{self, Answer};
@@ -20,7 +20,7 @@ impl Session {
         match pending.phase {
             Phase::Ack(at) if now >= at => self.unacknowledged(now, &pending),
             Phase::Answer(at) if now >= at => self.unanswered(now, &pending),
-            Phase::Sync(SYNCS_MAX, at) if now >= at => self.silent(now),
+            Phase::Sync(sent, at) if now >= at && sent >= self.syncs_max() => self.silent(now),
             Phase::Sync(sent, at) if now >= at => self.phase(Phase::SyncDue(sent)),
             Phase::Drain(at) if now >= at => self.recovered(now),
             _ => {}
@@ -112,9 +112,17 @@ impl Session {
         let question = self.question(pending).is_some();
         let harmless = question || pending.ask.class == Class::Stop;
         let axis = pending.ask.message.to.id;
-        let most = if self.knows(axis) { ATTEMPTS_MAX } else { ATTEMPTS_MAX - 1 };
+        let most = match (self.knows(axis), self.place.probing) {
+            (true, _) => ATTEMPTS_MAX,
+            (false, true) => 1,
+            (false, false) => ATTEMPTS_MAX - 1,
+        };
         let probe = pending.ticket.is_none();
         harmless && !probe && pending.attempts < most
+    }
+
+    const fn syncs_max(&self) -> u8 {
+        if self.place.probing { SYNCS_PROBING } else { SYNCS_MAX }
     }
 
     pub(super) fn silent(&mut self, now: Instant) {

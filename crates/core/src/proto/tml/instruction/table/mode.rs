@@ -90,6 +90,7 @@ pub(super) const FORMS: &[Form] = &[
     mode!("REG_ON", 0xFFFF, 0x1000, Labels, "superposes a second motion"),
     mode!("REG_OFF", 0xEFFF, 0x0000, Labels, "superposes no second motion"),
     mode!("SGM", 0xFFFF, 0x0800, Labels, "is master of gear and cam"),
+    mode!("SGN", 0xFFFF, 0x0800, Labels, "is master of gear and cam").alias(),
     mode!("RGM", 0xF7FF, 0x0000, Labels, "is master of gear and cam no more"),
     with(0x1880, 1, &[Word("SETPVT"), Number(0)], Labels, "sets up PVT and PT"),
     with(0x1880, 1, &[Word("SETPT"), Number(0)], Labels, "sets up PVT and PT").alias(),

@@ -15,8 +15,7 @@ use std::{format, string::String, vec::Vec};
 const LABELS: &str = include_str!("../../../../../../../vectors/tml_viewer.json");
 
 /// Labels that are not the text of their frame; the frame's bytes are right.
-const SLIPS: [(&str, &str); 8] = [
-    ("viewer_serial_091", "SGM: the label says sgn"),
+const SLIPS: [(&str, &str); 7] = [
     ("viewer_serial_313", "the value is hexadecimal without 0x"),
     ("viewer_serial_316", "the value is hexadecimal without 0x"),
     ("viewer_serial_317", "the value is hexadecimal without 0x"),
@@ -52,11 +51,7 @@ fn labels() -> Vec<Label> {
             }
             None => serial::decode(&hex(&field("bytes"))).unwrap(),
         };
-        // On the labels of numbers in TechnoCAN frames `q` stands before the 0x: a mark of the
-        // person who labelled them.
-        let text = field("text").replace("qqq", "q").replace("qq", "q").replace("q0x", "0x");
-        let text = text.replace("q0", "0").replace("q1", "1");
-        Label { name: field("name"), text, message }
+        Label { name: field("name"), text: field("text"), message }
     };
     json["vectors"].as_array().unwrap().iter().map(label).collect()
 }

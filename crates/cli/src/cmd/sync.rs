@@ -1,0 +1,150 @@
+//! `polepair sync URL [--period 20ms] [--master AXIS] [--stop]`
+
+use std::cell::Cell;
+use std::time::Duration;
+
+use clap::Args;
+use polepair::Axis;
+use polepair::url::Number;
+use polepair_core::axis::{Command, Verb};
+use polepair_core::plan::Argument;
+use polepair_core::profile::Signal;
+use polepair_link::clock;
+
+use crate::motion::argument;
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::session::{Session, signal, verb};
+use crate::target::Target;
+use crate::terminal::{Output, say};
+use crate::value::number;
+
+/// How long drives get to take the master's time over.
+const SETTLE_MS: u32 = 500;
+/// Times each drive is compared with the master; the quickest comparison counts.
+const LOOKS: usize = 8;
+/// Offsets beyond this, and beyond what the line leaves open, are not kept together, s.
+const TOGETHER_S: f64 = 1e-3;
+
+/// Keeps the time of several drives together, and shows how well.
+///
+/// One drive is the master: it tells the others its time again and again, without the host, until it
+/// is stopped or loses its supply. That happens on the drives' bus, so they must be on one.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair sync tmlcan+socketcan://can0#1,2,3 --period 20ms
+  polepair sync tmlcan+socketcan://can0#1,2,3 --stop")]
+pub struct Sync {
+    #[command(flatten)]
+    target: Target,
+    /// How often the master tells its time
+    #[arg(long, value_name = "TIME", default_value = "20ms")]
+    period: String,
+    /// The axis whose time it is [default: the first]
+    #[arg(long, value_name = "AXIS")]
+    master: Option<u32>,
+    /// End it, and show how far they are apart
+    #[arg(long)]
+    stop: bool,
+    /// Print the frames and send nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+impl Sync {
+    pub fn run(self) -> Result {
+        if self.dry_run {
+            let first = Cell::new(true);
+            return self.target.rehearse(|axis| {
+                let is_first = first.replace(false);
+                self.command(axis, self.master.map_or(is_first, |master| master == axis.number()))
+            });
+        }
+        let session = self.target.open()?;
+        session.listen();
+        let master = self.master_of(&session)?;
+        if let Some(group) = session.axes().iter().find(|axis| Number(axis.number()).is_group()) {
+            let what = format!("{} cannot be kept in time as a whole.", group.label());
+            return Err(Problem::usage("E245", what).why("Name its axes one by one."));
+        }
+        if session.axes().len() < 2 {
+            return Err(Problem::usage("E245", "there is no other axis to keep in time.")
+                .hint("name several in the connection string: #1,2,3"));
+        }
+        // The others first: two masters would pull the rest to and fro.
+        for axis in session.axes().iter().filter(|axis| axis.number() != master.number()) {
+            verb(axis, Verb::WithholdTime)?;
+        }
+        let command = self.command(master, true)?;
+        master.run(command).map_err(outcome::error)?;
+        if self.stop {
+            say("no axis gives its time any more");
+        } else {
+            say(&format!("{} gives its time every {}", master.label(), self.period));
+            say(&format!("this ends it: polepair sync {} --stop", session.url));
+            session.link.sleep(Duration::from_millis(SETTLE_MS.into()));
+        }
+        let apart = show(&session, master)?;
+        if apart && !self.stop {
+            return Err(Problem::new(Exit::Negative, "E101", "the drives do not keep together.")
+                .why("An axis is more than a millisecond off its master.")
+                .hint("they must be on one CAN bus, and have been initialised: enable each once"));
+        }
+        Ok(Exit::Ok)
+    }
+
+    fn command(&self, axis: &Axis, is_master: bool) -> Result<Command> {
+        if !is_master || self.stop {
+            return Ok(Command::new(Verb::WithholdTime));
+        }
+        let period = argument(axis, Verb::GiveTime, Argument::Period, &self.period)?;
+        if period <= 0.0 {
+            return Err(Problem::usage("E217", "--period is more than 0; --stop ends it."));
+        }
+        Ok(Command { period: Some(period), ..Command::new(Verb::GiveTime) })
+    }
+
+    fn master_of<'a>(&self, session: &'a Session) -> Result<&'a Axis> {
+        let mut axes = session.axes().iter();
+        let found = axes.find(|axis| self.master.is_none_or(|master| master == axis.number()));
+        found.ok_or_else(|| {
+            Problem::usage("E245", "the master is none of the axes in the connection string.")
+        })
+    }
+}
+
+/// Prints how far each axis is off the master; true when one is too far.
+fn show(session: &Session, master: &Axis) -> Result<bool> {
+    let (mut out, mut apart) = (Output::stdout(), false);
+    for axis in session.axes().iter().filter(|axis| axis.number() != master.number()) {
+        let (offset, open) = compare(master, axis)?;
+        apart |= offset.abs() > TOGETHER_S + open;
+        let (offset, open) = (number(offset * 1e3), number(open * 1e3));
+        out.line(&format!("#{} offset = {offset} ms (within {open} ms)", axis.number()));
+    }
+    out.flush()?;
+    Ok(apart)
+}
+
+/// Offset of an axis from the master, and how exactly the line lets it be known, s: the axis is asked
+/// between two questions to the master.
+fn compare(master: &Axis, axis: &Axis) -> Result<(f64, f64)> {
+    let mut best = (0.0, f64::INFINITY);
+    for _ in 0..LOOKS {
+        let (before, asked) = (time(master)?, clock::now());
+        let between = time(axis)?;
+        let (after, open) = (time(master)?, clock::now().since(asked).as_secs_f64());
+        if open < best.1 {
+            best = (between - f64::midpoint(before, after), open);
+        }
+    }
+    Ok(best)
+}
+
+fn time(axis: &Axis) -> Result<f64> {
+    signal(axis, Signal::Time)?.map(|read| read.value).ok_or_else(|| {
+        let what = format!("{} does not tell its time.", axis.label());
+        Problem::usage("E213", what)
+    })
+}
