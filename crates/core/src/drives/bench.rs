@@ -48,6 +48,8 @@ pub enum Act {
     Input(u8, bool),
     /// An analog input, counted from 0, V.
     Analog(u8, f64),
+    /// Pulses on the pulse input; negative ones by the other level of the direction.
+    Pulses(i32),
     /// A reference switch at a shaft position: closed from there on in positive direction.
     Switch {
         /// Which: 0 home, 1 positive limit, 2 negative limit.

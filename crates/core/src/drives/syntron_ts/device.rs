@@ -233,6 +233,7 @@ impl Bench for Device {
                 *line = on;
             }
             Act::Analog(0, volts) => drive.set_analog(volts),
+            Act::Pulses(count) => drive.pulse(count),
             Act::Switch { which, at } => return switch(drive, which, at),
             Act::EncoderBroken(broken) => drive.shaft_mut().break_encoder(broken),
             Act::HallBroken(broken) => drive.shaft_mut().hall_broken = broken,

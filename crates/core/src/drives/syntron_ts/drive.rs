@@ -5,6 +5,7 @@
 use core::f64::consts::TAU;
 
 use super::alarm::Alarm;
+use super::external::External;
 use super::io::{Lines, Purpose, collide};
 use super::motion::{Motion, Scene, ramp};
 use super::options::{Options, Variant};
@@ -16,10 +17,16 @@ use crate::plant::Ticks;
 use crate::profile::Profile;
 use crate::time::Instant;
 
+/// Speed by the analog input.
+pub const MODE_ANALOG: u16 = 0;
 /// Internal speed mode.
 pub const MODE_SPEED: u16 = 1;
+/// Position by pulses, the factory's mode.
+pub const MODE_PULSES: u16 = 2;
 /// Jog from the panel.
 pub const MODE_JOG: u16 = 3;
+/// Torque by the analog input.
+pub const MODE_TORQUE: u16 = 4;
 /// Internal position mode.
 pub const MODE_POSITION: u16 = 14;
 /// CANopen mode.
@@ -28,10 +35,6 @@ pub const MODE_CANOPEN: u16 = 20;
 const PASSWORD: u16 = 9876;
 /// Speed of jogging, rpm `[I]`.
 const JOG_RPM: f64 = 200.0;
-/// Speed of an analog input in mode 0, rpm/V `[I]`.
-const RPM_PER_VOLT: f64 = 300.0;
-/// Torque of an analog input in mode 4, share of the rated one per V `[I]`.
-const TORQUE_PER_VOLT: f64 = 0.1;
 /// Top speed of the set-point where no path gives one, rpm.
 const TOP_RPM: f64 = 6000.0;
 /// Version that Dn_08 tells (DS102).
@@ -69,7 +72,9 @@ struct Core {
     now: Instant,
     jogging: bool,
     jog: f64,
-    analog: f64,
+    external: External,
+    /// Where the pulses have brought the set-point, rad.
+    pulsed: f64,
     was: [bool; 4],
     unrepeatable: u64,
     starts: u64,
@@ -98,7 +103,8 @@ impl Drive {
             now: Instant::ZERO,
             jogging: false,
             jog: 0.0,
-            analog: 0.0,
+            external: options.external,
+            pulsed: 0.0,
             was: [false; 4],
             unrepeatable: 0,
             starts: 0,
@@ -236,8 +242,12 @@ impl Drive {
 
     /// An analog input in volts.
     pub fn set_analog(&mut self, volts: f64) {
-        self.core.analog = volts;
-        self.core.follow_analog();
+        self.core.external.set_volts(volts);
+    }
+
+    /// Pulses on the pulse input; negative ones by the other level of the direction.
+    pub fn pulse(&mut self, count: i32) {
+        self.core.external.pulse(count);
     }
 
     /// A key of the panel goes down or up.
@@ -351,7 +361,10 @@ impl Core {
         match self.mode() {
             _ if !self.shaft.powered() => {}
             MODE_POSITION => self.with_motion(now, Motion::tick),
-            _ => self.hold_at_limits(),
+            _ => {
+                self.follow_external();
+                self.hold_at_limits();
+            }
         }
         self.shaft.tick();
         self.watch();
@@ -460,8 +473,9 @@ impl Core {
         match self.mode() {
             MODE_SPEED => self.follow_speed(),
             MODE_POSITION => self.with_motion(self.now, Motion::powered),
-            _ => self.follow_analog(),
+            _ => self.external.drop_pulses(),
         }
+        self.pulsed = self.shaft.position();
     }
 
     fn release(&mut self) {
@@ -511,14 +525,32 @@ impl Core {
         }
     }
 
-    /// Modes 0 and 4 follow the analog input; pulses and mixed modes are at rest.
-    fn follow_analog(&mut self) {
+    /// Modes 0, 2 and 4 follow what comes past the line. Which two of them a mixed mode has, and which
+    /// input changes over, the manual does not tell: those hold.
+    fn follow_external(&mut self) {
         match self.mode() {
-            _ if !self.shaft.powered() => {}
-            0 => self.shaft.turn(self.analog * RPM_PER_VOLT * TAU / 60.0),
-            4 => self.shaft.push(self.analog * TORQUE_PER_VOLT),
+            MODE_ANALOG => self.shaft.turn(self.unless_limited(self.external.speed())),
+            MODE_TORQUE => {
+                let limit = f64::from(self.registers.value(fns::TORQUE_SPEED));
+                let share = self.external.torque(self.shaft.rpm(), limit);
+                self.shaft.push(self.unless_limited(share));
+            }
+            MODE_PULSES => {
+                let step = self.external.turn();
+                if self.unless_limited(step) != 0.0 {
+                    self.pulsed += step;
+                    self.shaft.go(self.pulsed);
+                }
+            }
             _ => {}
         }
+    }
+
+    /// What drives the motor toward a closed limit switch is nothing `[I]`.
+    fn unless_limited(&self, wanted: f64) -> f64 {
+        let position = self.shaft.motor().position();
+        let limit = if wanted > 0.0 { Purpose::ForwardLimit } else { Purpose::ReverseLimit };
+        if self.lines.closed(limit, position) { 0.0 } else { wanted }
     }
 
     fn reading(&self, number: u16) -> u16 {

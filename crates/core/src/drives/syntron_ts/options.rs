@@ -1,5 +1,6 @@
 //! How a simulated TS is made: its variant, its siblings' registers, what is open to interpretation.
 
+use super::external::External;
 use super::io::{Lines, PURPOSES, Purpose};
 use crate::drives::DeviceOptions;
 
@@ -40,6 +41,8 @@ pub struct Options {
     pub ascii: bool,
     /// Inputs and switches.
     pub lines: Lines,
+    /// What the analog and the pulse input get from the start.
+    pub external: External,
     locked: [Option<u16>; LOCKED_MAX],
 }
 
@@ -67,6 +70,7 @@ impl Options {
                 forward_at: None,
                 reverse_at: None,
             },
+            external: External::default(),
             locked: [None; LOCKED_MAX],
         };
         for (key, value) in options.extra {
@@ -105,9 +109,21 @@ impl Options {
             ("format", "hex") => self.hex_format = true,
             ("gap", _) => self.gap_ms = value.parse().map_err(|_| value)?,
             ("inputs", _) => self.lines.purposes = Purpose::of_digits(value).ok_or(value)?,
+            ("closed", _) => self.close(value)?,
+            ("analog", _) => self.external.set_volts(number(value)?),
+            ("pulses", _) => self.external.set_rate(number(value)?),
             ("locked", _) => self.lock(value)?,
             ("variant" | "ds102" | "settings" | "format", _) => return Err(value),
             _ => return Err(key),
+        }
+        Ok(())
+    }
+
+    /// Numbers of the inputs that something outside closes from the start, a digit each.
+    fn close<'a>(&mut self, list: &'a str) -> Result<(), &'a str> {
+        for digit in list.bytes() {
+            let at = usize::from(digit.wrapping_sub(b'1'));
+            *self.lines.driven.get_mut(at).ok_or(list)? = true;
         }
         Ok(())
     }
@@ -120,4 +136,8 @@ impl Options {
         }
         Ok(())
     }
+}
+
+fn number(text: &str) -> Result<f64, &str> {
+    text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or(text)
 }

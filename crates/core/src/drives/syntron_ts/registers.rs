@@ -29,6 +29,8 @@ pub mod fns {
     pub const PASSWORD: u16 = 0x3F;
     /// Alarm clear (DS102).
     pub const CLEAR: u16 = 0x53;
+    /// Speed limit of torque mode, rpm.
+    pub const TORQUE_SPEED: u16 = 0x95;
     /// 1 keeps writes in RAM.
     pub const RAM_ONLY: u16 = 0x99;
     /// First register of path 1.

@@ -73,6 +73,85 @@ fn the_analog_input_gives_the_speed_in_mode_0() {
     assert_eq!(desk.rpm(), -600);
 }
 
+/// §3.6.3: Fn_95 limits the speed while torque is controlled.
+#[test]
+fn the_analog_input_gives_the_torque_in_mode_4() {
+    let mut desk = Desk::with(&[("closed", "1"), ("analog", "2.0")]);
+    desk.write(0x00, 4);
+    desk.act(Act::Input(1, false));
+    desk.pass(2);
+    desk.act(Act::Jam(true));
+    desk.act(Act::Input(1, true));
+    desk.pass(200);
+    let share = desk.truth().current / crate::drives::syntron_ts::shaft::RATED_CURRENT;
+    assert!((share - 0.2).abs() < 0.01, "2 V give {share}");
+    desk.write(0x95, 300);
+    desk.act(Act::Jam(false));
+    desk.pass(3000);
+    assert!((280..=302).contains(&desk.rpm()), "{}", desk.rpm());
+    desk.act(Act::Analog(0, -2.0));
+    desk.pass(3000);
+    assert!((-302..=-280).contains(&desk.rpm()), "{}", desk.rpm());
+    // More than ±10 V is no more.
+    desk.write(0x95, 0);
+    desk.act(Act::Jam(true));
+    desk.act(Act::Analog(0, 99.0));
+    desk.pass(200);
+    assert!(desk.truth().current < 1.02 * crate::drives::syntron_ts::shaft::RATED_CURRENT);
+}
+
+/// §2.2: mode 2 is the factory's.
+#[test]
+fn pulses_turn_the_motor_in_mode_2() {
+    let mut desk = Desk::new();
+    desk.act(Act::Pulses(5_000));
+    desk.act(Act::Input(1, true));
+    desk.pass(500);
+    assert_eq!(desk.counts(), 0, "what came before power is lost");
+    desk.act(Act::Pulses(5_000));
+    desk.pass(1_000);
+    assert!((desk.counts() - 5_000).abs() < 4, "{}", desk.counts());
+    desk.act(Act::Pulses(-12_000));
+    desk.pass(1_000);
+    assert!((desk.counts() + 7_000).abs() < 4, "{}", desk.counts());
+    // Toward a closed limit they are lost, away from it they count.
+    desk.act(Act::Input(6, true));
+    desk.pass(2);
+    desk.act(Act::Pulses(-1_000));
+    desk.pass(500);
+    desk.act(Act::Pulses(1_000));
+    desk.pass(1_000);
+    assert!((desk.counts() + 6_000).abs() < 4, "{}", desk.counts());
+}
+
+#[test]
+fn a_train_of_pulses_is_a_speed() {
+    let mut desk = Desk::with(&[("closed", "1"), ("pulses", "-20000")]);
+    desk.pass(1_500);
+    assert!((desk.rpm() + 120).abs() <= 1, "{}", desk.rpm());
+    for wrong in [("closed", "9"), ("closed", "0"), ("analog", "nan"), ("pulses", "many")] {
+        let options = DeviceOptions { extra: &[wrong], ..OPTIONS };
+        let refused = SyntronTs::device(SyntronTs::profiles()[0], &options).err();
+        assert_eq!(refused, Some(wrong.1));
+    }
+}
+
+#[test]
+fn a_limit_switch_counts_in_mode_0_too() {
+    let mut desk = Desk::with(&[("analog", "0.5")]);
+    desk.write(0x00, 0);
+    desk.act(Act::Input(1, true));
+    desk.act(Act::Switch { which: 1, at: 10.0 });
+    desk.pass(5000);
+    let stopped = desk.truth().position;
+    assert!((10.0..10.5).contains(&stopped), "stopped at {stopped}");
+    desk.pass(5000);
+    assert!((desk.truth().position - stopped).abs() < 0.01, "{}", desk.truth().position);
+    desk.act(Act::Analog(0, -0.5));
+    desk.pass(5000);
+    assert!(desk.truth().position < 0.0, "the way back is free");
+}
+
 #[test]
 fn a_limit_switch_keeps_the_motor_from_going_on() {
     let mut desk = Desk::new();
