@@ -48,6 +48,7 @@ soak:
 	POLEPAIR_GARBAGE=1000000 $(CARGO) test --release --locked --quiet -p polepair-sim garbage -- --nocapture
 	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test stress -- --nocapture
 	$(MAKE) --no-print-directory swarm SEEDS=100000
+	fuzz/run $(or $(FUZZ_SECONDS),60)
 
 ## bench: the codecs, the layers, the round trip beside the raw pty
 bench:

@@ -6,7 +6,7 @@ use polepair_core::medium::Frame;
 use crate::stamp::Stamp;
 use crate::{candump, seriallog};
 
-/// Bytes that a line may have at most; the rest of a longer one is not kept.
+/// Bytes that a line may have at most; a longer one is damaged.
 pub const LINE_MAX: usize = 1 << 16;
 
 /// What one line of a capture says.
@@ -47,6 +47,9 @@ impl core::fmt::Display for BadLine {
 /// # Errors
 /// What is wrong with the line, in words.
 pub fn parse<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Option<Line<'a>>, BadLine> {
+    if line.len() > LINE_MAX {
+        return Err(BadLine("it is longer than 65536 bytes"));
+    }
     let line = line.trim_ascii();
     match line.first() {
         None | Some(b'#' | b';') => Ok(None),
@@ -133,8 +136,9 @@ impl Lines {
         }
     }
 
+    /// One byte beyond the limit tells that a line is too long.
     fn keep(&mut self, piece: &[u8]) {
-        let room = LINE_MAX.saturating_sub(self.carry.len());
+        let room = (LINE_MAX + 1).saturating_sub(self.carry.len());
         self.carry.extend_from_slice(&piece[..piece.len().min(room)]);
     }
 }

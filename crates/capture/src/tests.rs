@@ -151,3 +151,21 @@ fn the_nearest_word_is_found_or_none() {
     let error = Rules::parse("no-such-protocol@3").expect_err("unknown");
     assert_eq!(error.word, "no-such-protocol");
 }
+
+/// However it is cut, a line beyond the limit is named and left out, and what follows is read.
+#[test]
+fn a_line_that_is_too_long_is_damaged() {
+    let long = "00 ".repeat(crate::line::LINE_MAX);
+    let at_limit = format!("> {}{}", "00 ".repeat(10), " ".repeat(crate::line::LINE_MAX - 32));
+    let capture = format!("> 01\n{long}\n> 02\n{at_limit}\n{long}");
+    for size in [1_000, 1 << 16, capture.len()] {
+        let (mut frames, mut decoder) = (Vec::new(), Decoder::new(Rules::default()));
+        let mut keep = |event: &crate::Event<'_>| frames.push(event.bytes.to_vec());
+        capture.as_bytes().chunks(size).for_each(|piece| decoder.feed(piece, &mut keep));
+        decoder.finish(&mut keep);
+        let damaged: Vec<String> = decoder.damaged().iter().map(ToString::to_string).collect();
+        let expected = [2, 5].map(|n| format!("line {n}: it is longer than 65536 bytes"));
+        assert_eq!(damaged, expected);
+        assert_eq!(frames, [vec![1], vec![2], vec![0; 10]]);
+    }
+}

@@ -2,8 +2,9 @@
 //!
 //! What each part is: [`registers`] Fn_00 to Fn_2FF with flash and its wear; [`paths`] and
 //! [`homing`] what the registers of internal position mode mean; [`motion`] what carries them out;
-//! [`external`] what drives it past the line; [`shaft`] motor, loops and protections; [`drive`] modes, power and alarms, on no line in
-//! particular; [`panel`] the keys and the display; [`device`] the Modbus end and the bench.
+//! [`external`] what drives it past the line; [`shaft`] motor, loops and protections; [`drive`]
+//! modes, power and alarms, on no line in particular; [`panel`] the keys and the display;
+//! [`device`] the Modbus end and the bench.
 //!
 //! The host needs no code of its own for this family: the protocol's driver and the plans of the
 //! profile suffice.

@@ -22,6 +22,8 @@ use say::{decimal, hexadecimal, scaled};
 const UNIT: u8 = 1;
 /// Registers of one reply that the line of text names; the fields have them all.
 const NAMED_MAX: usize = 4;
+/// Lines of a reply that are on and told by number.
+const BITS_MAX: usize = 16;
 
 /// Modbus RTU or ASCII in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
@@ -303,13 +305,19 @@ impl Teller {
                 sink.text("write ");
                 self.name(Space::Coil, start, count, sink);
                 sink.text(" = ");
-                bits_text(bits, count, sink);
+                bits_text(bits, count, usize::MAX, sink);
             }
             RequestPdu::WriteRegisters { start, words } => {
                 self.start_count(start, (words.len() / 2) as u16, sink);
                 self.counted(6, words, Space::Holding, sink);
-                sink.text("write ");
-                self.values(Space::Holding, start, words, sink);
+                // One register by the function of many must not read as by that of one.
+                sink.text(if words.len() == 2 { "write multiple: " } else { "write " });
+                let (named, rest) = words.split_at(words.len().min(2 * NAMED_MAX));
+                self.values(Space::Holding, start, named, sink);
+                for (at, value) in rest.chunks_exact(2).enumerate() {
+                    sink.text(if at == 0 { ", then " } else { " " });
+                    decimal(i64::from(word(value, 0)), sink);
+                }
             }
             RequestPdu::Unknown { function, data } => self.unknown(function, data, sink),
         }
@@ -357,12 +365,12 @@ impl Teller {
                     let shown = if count == 1 { 8 } else { count };
                     self.name(space, start, count, sink);
                     sink.text(" = ");
-                    bits_text(data, shown, sink);
+                    bits_text(data, shown, BITS_MAX, sink);
                 } else {
                     self.values(space, start, data, sink);
                 }
             }
-            _ if space.is_bits() => bits_text(data, 8 * data.len() as u16, sink),
+            _ if space.is_bits() => bits_text(data, 8 * data.len() as u16, BITS_MAX, sink),
             _ => self.plain_values(data, sink),
         }
     }
@@ -518,16 +526,16 @@ fn meaning(parameter: &'static Parameter, raw: i64) -> &'static str {
     parameter.values.iter().find(|(value, _)| *value == raw).map_or("", |(_, name)| name)
 }
 
-/// Lines that are on, counted from 1 as the TS manual V2 §2.3 does.
-fn bits_text(bits: &[u8], count: u16, sink: &mut dyn Sink) {
+/// Lines that are on, counted from 1 as the TS manual V2 §2.3 does; at most so many by number.
+fn bits_text(bits: &[u8], count: u16, most: usize, sink: &mut dyn Sink) {
     let on = |at: &u16| bits.get(usize::from(at / 8)).is_some_and(|byte| byte >> (at % 8) & 1 == 1);
-    let mut any = false;
-    for at in (0..count).filter(on).take(16) {
-        sink.text(if any { " " } else { "on: " });
+    let all = (0..count).filter(on).count();
+    for (nth, at) in (0..count).filter(on).take(most).enumerate() {
+        sink.text(if nth > 0 { " " } else { "on: " });
         decimal(i64::from(at) + 1, sink);
-        any = true;
     }
-    if !any {
+    if all == 0 {
         sink.text("all off");
     }
+    more(all.saturating_sub(most), sink);
 }

@@ -1,6 +1,7 @@
 extern crate std;
 
 mod axis;
+mod back;
 mod checks;
 mod codec;
 mod pair;

@@ -2,14 +2,16 @@
 //!
 //! Numbers are decimal or, with `0x`, hexadecimal; `=` and `,` are spaces. A register is a number, a
 //! name or symbol of the profile, or `Fn_hex` and `Dn_hex` (TS manual V2 §2.2: Fn_n lies at n, Dn_n
-//! at 1000h + n).
+//! at 1000h + n). What a decoder prints is read too ([`list`]).
+
+mod list;
 
 use super::encoding::{self, registers};
 use super::wire::{Function, READ_WORDS_MAX, Space, WRITE_WORDS_MAX};
 use crate::explain::TextError;
 use crate::profile::{Parameter, Profile};
 
-const TOKENS_MAX: usize = WRITE_WORDS_MAX as usize + 12;
+const TOKENS_MAX: usize = WRITE_WORDS_MAX as usize + 16;
 
 /// What a text asks.
 #[derive(Clone, Copy, Debug)]
@@ -69,6 +71,12 @@ struct Token<'a> {
     text: &'a str,
 }
 
+impl Token<'_> {
+    fn is(&self, word: &str) -> bool {
+        self.text.eq_ignore_ascii_case(word)
+    }
+}
+
 struct Target {
     space: Space,
     start: u16,
@@ -82,6 +90,9 @@ struct Target {
 pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<Said, TextError> {
     let mut store = [Token::default(); TOKENS_MAX];
     let tokens = split(text, &mut store)?;
+    if let Some(said) = list::parse(text, tokens)? {
+        return Ok(said);
+    }
     let Some((verb, words)) = PHRASES.iter().find_map(|(phrase, verb)| {
         let count = phrase.split(' ').count();
         let same = tokens.len() >= count
@@ -193,13 +204,18 @@ fn read(
     let (target, rest) = target(text, tokens, space, profile)?;
     let count = match rest {
         [] => target.parameter.map_or(1, |parameter| registers(parameter.encoding)),
-        [count] => {
+        [_, extra] if !(extra.is("registers") || extra.is("bits")) => {
+            return Err(TextError { at: extra.at, expected: "the end of the text" });
+        }
+        [count] | [count, _] => {
             let most = i64::from(target.space.read_max());
             let value = number(count.text).filter(|value| (1..=most).contains(value));
             let expected = "how many: 1 to 125 registers, or 1 to 2000 bits";
             value.ok_or(TextError { at: count.at, expected })? as u16
         }
-        [_, extra, ..] => return Err(TextError { at: extra.at, expected: "the end of the text" }),
+        [_, _, extra, ..] => {
+            return Err(TextError { at: extra.at, expected: "the end of the text" });
+        }
     };
     let start = fits(target.start, count, tokens)?;
     Ok(Said { function: target.space.read(), start, count, words: [0; READ_WORDS_MAX as usize] })

@@ -64,7 +64,9 @@ impl Dissector for TmclDissector {
         let expected = "a module address, 0 to 255";
         let address = addressing.axis.unwrap_or(MODULE.into());
         let address = u8::try_from(address).map_err(|_| TextError { at: 0, expected })?;
-        let request = text::parse(text, address)?;
+        // Behind a colon is prose, as explaining puts it there.
+        let command = text.split(':').next().unwrap_or(text);
+        let request = text::parse(command, address)?;
         let bytes = request.emit();
         let (part, id) = match addressing.via {
             Via::Can => (&bytes[1..=CAN_DATAGRAM], Some(address.into())),
@@ -153,6 +155,8 @@ fn serial(bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
         return show_version(&version, 1, sink);
     }
     let whole = padded;
+    // What did not come is not told as if it were zero.
+    let sink = &mut Present { sink, have: have as u16, text: have >= DATAGRAM - 1 };
     if is_reply(&whole, context) {
         let reply = unchecked_reply(&whole);
         byte(sink, "host", 0, reply.host, "");
@@ -213,7 +217,7 @@ fn line(bytes: &[u8], sink: &mut dyn Sink) {
     match ascii::Command::parse(line) {
         Some((address, ascii::Command::Request(request))) => {
             byte(sink, "address", 0, address, "");
-            show_request(&request, 1, None, sink);
+            show_request(&request, 1, None, &mut Present { sink, have: end, text: true });
         }
         Some((address, ascii::Command::Binary)) => {
             sink.kind("BIN");
@@ -221,6 +225,36 @@ fn line(bytes: &[u8], sink: &mut dyn Sink) {
             sink.text("leave ASCII mode");
         }
         _ => broken(WireError::Unexpected { at: 0, found: bytes[0] }, sink),
+    }
+}
+
+/// Passes on what lies within the bytes that are there.
+struct Present<'a> {
+    sink: &'a mut dyn Sink,
+    have: u16,
+    /// Enough is there to say it in words.
+    text: bool,
+}
+
+impl Sink for Present<'_> {
+    fn kind(&mut self, kind: &str) {
+        self.sink.kind(kind);
+    }
+    fn axis(&mut self, axis: u32) {
+        self.sink.axis(axis);
+    }
+    fn field(&mut self, field: Field<'_>) {
+        if field.end <= self.have {
+            self.sink.field(field);
+        }
+    }
+    fn text(&mut self, piece: &str) {
+        if self.text {
+            self.sink.text(piece);
+        }
+    }
+    fn error(&mut self, error: WireError) {
+        self.sink.error(error);
     }
 }
 

@@ -136,7 +136,8 @@ impl<'a> Reader<'a> {
         let _ = !negative && here.has_sign("+");
         here.skip_spaces();
         here.skip_marks();
-        let hexadecimal = here.rest().len() > 2 && here.rest()[..2].eq_ignore_ascii_case("0x");
+        let hexadecimal = here.rest().len() > 2
+            && here.rest().get(..2).is_some_and(|head| head.eq_ignore_ascii_case("0x"));
         let mut number =
             Number { at: self.at, end: 0, whole: 0, fixed: None, hex: None, long: false };
         if hexadecimal {

@@ -1,0 +1,119 @@
+//! Writes of many as a decoder tells them: `write register 0x0030 = 5, register 0x0031 = 5`,
+//! `write coil 0x0013, 10 bits = on: 1 3 4`.
+
+use super::{Said, Token, by_symbol, fits, number};
+use crate::explain::TextError;
+use crate::proto::modbus::wire::{Function, READ_WORDS_MAX, WRITE_WORDS_MAX};
+
+/// Reads such a list; `None` when the text is none.
+///
+/// # Errors
+/// [`TextError`] with the place and what was expected there.
+pub fn parse(text: &str, tokens: &[Token<'_>]) -> Result<Option<Said>, TextError> {
+    let [first, rest @ ..] = tokens else { return Ok(None) };
+    if !first.is("write") {
+        return Ok(None);
+    }
+    let has = |word: &str| rest.iter().any(|token| token.is(word));
+    match rest {
+        [multiple, rest @ ..] if multiple.is("multiple:") => registers(text, rest).map(Some),
+        [kind, list @ ..] if kind.is("coil") && (has("on:") || has("all")) => {
+            coils(text, list).map(Some)
+        }
+        [kind, list @ ..] if kind.is("register") && (has("then") || has_two(list)) => {
+            registers(text, rest).map(Some)
+        }
+        _ => Ok(None),
+    }
+}
+
+fn has_two(list: &[Token<'_>]) -> bool {
+    list.iter().any(|token| token.is("register"))
+}
+
+/// `register A = v, register B = v, then v v`: addresses in order, without a gap.
+fn registers(text: &str, tokens: &[Token<'_>]) -> Result<Said, TextError> {
+    let mut said = Said {
+        function: Function::WriteRegisters,
+        start: 0,
+        count: 0,
+        words: [0; READ_WORDS_MAX as usize],
+    };
+    let mut rest = tokens;
+    while let [kind, address, value, more @ ..] = rest
+        && kind.is("register")
+    {
+        let next = self::address(address)?;
+        if said.count == 0 {
+            said.start = next;
+        } else if Some(next) != said.start.checked_add(said.count) {
+            return Err(TextError { at: address.at, expected: "the register that follows" });
+        }
+        push(&mut said, value)?;
+        rest = more;
+    }
+    if let [then, values @ ..] = rest
+        && then.is("then")
+    {
+        values.iter().try_for_each(|value| push(&mut said, value))?;
+        rest = &[];
+    }
+    match (rest.first(), said.count) {
+        (Some(token), _) => {
+            Err(TextError { at: token.at, expected: "register ADDRESS = VALUE, or then VALUES" })
+        }
+        (None, 0) => Err(TextError { at: text.len(), expected: "register ADDRESS = VALUE" }),
+        (None, count) => fits(said.start, count, tokens).map(|_| said),
+    }
+}
+
+fn push(said: &mut Said, token: &Token<'_>) -> Result<(), TextError> {
+    if said.count == WRITE_WORDS_MAX {
+        return Err(TextError { at: token.at, expected: "at most 123 values" });
+    }
+    let expected = "a value, -32768 to 65535";
+    let value = number(token.text).filter(|value| (-32_768..=65_535).contains(value));
+    said.words[usize::from(said.count)] = value.ok_or(TextError { at: token.at, expected })? as u16;
+    said.count += 1;
+    Ok(())
+}
+
+/// `A, n bits = on: 1 3` or `A = all off`. Lines are counted from 1.
+fn coils(text: &str, tokens: &[Token<'_>]) -> Result<Said, TextError> {
+    let missing = TextError { at: text.len(), expected: "a coil's address" };
+    let (first, rest) = tokens.split_first().ok_or(missing)?;
+    let start = address(first)?;
+    let (count, rest) = match rest {
+        [count, unit, rest @ ..] if unit.is("bits") => (position(count)?, rest),
+        rest => (1, rest),
+    };
+    let mut words = [0; READ_WORDS_MAX as usize];
+    match rest {
+        [all, off] if all.is("all") && off.is("off") => {}
+        [on, lines @ ..] if on.is("on:") && !lines.is_empty() => {
+            for line in lines {
+                let at = position(line)?;
+                let expected = "a line among those that are written";
+                let outside = TextError { at: line.at, expected };
+                *words[..usize::from(count)].get_mut(usize::from(at) - 1).ok_or(outside)? = 1;
+            }
+        }
+        _ => return Err(TextError { at: first.at, expected: "A, N bits = on: LINES, or all off" }),
+    }
+    fits(start, count, tokens)?;
+    Ok(Said { function: Function::WriteCoils, start, count, words })
+}
+
+fn address(token: &Token<'_>) -> Result<u16, TextError> {
+    let plain = number(token.text).and_then(|value| u16::try_from(value).ok());
+    let expected = "a register address, 0 to 0xFFFF";
+    plain.or_else(|| by_symbol(token.text)).ok_or(TextError { at: token.at, expected })
+}
+
+fn position(token: &Token<'_>) -> Result<u16, TextError> {
+    let most = i64::from(READ_WORDS_MAX);
+    let found = number(token.text).filter(|value| (1..=most).contains(value));
+    found
+        .map(|value| value as u16)
+        .ok_or(TextError { at: token.at, expected: "a number, 1 to 125" })
+}

@@ -1,0 +1,265 @@
+//! What each fuzz target does with its input: shared by cargo-fuzz (`fuzz_targets/`, `make soak`) and
+//! by the seeded form of the same (`crates/cli/tests/fuzz.rs`, `make test`).
+//!
+//! Nothing panics, nothing goes on without end, and a cut never reaches beyond its input.
+
+use polepair_capture::{Decoder, Event, Judge, Rules};
+use polepair_core::drives;
+use polepair_core::error::WireError;
+use polepair_core::explain::{Addressing, Context, Cut, Direction, Field, Sink};
+use polepair_core::medium::{MediumKind, STREAM_UNIT_MAX};
+use polepair_core::profile::{Access, ParameterId, Profile};
+use polepair_core::proto::{self, HostOptions};
+use polepair_core::station::{AxisIndex, Ticket};
+use polepair_core::time::Instant;
+use polepair_sim::host::{self, Spoken};
+use polepair_sim::node::Node;
+use polepair_sim::rack::RackDrive;
+
+/// A target: its name, its body, and inputs to begin with.
+pub type Target = (&'static str, fn(&[u8]), &'static [&'static [u8]]);
+
+/// Every target.
+pub const TARGETS: [Target; 9] = [
+    ("deframe", deframe, FRAMES),
+    ("can", can, FRAMES),
+    (
+        "text",
+        text,
+        &[b"\x00ROR 0, 350", b"\x01write Fn_33 200", b"\x03CPOS=-1000L; UPD", b"\x03C\xC3\xA9"],
+    ),
+    ("host", host_input, FRAMES),
+    ("device", device_input, FRAMES),
+    ("capture", capture, CAPTURES),
+    ("url", url, URLS),
+    ("profile", profile, PROFILES),
+    ("setup", setup, &[b"PK\x05\x06\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", b"PK\x03\x04"]),
+];
+
+const FRAMES: &[&[u8]] = &[
+    b"\x00\x01\x01\x00\x00\x00\x00\x01\x5E\x61",
+    b"\x01\x02\x01\x64\x06\x00\x00\x02\xC7\x36",
+    b"\x02\x01\x06\x00\x33\x00\xC8\x78\x53",
+    b"\x03\x01\x03\x02\xFF\x38\xF8\x66",
+    b"\x04:01030002000CEE\r\n",
+    b"\x06\x04\x10\x00\x01\xC4\xD9",
+    b"\x07\x4F\x08\x0F\xF1\xD8\x01\x35\x31\x34\x4C\xC7",
+];
+
+const CAPTURES: &[&[u8]] = &[
+    b"(1700000000.000500) ttyUSB0 > 01 01 00 00 00 00 01 5E 61\n(1700000000.02) ttyUSB0 < 02 01 64",
+    b"(1700000000.000500) can0 30B#5443000000000005\n(1.0) can0 0400A05E#R\n# said\n",
+    b"ttyS0 < 010302FF38F866\n> 01 06 00 33 00 C8 78 53\n",
+];
+
+const URLS: &[&[u8]] = &[
+    b"tmcl+serial:///dev/ttyUSB0:9600#1,2,g3",
+    b"tml+tcp://10.0.0.5:10001?wire=rs485&host=255#255,1",
+    b"technocan+slcan:///dev/ttyACM0?bitrate=500000#5",
+    b"sim:tmcl?axes=3&seed=1",
+    b"tmlcan+socketcand://host:29536/can0#g1+2",
+];
+
+const PROFILES: &[&[u8]] = &[
+    b"name = \"d\"\nprotocol = \"modbus\"\n[[parameter]]\nname = \"a\"\nindex = 0x10\nmin = -5\nmax = 7\n",
+    b"name = \"d\"\nextends = \"tmcm-171\"\n[plans.stop]\nsteps = [\"send 3 0 0\", \"until a == 0 within 1 s\"]\n",
+    b"name = \"d\"\nprotocol = \"tmcl\"\n[[fault]]\ncode = 0x1\nname = \"x\"\n[[signal]]\nname = \"position\"\n",
+];
+
+/// Steps that anything may take before it counts as going on without end.
+const STEPS_MAX: usize = 20_000;
+const AXIS: AxisIndex = AxisIndex(0);
+
+/// Takes what explaining says and checks that fields lie within the frame.
+struct Checked(usize);
+
+impl Sink for Checked {
+    fn kind(&mut self, _: &str) {}
+    fn axis(&mut self, _: u32) {}
+    fn field(&mut self, field: Field<'_>) {
+        assert!(
+            field.start <= field.end && usize::from(field.end) <= self.0,
+            "{field:?} of {}",
+            self.0
+        );
+    }
+    fn text(&mut self, _: &str) {}
+    fn error(&mut self, _: WireError) {}
+}
+
+/// The first byte chooses, the rest is the input.
+fn choose<'a, T: Copy>(data: &'a [u8], choices: &[T]) -> Option<(T, &'a [u8])> {
+    let (first, rest) = data.split_first()?;
+    Some((*choices.get(usize::from(*first) % choices.len().max(1))?, rest))
+}
+
+fn direction(byte: u8) -> Option<Direction> {
+    [None, Some(Direction::ToDrive), Some(Direction::ToHost)][usize::from(byte % 3)]
+}
+
+/// Cuts a stream into frames and explains each, in every direction, ended or not.
+pub fn deframe(data: &[u8]) {
+    let Some((dissector, bytes)) = choose(data, proto::dissectors()) else { return };
+    for way in 0..6 {
+        let (direction, ended) = (direction(way), way >= 3);
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let context = Context { direction, ..Context::default() };
+            dissector.explain(rest, &context, &mut Checked(rest.len()));
+            rest = match dissector.cut(rest, direction, ended) {
+                Cut::Frame(n) | Cut::Broken(n) | Cut::Skip(n) => {
+                    assert!((1..=rest.len()).contains(&n), "{n} of {}", rest.len());
+                    &rest[n..]
+                }
+                Cut::More => break,
+            };
+        }
+    }
+}
+
+/// Explains a CAN frame by every protocol.
+pub fn can(data: &[u8]) {
+    let Some((head, bytes)) = data.split_at_checked(5) else { return };
+    let extended = head[0] & 1 != 0;
+    let mask = if extended { 0x1FFF_FFFF } else { 0x7FF };
+    let id = u32::from_le_bytes([head[1], head[2], head[3], head[4]]) & mask;
+    let bytes = &bytes[..bytes.len().min(8)];
+    for dissector in proto::dissectors() {
+        let context = Context {
+            id: Some(id),
+            extended,
+            direction: direction(head[0] >> 1),
+            ..Context::default()
+        };
+        dissector.explain(bytes, &context, &mut Checked(bytes.len()));
+        let _ = dissector.claims(id, extended);
+    }
+}
+
+/// Encodes a text; what comes of it is a frame that explains without an error.
+pub fn text(data: &[u8]) {
+    let Some((dissector, bytes)) = choose(data, proto::dissectors()) else { return };
+    let Ok(said) = std::str::from_utf8(bytes) else { return };
+    let mut out = [0; 600];
+    if let Ok(encoded) = dissector.encode(said, &Addressing::default(), &mut out) {
+        assert!(encoded.len <= out.len());
+    }
+    let _ = dissector.code(said.len() as u32);
+}
+
+/// Everything serial that has a host, with a product that speaks it.
+fn pairs() -> Vec<(Spoken, &'static Profile)> {
+    let serial = host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial);
+    let with = |spoken: Spoken| {
+        let product = drives::profiles().iter().find(|p| p.protocol == spoken.profile);
+        product.map(|profile| (spoken, *profile))
+    };
+    serial.filter_map(with).collect()
+}
+
+/// Lets a node speak and time pass, at most so long.
+fn run(
+    node: &mut dyn Node,
+    now: &mut Instant,
+    end: Instant,
+    mut done: impl FnMut(&mut dyn Node) -> bool,
+) {
+    let mut buffer = [0; STREAM_UNIT_MAX];
+    for step in 0.. {
+        assert!(step < STEPS_MAX, "goes on without end");
+        while node.stream(0).and_then(|s| s.poll_transmit(*now, &mut buffer)).is_some() {}
+        if done(node) || *now >= end {
+            return;
+        }
+        let due = node.poll_timeout().unwrap_or(end).max(now.plus_ns(1_000));
+        *now = due.min(end);
+        node.handle_timeout(*now);
+    }
+}
+
+/// A host that has asked something hears the input; its request ends.
+pub fn host_input(data: &[u8]) {
+    let Some(((spoken, profile), bytes)) = choose(data, &pairs()) else { return };
+    let options = HostOptions::new(0);
+    let axes = [(profile, spoken.first_address)];
+    let Some(mut node) = host::lane(spoken.name, spoken.medium, options, &axes) else { return };
+    let mut now = Instant::ZERO;
+    let readable = profile.parameters.iter().position(|p| p.access != Access::Write);
+    let id = ParameterId(readable.unwrap_or(0) as u16);
+    let lane = node.axes().expect("a lane");
+    lane.read(now, Ticket(1), AXIS, id).expect("a readable parameter");
+    let soon = now.plus_ms(1);
+    run(&mut *node, &mut now, soon, |_| false);
+    for piece in bytes.chunks(1 + bytes.len() % 7) {
+        node.stream(0).expect("a serial station").handle_input(now, piece);
+    }
+    let (end, mut ended) = (now.plus_ms(60_000), false);
+    run(&mut *node, &mut now, end, |node| {
+        ended |= node.axes().is_some_and(|axes| axes.poll_outcome().is_some());
+        ended
+    });
+    assert!(ended, "a read never ends");
+}
+
+/// A drive hears the input.
+pub fn device_input(data: &[u8]) {
+    let Some(((spoken, profile), bytes)) = choose(data, &pairs()) else { return };
+    let mut spec = RackDrive::new(profile, spoken.name);
+    spec.address = Some(spoken.first_address);
+    let Some(mut node) = spec.device(false).ok() else { return };
+    let mut now = Instant::ZERO;
+    for piece in bytes.chunks(1 + bytes.len() % 7) {
+        node.stream(0).expect("a serial station").handle_input(now, piece);
+        let soon = now.plus_ms(1);
+        run(&mut *node, &mut now, soon, |_| false);
+    }
+    let end = now.plus_ms(50);
+    run(&mut *node, &mut now, end, |_| false);
+}
+
+/// Reads a capture, in pieces, judged and not.
+pub fn capture(data: &[u8]) {
+    let mut judge = Judge::new();
+    judge.feed(data);
+    let (_, judged) = judge.decide();
+    for mut decoder in [judged, Decoder::new(Rules::default())] {
+        let mut bytes = 0;
+        let mut count = |event: &Event<'_>| bytes += event.bytes.len();
+        for piece in data.chunks(1 + data.len() % 31) {
+            decoder.feed(piece, &mut count);
+        }
+        decoder.finish(&mut count);
+        assert!(bytes <= data.len(), "more came out than went in");
+        let (damaged, lines) = decoder.damaged_of();
+        assert!(damaged <= lines);
+    }
+}
+
+/// Reads a connection string; what it prints it reads again.
+pub fn url(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    let Ok(url) = text.parse::<polepair::url::Url>() else { return };
+    let shown = url.to_string();
+    let again = shown.parse::<polepair::url::Url>();
+    assert_eq!(again.map(|url| url.to_string()), Ok(shown));
+}
+
+/// Reads a profile. One that is good is kept for good, up to a number of them.
+pub fn profile(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    if let Err(error) = polepair::profile::parse("fuzz.toml", text) {
+        assert!(!error.to_string().is_empty());
+    }
+}
+
+/// Reads a set-up archive.
+pub fn setup(data: &[u8]) {
+    let name = format!("polepair-fuzz-{}.t.zip", std::process::id());
+    let path = std::env::temp_dir().join(name);
+    std::fs::write(&path, data).expect("a temporary file");
+    let read = polepair::profile::load(&path);
+    std::fs::remove_file(&path).expect("a temporary file");
+    if let Err(error) = read {
+        assert!(!error.to_string().is_empty());
+    }
+}
