@@ -1,7 +1,7 @@
 //! Profiles as Rust constants: `profiles/*.toml` → `crates/core/src/drives/<family>/profile.rs`.
 //!
-//! A profile whose family is its protocol's own word is the generic one and lands beside the
-//! protocol instead. Generated files are committed and never edited.
+//! A profile whose family is its protocol's own word, and no folder of drives, is the generic one and
+//! lands beside the protocol instead. Generated files are committed and never edited.
 
 use polepair_core::plan::{Operand, Plan, Step, Test};
 use polepair_core::profile::{
@@ -75,9 +75,12 @@ fn profile_files(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 fn destination(root: &Path, profile: &Profile) -> PathBuf {
-    let kind = if profile.family == profile.protocol { "proto" } else { "drives" };
+    let source = root.join("crates/core/src");
     let folder = profile.family.replace(['-', '.'], "_");
-    root.join("crates/core/src").join(kind).join(folder).join("profile.rs")
+    let drives = source.join("drives").join(&folder);
+    let generic = profile.family == profile.protocol && !drives.is_dir();
+    let folder = if generic { source.join("proto").join(folder) } else { drives };
+    folder.join("profile.rs")
 }
 
 /// What `rustfmt` makes of the text, with the workspace's settings.
@@ -343,7 +346,7 @@ fn parameter(profile: &Profile, p: &Parameter) -> String {
     }
     // Registers and memory are known by their hexadecimal numbers, everything else by decimal ones.
     let index = match profile.protocol {
-        "modbus" | "tml" => format!("{:#06x}", p.index),
+        "modbus" | "tml" | "thruster" => format!("{:#06x}", p.index),
         _ => p.index.to_string(),
     };
     let _ = write!(row, "index: {index}, encoding: Encoding::{:?}, ", p.encoding);

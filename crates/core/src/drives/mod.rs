@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod syntron_ts;
 pub mod technosoft;
+pub mod thruster;
 pub mod tmcm17x;
 
 use crate::explain::Dissector;
@@ -70,18 +71,22 @@ pub fn visit(visitor: &mut impl Visitor) {
     visitor.family::<tmcm17x::Tmcm17x>();
     visitor.family::<syntron_ts::SyntronTs>();
     visitor.family::<technosoft::Technosoft>();
+    visitor.family::<thruster::Thruster>();
 }
 
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    static ALL: [&Profile; 6] = [
+    static ALL: [&Profile; 9] = [
         &tmcm17x::profile::TMCM_171,
         &tmcm17x::profile::TMCM_170,
         &syntron_ts::profile::SYNTRON_TS,
         &syntron_ts::profile::SYNTRON_DS102,
         &technosoft::profile::TECHNOSOFT_F514L,
         &technosoft::profile::TECHNOSOFT_FA00G,
+        &thruster::profile::THRUSTER,
+        &thruster::profile::THRUSTER_SERVO,
+        &thruster::profile::THRUSTER_ACTUATOR,
     ];
     &ALL
 }

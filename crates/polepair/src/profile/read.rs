@@ -68,7 +68,7 @@ struct Dialect {
     encoding: Encoding,
 }
 
-const DIALECTS: [Dialect; 3] = [
+const DIALECTS: [Dialect; 4] = [
     Dialect {
         protocol: "tmcl",
         spaces: &[("axis", 0), ("global 0", 1), ("global 1", 2), ("global 2", 3), ("global 3", 4)],
@@ -80,6 +80,11 @@ const DIALECTS: [Dialect; 3] = [
         encoding: Encoding::U16,
     },
     Dialect { protocol: MEMORY, spaces: &[("data", 0)], encoding: Encoding::I16 },
+    Dialect {
+        protocol: "thruster",
+        spaces: &[("command", 0), ("internal", 1), ("internal high", 2), ("internal low", 3)],
+        encoding: Encoding::I16,
+    },
 ];
 
 /// The protocol whose parameters are a drive's memory: several names may share an address, and a

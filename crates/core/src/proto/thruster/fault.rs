@@ -41,6 +41,8 @@ pub const ZERO_POINT: u16 = 1 << 10;
 pub const TIMEOUT: u16 = 1 << 11;
 /// Driver temperature sensor.
 pub const DRIVER_SENSOR: u16 = 1 << 12;
+/// Reserved in the table, called motor temperature in the example of section 2.6.
+pub const MOTOR_TEMPERATURE: u16 = 1 << 14;
 /// Motor temperature sensor.
 pub const MOTOR_SENSOR: u16 = 1 << 13;
 
@@ -67,8 +69,7 @@ pub const BITS: [Bit; 14] = {
         Bit { mask, field, name, level, recovers }
     }
     [
-        // Reserved in the table, and called so in the example of section 2.6.
-        bit(1 << 14, "motor_temperature", "undocumented motor temperature", 2, true),
+        bit(MOTOR_TEMPERATURE, "motor_temperature", "undocumented motor temperature", 2, true),
         bit(MOTOR_SENSOR, "motor_sensor", "motor temperature sensor", 2, true),
         bit(DRIVER_SENSOR, "driver_sensor", "driver temperature sensor", 2, true),
         bit(TIMEOUT, "timeout", "communication timeout", 2, true),

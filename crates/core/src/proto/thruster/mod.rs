@@ -6,6 +6,7 @@
 //! is a switch of the profile or of the simulated drive where two are possible.
 
 pub mod axis;
+pub mod device;
 pub mod explain;
 pub mod fault;
 pub mod generic;

@@ -1,3 +1,4 @@
-//! Vectors, the language, what is sent and what is not.
+//! Vectors, the language, and host against device.
 
 mod codec;
+mod pair;

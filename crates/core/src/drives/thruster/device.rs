@@ -1,0 +1,155 @@
+//! The simulated drive: a drive behind its CAN end, and the bench around it.
+
+use super::drive::Drive;
+use super::options::Options;
+use super::profile;
+use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::{self, DeviceOptions, Family};
+use crate::medium::{Can, CanLine, Frame};
+use crate::profile::Profile;
+use crate::proto::thruster::device::CanEnd;
+use crate::proto::thruster::fault;
+use crate::station::{LineEvent, Station, Timed};
+use crate::time::Instant;
+
+/// The family.
+#[derive(Debug)]
+pub enum Thruster {}
+
+impl Family for Thruster {
+    const NAME: &'static str = "thruster";
+    type Device = Device;
+
+    fn profiles() -> &'static [&'static Profile] {
+        static ALL: [&Profile; 3] =
+            [&profile::THRUSTER, &profile::THRUSTER_SERVO, &profile::THRUSTER_ACTUATOR];
+        &ALL
+    }
+
+    fn device<'a>(
+        profile: &'static Profile,
+        options: &DeviceOptions<'a>,
+    ) -> Result<Device, &'a str> {
+        Ok(Device::new(Options::read(profile, options)?))
+    }
+}
+
+/// A simulated drive with its motor.
+#[derive(Debug)]
+pub struct Device {
+    pub(super) drive: Drive,
+    can: CanEnd,
+}
+
+impl Device {
+    /// That drive, just powered.
+    #[must_use]
+    fn new(options: Options) -> Self {
+        let drive = Drive::new(options);
+        let can = CanEnd::new(options.quirks, &drive);
+        Self { drive, can }
+    }
+
+    /// Thrust of its propeller, N; forward is positive.
+    #[must_use]
+    pub fn thrust(&mut self, now: Instant) -> f64 {
+        self.drive.advance(now);
+        self.drive.shaft.water.thrust(self.drive.shaft.motor.velocity())
+    }
+}
+
+impl drives::Device for Device {
+    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+        Some(self)
+    }
+}
+
+impl Timed for Device {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.drive.advance(now);
+        if !self.drive.is_dead() {
+            self.can.handle_timeout(now, &self.drive);
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.can.poll_timeout().filter(|_| !self.drive.is_dead())
+    }
+}
+
+impl Station<Can> for Device {
+    fn handle_input(&mut self, now: Instant, unit: &Frame) {
+        self.drive.advance(now);
+        if !self.drive.is_dead() {
+            self.can.handle_input(now, unit, &mut self.drive);
+        }
+    }
+
+    fn handle_line(&mut self, now: Instant, _event: LineEvent) {
+        self.drive.advance(now);
+    }
+
+    fn poll_transmit(&mut self, _now: Instant, out: &mut Frame) -> Option<usize> {
+        *out = self.can.poll_transmit()?;
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        self.can.line()
+    }
+}
+
+impl Bench for Device {
+    fn truth(&mut self, now: Instant) -> Truth {
+        self.drive.advance(now);
+        let Drive { shaft, faults, writes, unrepeatable, starts, .. } = &self.drive;
+        Truth {
+            position: shaft.motor.position(),
+            velocity: shaft.motor.velocity(),
+            current: shaft.motor.current(),
+            torque: shaft.motor.torque(),
+            winding: shaft.winding.temperature(),
+            enabled: shaft.servo.is_enabled(),
+            fault: u32::from(faults & (fault::OUTPUT_OFF | fault::ENCODER)),
+            flash_writes: *writes,
+            unrepeatable: *unrepeatable,
+            starts: *starts,
+            bounds: shaft.servo.bounds(),
+            setpoint: shaft.servo.regulated().filter(|_| shaft.signal.is_none()),
+        }
+    }
+
+    fn act(&mut self, now: Instant, act: Act) -> bool {
+        self.drive.advance(now);
+        let shaft = &mut self.drive.shaft;
+        match act {
+            Act::Load(torque) => shaft.load = torque,
+            Act::Jam(jammed) => shaft.motor.jam(jammed),
+            Act::Ambient(celsius) => {
+                (shaft.stage.ambient, shaft.winding.ambient) = (celsius, celsius);
+            }
+            Act::Supply(volts) => {
+                if self.drive.supply(now, volts) {
+                    self.can.restart(now, &self.drive);
+                }
+            }
+            Act::EncoderBroken(broken) if self.drive.options.encoder => {
+                shaft.broken_at = broken.then_some(shaft.motor.position());
+                if broken {
+                    self.drive.lose_encoder();
+                }
+            }
+            Act::Fault(bits) => return self.drive.inject(bits),
+            Act::PowerCycle => {
+                self.drive.power_up(now);
+                self.can.restart(now, &self.drive);
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    fn notice(&mut self) -> Option<&'static str> {
+        self.drive.notice.take()
+    }
+}
