@@ -346,7 +346,7 @@ fn parameter(profile: &Profile, p: &Parameter) -> String {
     }
     // Registers and memory are known by their hexadecimal numbers, everything else by decimal ones.
     let index = match profile.protocol {
-        "modbus" | "tml" | "thruster" => format!("{:#06x}", p.index),
+        "modbus" | "tml" | "thruster" | "canopen" => format!("{:#06x}", p.index),
         _ => p.index.to_string(),
     };
     let _ = write!(row, "index: {index}, encoding: Encoding::{:?}, ", p.encoding);
@@ -445,6 +445,10 @@ fn step(step: &Step) -> String {
         Step::Require { read, test: t, hint } => {
             let (read, t) = (id(read), test(t));
             format!("Step::Require {{ read: {read}, test: {t}, hint: {hint:?} }}")
+        }
+        Step::Skip { read, test: t, count } => {
+            let (read, t) = (id(read), test(t));
+            format!("Step::Skip {{ read: {read}, test: {t}, count: {count} }}")
         }
         Step::NoFault { read, mask: m } => {
             format!("Step::NoFault {{ read: {}, mask: {} }}", id(read), mask(m))

@@ -128,6 +128,9 @@ fn step_text(profile: &Profile, step: Step) -> String {
         Step::Require { read, test, hint } => {
             format!("go on only if {} (else: {hint})", test_text(&name(read), test))
         }
+        Step::Skip { read, test, count } => {
+            format!("leave out the next {count} if {}", test_text(&name(read), test))
+        }
         Step::NoFault { read, .. } => format!("go on only if {} shows no fault", name(read)),
         Step::Until { read, test, within_ms } => {
             let seconds = f64::from(within_ms) / 1000.0;

@@ -233,6 +233,9 @@ pub enum Told {
     Signal(Signal, i64),
     /// A parameter's raw value.
     Parameter(ParameterId, i64),
+    /// It has restarted, or is there no more: what was learnt of it no longer holds, and it is
+    /// disarmed.
+    Gone,
 }
 
 /// Things that one message may tell.
@@ -546,6 +549,21 @@ pub trait Axes {
     /// order of the drives' addresses.
     fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
         let _ = ticket;
+        None
+    }
+
+    /// Takes bytes of a long value that the protocol's own request reads under `ticket`, and tells
+    /// how many; see [`raw`](Self::raw). The drive sends on as they are taken, and the request ends
+    /// when all are. `None` when there is no such request, or it has not begun.
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        let _ = (ticket, out);
+        None
+    }
+
+    /// Gives bytes of a long value that the protocol's own request writes under `ticket`, and tells
+    /// how many were taken. `None` when there is no such request, or it has not begun.
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        let _ = (ticket, bytes);
         None
     }
 

@@ -96,13 +96,25 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     /// Hands the host the next request, if one is ready and the host can take it.
     #[inline]
     fn feed(&mut self, now: Instant) {
-        while let Some((n, job)) = self.jobs.next() {
+        // Where a host asks many drives at once, those that have one to answer are passed by.
+        let mut open = u64::MAX;
+        while let Some((n, job)) = self.jobs.next(open) {
             let Some(slot) = self.slots.get(usize::from(job.axis)) else { return };
             if let Some((id, request)) = execute::plain_read(job, slot) {
-                let Ok(()) = self.host.submit(now, Ticket(n as u32), *request) else { return };
-                job.asked = Asked::Read(id);
-                self.jobs.sent(n);
+                if let Ok(()) = self.host.submit(now, Ticket(n as u32), *request) {
+                    job.asked = Asked::Read(id);
+                    self.jobs.sent(n);
+                } else if H::PARALLEL {
+                    open &= !self.jobs.of_axis(n);
+                    continue;
+                } else {
+                    return;
+                }
             } else if !self.feed_one(now, n) {
+                if H::PARALLEL {
+                    open &= !self.jobs.of_axis(n);
+                    continue;
+                }
                 return;
             }
             // A host may end a request at once that its protocol's rules forbid.
@@ -370,6 +382,14 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         self.parts.remove(at)
     }
 
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        self.host.poll_bytes(self.jobs.raw(ticket)?, out)
+    }
+
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        self.host.feed_bytes(self.jobs.raw(ticket)?, bytes)
+    }
+
     fn rehearse(
         &self,
         axis: AxisIndex,
@@ -433,6 +453,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             Step::Ensure(id, raw) => (RehearsedStep::WriteIfDifferent(id, raw), write(id, raw)?),
             Step::Read(id)
             | Step::Require { read: id, .. }
+            | Step::Skip { read: id, .. }
             | Step::NoFault { read: id, .. }
             | Step::Until { read: id, .. } => (RehearsedStep::Read(id), read(id)?),
             Step::Copy { from, to } => (RehearsedStep::WriteWhatWasRead(from, to), read(from)?),

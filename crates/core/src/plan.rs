@@ -51,6 +51,15 @@ pub enum Step {
         /// What to do about it, for people.
         hint: &'static str,
     },
+    /// Leaves out the next steps if the parameter passes the test.
+    Skip {
+        /// The parameter to read.
+        read: ParameterId,
+        /// The test.
+        test: Test,
+        /// How many steps.
+        count: u8,
+    },
     /// Ends the plan with `Faulted` if the masked parameter is not zero.
     NoFault {
         /// The parameter to read.

@@ -158,7 +158,7 @@ pub struct Parameter {
     pub about: &'static str,
     /// The protocol's address space: TMCL 0 = axis parameter, 1 + bank = global parameter;
     /// Modbus 0 = holding register, 1 = coil, 2 = discrete input, 3 = input register;
-    /// TML 0 = data memory.
+    /// TML 0 = data memory; CANopen the sub-index.
     pub space: u8,
     /// The protocol's number within the space.
     pub index: u16,
@@ -194,6 +194,10 @@ pub struct Parameter {
 pub enum Encoding {
     /// One bit.
     Bit,
+    /// Unsigned 8 bits, where objects have such a length.
+    U8,
+    /// Signed 8 bits, where objects have such a length.
+    I8,
     /// Unsigned 16 bits, one register.
     U16,
     /// Signed 16 bits, one register.

@@ -139,6 +139,8 @@ pub trait Host<M: Medium>: Station<M> {
     type Request: Request;
     /// What a drive answers.
     type Answer: Copy + 'static;
+    /// A request that is given back concerns its drive alone: others may be asked meanwhile.
+    const PARALLEL: bool = false;
 
     /// Takes a request, or gives it back when it cannot take one now (half-duplex: one outstanding;
     /// quarantine after silence admits a stop only).
@@ -161,4 +163,18 @@ pub trait Host<M: Medium>: Station<M> {
 
     /// What happened on the wire so far.
     fn counters(&self) -> Counters;
+
+    /// Takes bytes of a long value that is being read under `ticket`, and tells how many. The drive
+    /// is paced by it. `None` when nothing of that kind is under way.
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        let _ = (ticket, out);
+        None
+    }
+
+    /// Gives bytes of a long value that is being written under `ticket`, and tells how many were
+    /// taken. `None` when nothing of that kind is under way.
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        let _ = (ticket, bytes);
+        None
+    }
 }

@@ -233,6 +233,8 @@ const fn kept(parameter: &Parameter) -> &'static str {
 const fn encoding(parameter: &Parameter) -> &'static str {
     match parameter.encoding {
         Encoding::Bit => "one bit",
+        Encoding::U8 => "8 bits",
+        Encoding::I8 => "8 bits, signed",
         Encoding::U16 => "16 bits",
         Encoding::I16 => "16 bits, signed",
         Encoding::U32 => "32 bits",

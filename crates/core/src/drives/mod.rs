@@ -1,6 +1,7 @@
 //! The drive families. This is the one list of them: nothing outside names one.
 
 pub mod bench;
+pub mod cia402;
 pub mod syntron_ts;
 pub mod technosoft;
 pub mod thruster;
@@ -77,7 +78,7 @@ pub fn visit(visitor: &mut impl Visitor) {
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    static ALL: [&Profile; 9] = [
+    static ALL: [&Profile; 10] = [
         &tmcm17x::profile::TMCM_171,
         &tmcm17x::profile::TMCM_170,
         &syntron_ts::profile::SYNTRON_TS,
@@ -87,6 +88,7 @@ pub fn profiles() -> &'static [&'static Profile] {
         &thruster::profile::THRUSTER,
         &thruster::profile::THRUSTER_SERVO,
         &thruster::profile::THRUSTER_ACTUATOR,
+        &cia402::profile::CIA402,
     ];
     &ALL
 }

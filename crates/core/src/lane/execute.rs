@@ -173,6 +173,7 @@ fn request<R: Request, A: Copy + 'static>(
             | Step::Copy { from: id, .. }
             | Step::Read(id)
             | Step::Require { read: id, .. }
+            | Step::Skip { read: id, .. }
             | Step::NoFault { read: id, .. }
             | Step::Until { read: id, .. },
             _,
@@ -242,7 +243,9 @@ pub fn cut_short<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
 pub fn passes<R: Request>(job: &Job<R>, raw: i64) -> bool {
     let Task::Run(run) = &job.task else { return true };
     match run.step() {
-        Some(Step::Require { test, .. } | Step::Until { test, .. }) => test.passes(raw),
+        Some(Step::Require { test, .. } | Step::Skip { test, .. } | Step::Until { test, .. }) => {
+            test.passes(raw)
+        }
         Some(Step::NoFault { mask, .. }) => raw & mask == 0,
         _ => true,
     }
@@ -412,6 +415,10 @@ fn passed(now: Instant, run: &mut Run, raw: i64) -> Next {
         (Step::Copy { .. }, Stage::First) => run.stage = Stage::Write(raw),
         (Step::Require { test, hint, .. }, _) if !test.passes(raw) => {
             return failed(run, Failure::NotReady { hint });
+        }
+        (Step::Skip { test, count, .. }, _) if test.passes(raw) => {
+            run.advance(raw);
+            run.at = run.at.saturating_add(count);
         }
         (Step::NoFault { mask, .. }, _) if raw & mask != 0 => {
             return failed(run, Failure::Faulted { code: (raw & mask) as u32 });

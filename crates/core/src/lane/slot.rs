@@ -283,6 +283,7 @@ pub fn unasked<R: crate::station::Request, A: Copy + 'static>(
         for told in slot.driver.unasked(answer).into_iter().flatten() {
             match told {
                 Told::Parameter(id, raw) => slot.note(now, id, raw),
+                Told::Gone => slot.forget(),
                 Told::Signal(signal, raw) => {
                     slot.state.note(signal, Reading { value: raw as f64, raw, at: Some(now) });
                 }

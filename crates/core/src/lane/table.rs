@@ -86,13 +86,14 @@ impl<R: Request> Table<R> {
         Ok(())
     }
 
-    /// Whose turn it is: stops first, then what is going, then all others in a ring.
+    /// Whose turn it is of those `open`: stops first, then what is going, then all others in a ring.
     #[inline]
-    pub fn next(&mut self) -> Option<(usize, &mut Job<R>)> {
-        if self.ready == 0 {
+    pub fn next(&mut self, open: u64) -> Option<(usize, &mut Job<R>)> {
+        let ready = self.ready & open;
+        if ready == 0 {
             return None;
         }
-        let mut from = self.ready;
+        let mut from = ready;
         if from & (self.urgent | self.going) != 0 {
             let urgent = from & self.urgent;
             from &= if urgent == 0 { self.going } else { urgent };
@@ -106,6 +107,22 @@ impl<R: Request> Table<R> {
     /// Job `n`.
     pub fn get_mut(&mut self, n: usize) -> Option<&mut Job<R>> {
         self.jobs.get_mut(n)?.as_mut()
+    }
+
+    /// The jobs of the axis that job `n` is for.
+    #[cold]
+    pub fn of_axis(&self, n: usize) -> u64 {
+        let axis = |n: usize| self.jobs[n].as_ref().map(|job| job.axis);
+        bits(self.used).filter(|m| axis(*m) == axis(n)).fold(0, |mask, m| mask | 1 << m)
+    }
+
+    /// What the host calls the protocol's own request that runs under `ticket`.
+    pub fn raw(&self, ticket: Ticket) -> Option<Ticket> {
+        let is = |n: &usize| {
+            let job = self.jobs[*n].as_ref();
+            job.is_some_and(|job| job.ticket == ticket && matches!(job.task, Task::Raw(_)))
+        };
+        bits(self.used & !self.ended).find(is).map(|n| Ticket(n as u32))
     }
 
     /// The request of job `n` is out: the next turn is another's.

@@ -67,6 +67,9 @@ pub struct HostOptions {
     pub gap_us: Option<u32>,
     /// Host address; the protocol's default if `None`.
     pub host: Option<u32>,
+    /// Period of the host's own heartbeat where the protocol has one, ms; none if `None`. It goes on
+    /// only while the application asks something now and then.
+    pub heartbeat_ms: Option<u32>,
     /// The adapter lets us hear our own bytes.
     pub echo: bool,
     /// Axes behind a relay only answer questions of their own: what they say unasked, or to a
@@ -93,6 +96,7 @@ impl HostOptions {
             pause_ms: None,
             gap_us: None,
             host: None,
+            heartbeat_ms: None,
             echo: false,
             answers_only: false,
             probing: false,
@@ -169,4 +173,5 @@ pub fn visit(visitor: &mut impl Visitor) {
     visitor.protocol::<tml::TmlCan>();
     visitor.protocol::<tml::TechnoCan>();
     visitor.protocol::<thruster::Thruster>();
+    visitor.protocol::<canopen::Canopen>();
 }

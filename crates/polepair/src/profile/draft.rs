@@ -122,6 +122,7 @@ pub(crate) enum DraftStep {
     Read(Named),
     Copy { from: Named, to: Named },
     Require { read: Named, test: Test, hint: String },
+    Skip { read: Named, test: Test, count: u8 },
     NoFault { read: Named, mask: i64 },
     Until { read: Named, test: Test, within_ms: u32 },
     Send { function: u8, index: u16, operand: polepair_core::plan::Operand, like: Option<Named> },
@@ -249,6 +250,9 @@ impl Names<'_> {
             Step::Copy { from, to } => DraftStep::Copy { from: self.of(from), to: self.of(to) },
             Step::Require { read, test, hint } => {
                 DraftStep::Require { read: self.of(read), test, hint: hint.into() }
+            }
+            Step::Skip { read, test, count } => {
+                DraftStep::Skip { read: self.of(read), test, count }
             }
             Step::NoFault { read, mask } => DraftStep::NoFault { read: self.of(read), mask },
             Step::Until { read, test, within_ms } => {

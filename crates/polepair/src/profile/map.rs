@@ -95,6 +95,7 @@ fn named(step: &DraftStep) -> Vec<&Named> {
         DraftStep::Read(name) | DraftStep::Keep(name) => vec![name],
         DraftStep::Copy { from, to } => vec![from, to],
         DraftStep::Require { read, .. }
+        | DraftStep::Skip { read, .. }
         | DraftStep::NoFault { read, .. }
         | DraftStep::Until { read, .. } => vec![read],
         DraftStep::Send { like, .. } => like.iter().collect(),

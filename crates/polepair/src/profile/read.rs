@@ -38,11 +38,12 @@ const KEYS: [&str; 19] = [
     "plans",
 ];
 
-const PARAMETER_KEYS: [&str; 18] = [
+const PARAMETER_KEYS: [&str; 19] = [
     "name",
     "symbol",
     "about",
     "space",
+    "sub",
     "index",
     "encoding",
     "unit",
@@ -68,7 +69,7 @@ struct Dialect {
     encoding: Encoding,
 }
 
-const DIALECTS: [Dialect; 4] = [
+const DIALECTS: [Dialect; 5] = [
     Dialect {
         protocol: "tmcl",
         spaces: &[("axis", 0), ("global 0", 1), ("global 1", 2), ("global 2", 3), ("global 3", 4)],
@@ -79,6 +80,7 @@ const DIALECTS: [Dialect; 4] = [
         spaces: &[("holding", 0), ("coil", 1), ("discrete", 2), ("input", 3)],
         encoding: Encoding::U16,
     },
+    Dialect { protocol: OBJECTS, spaces: &[("object", 0)], encoding: Encoding::U32 },
     Dialect { protocol: MEMORY, spaces: &[("data", 0)], encoding: Encoding::I16 },
     Dialect {
         protocol: "thruster",
@@ -87,6 +89,9 @@ const DIALECTS: [Dialect; 4] = [
     },
 ];
 
+/// The protocol whose parameters are objects, whose space is a sub-index; `sub` gives it.
+const OBJECTS: &str = "canopen";
+
 /// The protocol whose parameters are a drive's memory: several names may share an address, and a
 /// map of the memory gives them all.
 pub(crate) const MEMORY: &str = "tml";
@@ -94,8 +99,10 @@ pub(crate) const MEMORY: &str = "tml";
 const AXES: [(&str, AxisKind); 3] =
     [("rotary", AxisKind::Rotary), ("linear", AxisKind::Linear), ("ratio", AxisKind::Ratio)];
 
-const ENCODINGS: [(&str, Encoding); 8] = [
+const ENCODINGS: [(&str, Encoding); 10] = [
     ("bit", Encoding::Bit),
+    ("u8", Encoding::U8),
+    ("i8", Encoding::I8),
     ("u16", Encoding::U16),
     ("i16", Encoding::I16),
     ("u32", Encoding::U32),
@@ -128,6 +135,8 @@ const SEVERITIES: [(&str, Severity); 3] =
 pub(crate) const fn encoding_range(encoding: Encoding) -> (i64, i64) {
     match encoding {
         Encoding::Bit => (0, 1),
+        Encoding::U8 => (0, u8::MAX as i64),
+        Encoding::I8 => (i8::MIN as i64, i8::MAX as i64),
         Encoding::U16 => (0, u16::MAX as i64),
         Encoding::I16 => (i16::MIN as i64, i16::MAX as i64),
         Encoding::U32 => (0, u32::MAX as i64),
@@ -393,6 +402,12 @@ impl Reader {
 
     fn space(&self, table: &Node<'_, '_>) -> Result<u8, FileError> {
         let spaces = self.dialect.spaces;
+        let sub = table.integer("sub")?;
+        if let Some(sub) = sub.filter(|_| self.dialect.protocol == OBJECTS) {
+            return sub.check(|n| {
+                u8::try_from(n).map_err(|_| format!("`sub` is {n}; it must be 0 to 255"))
+            });
+        }
         optional(table, "space", spaces).map(|space| space.unwrap_or(spaces[0].1))
     }
 

@@ -286,6 +286,10 @@ impl<'a> Names<'a> {
                 let id = self.tested(read, test)?;
                 Step::Require { read: id, test: *test, hint: kept(hint) }
             }
+            DraftStep::Skip { read, test, count } => {
+                let id = self.tested(read, test)?;
+                Step::Skip { read: id, test: *test, count: *count }
+            }
             DraftStep::NoFault { read, mask } => {
                 Step::NoFault { read: self.used(read, &[Use::Read])?, mask: *mask }
             }

@@ -4,6 +4,7 @@
 //! write NAME = VALUE            ensure NAME = 1              read NAME        copy NAME -> NAME
 //! require NAME & 0x10 == 0 else HINT      (also == != and `within N` for magnitudes)
 //! require NAME in 1 14 else HINT          (one of these, 0 to 62)
+//! skip COUNT if NAME & 0x6F == 0x27       (steps behind this one)
 //! no-fault NAME                 no-fault NAME & 0x1F
 //! until NAME & 0x80 == 0x80 within 60 s   until NAME within-magnitude 5 within 5 s
 //! send FUNCTION INDEX VALUE [like NAME]   keep NAME        wait 50 ms
@@ -20,8 +21,10 @@ use polepair_core::plan::{Argument, Compare, Operand, Test};
 /// The longest wait or limit that a step may have: a day, ms.
 pub(crate) const WAIT_MS_MAX: u32 = 86_400_000;
 
-const VERBS: [&str; 10] =
-    ["write", "ensure", "read", "copy", "require", "no-fault", "until", "send", "keep", "wait"];
+const VERBS: [&str; 11] = [
+    "write", "ensure", "read", "copy", "require", "skip", "no-fault", "until", "send", "keep",
+    "wait",
+];
 
 const ARGUMENTS: [(&str, Argument); 6] = [
     ("target", Argument::Target),
@@ -57,6 +60,12 @@ pub(crate) fn parse(step: &Found<String>) -> Result<DraftStep, FileError> {
             let (test, hint) = rest.needed_cut(" else ", "`require TEST else HINT`")?;
             let (read, test) = condition(&test)?;
             Ok(DraftStep::Require { read, test, hint: hint.text.to_owned() })
+        }
+        "skip" => {
+            let (count, test) = rest.needed_cut(" if ", "`skip COUNT if TEST`")?;
+            let (read, test) = condition(&test)?;
+            let count = count.fitting("a plan, which has 64 steps at most")?;
+            Ok(DraftStep::Skip { read, test, count })
         }
         "no-fault" => masked(&rest).map(|(read, mask)| DraftStep::NoFault { read, mask }),
         "until" => {

@@ -4,19 +4,29 @@
 //! (drives); chapter 3 of the TS servo drive's communication manual for what that drive does
 //! otherwise. What no source states is marked \[I\].
 
+pub mod ask;
+pub mod axis;
+pub mod cia402;
 pub mod cob;
 pub mod device;
 pub mod emcy;
+pub mod generic;
 pub mod heartbeat;
+pub mod host;
 pub mod lss;
 pub mod nmt;
 pub mod od;
 pub mod pdo;
 pub mod sdo;
 pub mod sync;
+pub mod text;
 pub mod time;
+pub mod tpdo;
 
+pub use ask::{Answer, Ask};
+pub use axis::{Axis, Canopen};
 pub use cob::Cob;
+pub use host::Host;
 
 use crate::error::WireError;
 

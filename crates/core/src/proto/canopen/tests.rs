@@ -1,3 +1,5 @@
 //! Tests by subject.
 
+mod axis;
 mod codec;
+mod host;

@@ -6,7 +6,7 @@ use crate::profile::Encoding;
 #[must_use]
 pub const fn registers(encoding: Encoding) -> u16 {
     match encoding {
-        Encoding::Bit | Encoding::U16 | Encoding::I16 => 1,
+        Encoding::Bit | Encoding::U8 | Encoding::I8 | Encoding::U16 | Encoding::I16 => 1,
         Encoding::U32
         | Encoding::I32
         | Encoding::I32LowFirst
@@ -22,6 +22,8 @@ pub const fn decode(encoding: Encoding, words: [u16; 2]) -> i64 {
     let (high, low) = (first as i64, second as i64);
     match encoding {
         Encoding::Bit => (first != 0) as i64,
+        Encoding::U8 => first as u8 as i64,
+        Encoding::I8 => first as i8 as i64,
         Encoding::U16 => high,
         Encoding::I16 => first as i16 as i64,
         Encoding::U32 => high << 16 | low,
@@ -38,6 +40,8 @@ pub const fn decode(encoding: Encoding, words: [u16; 2]) -> i64 {
 pub const fn encode(encoding: Encoding, raw: i64) -> Option<[u16; 2]> {
     let (least, most) = match encoding {
         Encoding::Bit => (0, 1),
+        Encoding::U8 => (0, 0xFF),
+        Encoding::I8 => (i8::MIN as i64, i8::MAX as i64),
         Encoding::U16 => (0, 0xFFFF),
         Encoding::I16 => (i16::MIN as i64, i16::MAX as i64),
         Encoding::U32 => (0, u32::MAX as i64),
@@ -51,7 +55,7 @@ pub const fn encode(encoding: Encoding, raw: i64) -> Option<[u16; 2]> {
     }
     let (high, low) = ((raw >> 16) as u16, raw as u16);
     Some(match encoding {
-        Encoding::Bit | Encoding::U16 | Encoding::I16 => [low, 0],
+        Encoding::Bit | Encoding::U8 | Encoding::I8 | Encoding::U16 | Encoding::I16 => [low, 0],
         Encoding::U32 | Encoding::I32 | Encoding::Fixed => [high, low],
         Encoding::I32LowFirst => [low, high],
         Encoding::TensAndThousandths => [(raw / 10_000) as u16, (raw % 10_000) as u16],

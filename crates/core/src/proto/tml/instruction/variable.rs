@@ -46,8 +46,8 @@ impl Kind {
     #[must_use]
     pub const fn of(encoding: Encoding) -> Self {
         match encoding {
-            Encoding::I16 => Self::Int,
-            Encoding::U16 | Encoding::Bit => Self::Uint,
+            Encoding::I16 | Encoding::I8 => Self::Int,
+            Encoding::U16 | Encoding::U8 | Encoding::Bit => Self::Uint,
             Encoding::U32 => Self::Ulong,
             Encoding::Fixed => Self::Fixed,
             Encoding::I32 | Encoding::I32LowFirst | Encoding::TensAndThousandths => Self::Long,

@@ -1,0 +1,3 @@
+//! Drives that follow CiA 402.
+
+pub mod profile;

@@ -1,0 +1,223 @@
+//! An axis of any CANopen drive, from its profile alone.
+//!
+//! A parameter is an object: its index, and as space its sub-index. In plans,
+//! `send FUNCTION INDEX VALUE`: function 0 orders the state that INDEX names (1 start, 2 stop, 128
+//! pre-operational, 129 reset, 130 reset communication), 1 to 4 sends VALUE in INDEX bytes as that
+//! RPDO, 5 sends SYNC.
+
+use super::ask::{Answer, Ask};
+use super::cob::Cob;
+use super::emcy::Emergency;
+use super::generic::GENERIC;
+use super::host::{HOST_ID, Host, sender};
+use super::nmt::{Command, Order, State};
+use super::sdo::Object;
+use super::tpdo::Tpdo;
+use super::{NODE_MAX, text};
+use crate::axis::{Driver, TOLD_MAX, Told};
+use crate::error::{Failure, Unsupported};
+use crate::medium::{Can, Frame};
+use crate::profile::{Encoding, Parameter, Profile, Severity, Signal};
+use crate::proto::{HostOptions, Protocol};
+use crate::station::Class;
+
+/// Object 1010h:1, and what is written there: store everything.
+const STORE: (Object, u64) = (Object::new(0x1010, 1), 0x6576_6173);
+/// What [`Driver::send`] calls SYNC.
+const SEND_SYNC: u8 = 5;
+
+/// One node.
+#[derive(Clone, Copy, Debug)]
+pub struct Axis {
+    profile: &'static Profile,
+    node: u8,
+    /// How the node's process data lie, as far as was read or written.
+    tpdos: [Tpdo; 4],
+}
+
+impl Axis {
+    /// The node of that number.
+    #[must_use]
+    pub const fn new(profile: &'static Profile, address: u32) -> Self {
+        Self { profile, node: address as u8, tpdos: [Tpdo::UNKNOWN; 4] }
+    }
+
+    /// What the node's fault code is from now on, unless it is a note.
+    fn fault(&self, code: u16) -> Option<Told> {
+        let known = self.profile.faults.iter().find(|fault| fault.code == u32::from(code));
+        if known.is_some_and(|fault| fault.severity == Severity::Note) {
+            return None;
+        }
+        Some(match self.profile.signal(Signal::Fault) {
+            Some(source) if source.equals.is_none() => {
+                Told::Parameter(source.parameter, code.into())
+            }
+            _ => Told::Signal(Signal::Fault, code.into()),
+        })
+    }
+
+    /// Takes what was read or written of a mapping.
+    fn learn(&mut self, object: Object, bits: u64) {
+        if let Some(n @ 0..=3) = object.index.checked_sub(0x1A00)
+            && let Some(tpdo) = self.tpdos.get_mut(usize::from(n))
+        {
+            tpdo.learn(object.sub, bits as u32, self.profile);
+        }
+    }
+}
+
+/// The object that a parameter is.
+const fn object(parameter: &Parameter) -> Object {
+    Object { index: parameter.index, sub: parameter.space }
+}
+
+/// Bytes of an encoding, and whether it is signed.
+#[must_use]
+pub const fn width(encoding: Encoding) -> (u8, bool) {
+    match encoding {
+        Encoding::Bit | Encoding::U8 => (1, false),
+        Encoding::I8 => (1, true),
+        Encoding::U16 => (2, false),
+        Encoding::I16 => (2, true),
+        Encoding::U32 => (4, false),
+        Encoding::I32 | Encoding::I32LowFirst | Encoding::Fixed | Encoding::TensAndThousandths => {
+            (4, true)
+        }
+    }
+}
+
+/// The number that `len` bytes are; all eight when the node does not say how many.
+const fn number(bits: u64, len: u32, signed: bool) -> i64 {
+    let len = if len == 0 || len > 8 { 8 } else { len };
+    let above = 64 - 8 * len;
+    match signed {
+        true => (bits << above).cast_signed() >> above,
+        false => (bits << above >> above).cast_signed(),
+    }
+}
+
+impl Driver for Axis {
+    type Request = Ask;
+    type Answer = Answer;
+
+    fn profile(&self) -> &'static Profile {
+        self.profile
+    }
+
+    fn address(&self) -> u32 {
+        self.node.into()
+    }
+
+    fn read(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
+        Ok(Ask::Read { node: self.node, object: object(parameter) })
+    }
+
+    fn write(&self, parameter: &Parameter, raw: i64, class: Class) -> Result<Ask, Unsupported> {
+        let (len, _) = width(parameter.encoding);
+        let bits = raw.cast_unsigned() & u64::MAX >> (64 - 8 * u32::from(len));
+        Ok(Ask::Write { node: self.node, object: object(parameter), bits, len, class })
+    }
+
+    fn send(&self, function: u8, index: u16, value: i64) -> Result<Ask, Unsupported> {
+        let node = self.node;
+        Ok(match function {
+            0 => {
+                let specifier = u8::try_from(index).map_err(|_| Unsupported::BadArgument)?;
+                match Command::from(specifier) {
+                    Command::Other(_) => return Err(Unsupported::BadArgument),
+                    command => Ask::Order(Order { command, node }),
+                }
+            }
+            1..=4 if (1..=8).contains(&index) => {
+                let data = value.cast_unsigned();
+                Ask::Process { cob: Cob::Rpdo(function, node), data, len: index as u8 }
+            }
+            SEND_SYNC => Ask::Sync,
+            _ => return Err(Unsupported::Forbidden("no such CANopen function in plans")),
+        })
+    }
+
+    /// Everything is kept at once: CANopen keeps no object by itself.
+    fn keep(&self, _parameter: &Parameter) -> Result<Ask, Unsupported> {
+        let (object, bits) = STORE;
+        Ok(Ask::Write { node: self.node, object, bits, len: 4, class: Class::Never })
+    }
+
+    fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
+        text::request(text, self.node).ok_or(Unsupported::BadText)
+    }
+
+    fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
+        let encoding = parameter.map(|parameter| width(parameter.encoding));
+        match *answer {
+            Answer::Value { object, bits, len } => {
+                self.learn(object, bits);
+                // Of what has no length the profile's counts: the TS pads with zeros.
+                let (width, signed) = encoding.unwrap_or((0, false));
+                Ok(number(bits, if len == 0 { width.into() } else { len }, signed))
+            }
+            Answer::Written { object, bits } => {
+                self.learn(object, bits);
+                let (width, signed) = encoding.unwrap_or((0, false));
+                Ok(number(bits, width.into(), signed))
+            }
+            Answer::Transferred(count) => Ok(count.into()),
+            Answer::State(state) => Ok(u8::from(state).into()),
+            Answer::Identity([_, _, _, serial]) => Ok(serial.into()),
+            Answer::Lss(reply) => text::outcome(reply),
+            Answer::Sent | Answer::Lost | Answer::Emergency(_) | Answer::Process(..) => Ok(0),
+        }
+    }
+
+    fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
+        let mut told = [None; TOLD_MAX];
+        match *answer {
+            Answer::State(State::BootUp) => {
+                self.tpdos = [Tpdo::UNKNOWN; 4];
+                told[0] = Some(Told::Gone);
+            }
+            Answer::Lost => told[0] = Some(Told::Gone),
+            Answer::Emergency(Emergency { code, .. }) => told[0] = self.fault(code),
+            Answer::Process(number @ 1..=4, data, len) => {
+                return self.tpdos[usize::from(number) - 1].told(data, len);
+            }
+            _ => {}
+        }
+        told
+    }
+}
+
+/// CANopen as the registry knows it.
+#[derive(Debug)]
+pub enum Canopen {}
+
+impl Protocol for Canopen {
+    type Medium = Can;
+    type Host = Host;
+    const NAME: &'static str = "canopen";
+    const PROFILE: &'static str = "canopen";
+    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=NODE_MAX as u32;
+    const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 1..=NODE_MAX as u32;
+    const HOST: Option<u32> = Some(HOST_ID as u32);
+    /// The TS's (manual, 3.2); many others have no fixed one.
+    const BAUD: u32 = 500_000;
+
+    fn generic() -> &'static Profile {
+        &GENERIC
+    }
+
+    fn host(options: &HostOptions, _axes: &[u32]) -> Host {
+        Host::new(options)
+    }
+
+    fn driver(
+        profile: &'static Profile,
+        address: u32,
+    ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
+        Axis::new(profile, address)
+    }
+
+    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+        sender(options, frame)
+    }
+}

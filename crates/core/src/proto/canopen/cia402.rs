@@ -1,0 +1,181 @@
+//! What all CiA 402 drives have in common: the states that the statusword tells, what the
+//! controlword orders, and the modes.
+
+use super::sdo::Object;
+
+/// Controlword.
+pub const CONTROLWORD: Object = Object::new(0x6040, 0);
+/// Statusword.
+pub const STATUSWORD: Object = Object::new(0x6041, 0);
+/// Device type, of which the lower half tells the device profile.
+pub const DEVICE_TYPE: Object = Object::new(0x1000, 0);
+/// The device profile's number, as the device type has it.
+pub const PROFILE_NUMBER: u16 = 402;
+
+/// The states of the power drive system (CiA 402-2, finite state automaton).
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum State {
+    /// It tests itself.
+    NotReady,
+    /// No power may be switched on.
+    SwitchOnDisabled,
+    /// Power may be switched on.
+    Ready,
+    /// Power is on, the motor is not.
+    SwitchedOn,
+    /// The motor is powered and obeys.
+    Enabled,
+    /// It brakes, or holds after braking.
+    QuickStop,
+    /// A fault happened, it brakes.
+    FaultReaction,
+    /// A fault.
+    Fault,
+    /// A statusword that the standard does not have.
+    Other(u16),
+}
+
+impl State {
+    /// What a statusword says. Bits that have no part in it, voltage enabled among them, do not
+    /// count: so the TS's words with bit 4 (0x0050, 0x0031, 0x0033, 0x0037) are read alike.
+    #[must_use]
+    pub const fn of(statusword: u16) -> Self {
+        match statusword & 0x4F {
+            0x00 => Self::NotReady,
+            0x40 => Self::SwitchOnDisabled,
+            0x0F => Self::FaultReaction,
+            0x08 => Self::Fault,
+            _ => match statusword & 0x6F {
+                0x21 => Self::Ready,
+                0x23 => Self::SwitchedOn,
+                0x27 => Self::Enabled,
+                0x07 => Self::QuickStop,
+                _ => Self::Other(statusword),
+            },
+        }
+    }
+
+    /// The standard's word for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NotReady => "not ready to switch on",
+            Self::SwitchOnDisabled => "switch on disabled",
+            Self::Ready => "ready to switch on",
+            Self::SwitchedOn => "switched on",
+            Self::Enabled => "operation enabled",
+            Self::QuickStop => "quick stop active",
+            Self::FaultReaction => "fault reaction active",
+            Self::Fault => "fault",
+            Self::Other(_) => "no state of the standard",
+        }
+    }
+}
+
+/// What a controlword orders, by its bits 0 to 3 and 7.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Order {
+    /// To ready to switch on.
+    Shutdown,
+    /// To switched on; from operation enabled back to it.
+    SwitchOn,
+    /// To operation enabled.
+    Enable,
+    /// Power off at once.
+    DisableVoltage,
+    /// Brake.
+    QuickStop,
+    /// Forget the fault, when bit 7 was clear before.
+    ResetFault,
+}
+
+impl Order {
+    /// What a controlword orders.
+    #[must_use]
+    pub const fn of(controlword: u16) -> Self {
+        match controlword & 0x8F {
+            bits if bits & 0x80 != 0 => Self::ResetFault,
+            bits if bits & 0x02 == 0 => Self::DisableVoltage,
+            bits if bits & 0x04 == 0 => Self::QuickStop,
+            bits if bits & 0x01 == 0 => Self::Shutdown,
+            bits if bits & 0x08 == 0 => Self::SwitchOn,
+            _ => Self::Enable,
+        }
+    }
+
+    /// The standard's word for it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Shutdown => "shutdown",
+            Self::SwitchOn => "switch on",
+            Self::Enable => "enable operation",
+            Self::DisableVoltage => "disable voltage",
+            Self::QuickStop => "quick stop",
+            Self::ResetFault => "fault reset",
+        }
+    }
+}
+
+/// Modes of operation (object 6060h).
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Mode {
+    /// None.
+    None,
+    /// Profile position.
+    ProfilePosition,
+    /// Velocity of frequency converters.
+    Velocity,
+    /// Profile velocity.
+    ProfileVelocity,
+    /// Profile torque.
+    ProfileTorque,
+    /// Homing.
+    Homing,
+    /// Interpolated position.
+    Interpolated,
+    /// Cyclic synchronous position.
+    CyclicPosition,
+    /// Cyclic synchronous velocity.
+    CyclicVelocity,
+    /// Cyclic synchronous torque.
+    CyclicTorque,
+    /// The manufacturer's own, or reserved.
+    Other(i8),
+}
+
+impl From<i8> for Mode {
+    fn from(number: i8) -> Self {
+        match number {
+            0 => Self::None,
+            1 => Self::ProfilePosition,
+            2 => Self::Velocity,
+            3 => Self::ProfileVelocity,
+            4 => Self::ProfileTorque,
+            6 => Self::Homing,
+            7 => Self::Interpolated,
+            8 => Self::CyclicPosition,
+            9 => Self::CyclicVelocity,
+            10 => Self::CyclicTorque,
+            other => Self::Other(other),
+        }
+    }
+}
+
+impl From<Mode> for i8 {
+    fn from(mode: Mode) -> Self {
+        match mode {
+            Mode::None => 0,
+            Mode::ProfilePosition => 1,
+            Mode::Velocity => 2,
+            Mode::ProfileVelocity => 3,
+            Mode::ProfileTorque => 4,
+            Mode::Homing => 6,
+            Mode::Interpolated => 7,
+            Mode::CyclicPosition => 8,
+            Mode::CyclicVelocity => 9,
+            Mode::CyclicTorque => 10,
+            Mode::Other(other) => other,
+        }
+    }
+}

@@ -1,0 +1,514 @@
+//! The commanding end: network master and service data client.
+//!
+//! Each node is asked one thing at a time, many nodes are asked at once. A reply is taken only if its
+//! node asks for it, and it names the very object or carries on the very transfer. After silence
+//! nothing of the same object counts until another object was answered, because a node answers in
+//! order (CiA 301, 7.2.4.2 aborts the transfer meanwhile).
+
+mod channel;
+mod fast_scan;
+mod long;
+mod network;
+mod transfer;
+
+use super::ask::{Answer, Ask};
+use super::cob::{self, Cob};
+use super::heartbeat::{Heartbeat, guard};
+use super::nmt;
+use super::sdo::Abort;
+use super::sync::Sync;
+use super::{NODE_MAX, lss};
+use crate::error::Failure;
+use crate::medium::{Can, CanLine, Frame};
+use crate::proto::HostOptions;
+use crate::proto::events::Events;
+use crate::station::{self, Counters, Event, LineEvent, Request as _, Station, Ticket, Timed, To};
+use crate::time::{Instant, earliest};
+use channel::{Channel, Sort, Step};
+use fast_scan::Lss;
+use long::Long;
+use network::Network;
+
+/// Time allowed for a reply when neither caller nor profile says one, ms.
+pub const REPLY_TIMEOUT_MS: u32 = 200;
+/// The host's node-ID: the last one.
+pub const HOST_ID: u8 = NODE_MAX;
+/// A stop waits so long for the answer that its node still owes, ms.
+const PATIENCE_MS: u32 = 10;
+/// Long transfers at once.
+pub const LONGS_MAX: usize = 4;
+/// Frames without answer that wait to be sent.
+const FRAMES_MAX: usize = 16;
+/// Room for the end of every request, and as much again for what nodes say unasked.
+const EVENTS_MAX: usize = 512;
+/// Of that, room that what is said unasked leaves: every channel, LSS, and frames.
+const ENDS_MAX: usize = NODES + FRAMES_MAX + 1;
+const NODES: usize = NODE_MAX as usize + 1;
+
+/// The host on CAN.
+#[derive(Debug)]
+pub struct Host {
+    channels: [Channel; NODES],
+    /// Nodes whose channel has a frame to send.
+    unsent: u128,
+    /// Nodes whose transfer is to be aborted.
+    aborts: u128,
+    /// Nodes whose channel waits for an answer.
+    waiting: u128,
+    longs: [Long; LONGS_MAX],
+    frames: Frames,
+    lss: Lss,
+    network: Network,
+    events: Events<Answer, EVENTS_MAX>,
+    counters: Counters,
+    timeout_ns: u64,
+    /// When a stop that waits for a node's answer waits no more.
+    urge: Option<Instant>,
+    bit_rate: u32,
+}
+
+/// A queue of frames that nobody answers.
+#[derive(Debug, Default)]
+struct Frames {
+    ring: [(Option<Ticket>, Frame); FRAMES_MAX],
+    taken: usize,
+    pushed: usize,
+}
+
+impl Frames {
+    const fn is_full(&self) -> bool {
+        self.pushed - self.taken == FRAMES_MAX
+    }
+
+    fn push(&mut self, ticket: Option<Ticket>, frame: Frame) {
+        self.ring[self.pushed % FRAMES_MAX] = (ticket, frame);
+        self.pushed += 1;
+    }
+
+    fn pop(&mut self) -> Option<(Option<Ticket>, Frame)> {
+        (self.taken < self.pushed).then(|| {
+            self.taken += 1;
+            self.ring[(self.taken - 1) % FRAMES_MAX]
+        })
+    }
+}
+
+impl Host {
+    /// A host as `options` say.
+    #[must_use]
+    pub fn new(options: &HostOptions) -> Self {
+        let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let id = options.host.and_then(|id| u8::try_from(id).ok()).unwrap_or(HOST_ID);
+        Self {
+            channels: [Channel::IDLE; NODES],
+            unsent: 0,
+            aborts: 0,
+            waiting: 0,
+            longs: [Long::FREE; LONGS_MAX],
+            frames: Frames::default(),
+            lss: Lss::default(),
+            network: Network::new(id, options.heartbeat_ms),
+            events: Events::new(),
+            counters: Counters::default(),
+            timeout_ns: u64::from(timeout) * 1_000_000,
+            urge: None,
+            bit_rate: options.bit_rate,
+        }
+    }
+
+    /// The state that a node told last, if it told any.
+    #[must_use]
+    pub fn state(&self, node: u8) -> Option<nmt::State> {
+        self.network.state(node)
+    }
+
+    fn end(&mut self, ticket: Ticket, result: Result<Answer, Failure>) {
+        self.events.push(To::Ticket(ticket), result);
+    }
+
+    /// Tells what a node said unasked, unless nobody takes what there is to tell.
+    fn tell(&mut self, node: u8, answer: Answer) {
+        if self.events.room() > ENDS_MAX {
+            self.events.push(To::Address(node.into()), Ok(answer));
+        }
+    }
+
+    /// What a step of node's transfer leads to.
+    #[inline]
+    fn follow(&mut self, node: u8, step: Step) {
+        let bit = 1 << node;
+        match step {
+            Step::Wait => {}
+            Step::Send => {
+                self.waiting &= !bit;
+                self.unsent |= bit;
+            }
+            Step::End(result) => self.ended(node, result),
+            Step::Abort(abort, result) => {
+                self.channels[usize::from(node)].abort = abort;
+                self.aborts |= bit;
+                self.ended(node, result);
+            }
+        }
+    }
+
+    #[inline]
+    fn ended(&mut self, node: u8, result: Result<Answer, Failure>) {
+        let channel = &mut self.channels[usize::from(node)];
+        self.unsent &= !(1 << node);
+        self.waiting &= !(1 << node);
+        if let Some(long) = channel.end().and_then(|at| self.longs.get_mut(at)) {
+            long.end();
+        }
+        let ticket = channel.ticket;
+        if let Ok(answer) = &result {
+            self.network.learn(node, answer);
+        }
+        self.end(ticket, result);
+    }
+
+    #[inline]
+    fn replied(&mut self, now: Instant, node: u8, frame: &Frame) {
+        let channel = &mut self.channels[usize::from(node)];
+        let long = channel.long.and_then(|at| self.longs.get_mut(usize::from(at)));
+        let deadline = now.plus_ns(self.timeout_ns);
+        let (step, sort) = channel.reply(deadline, frame.data, long);
+        match sort {
+            Sort::Answer => self.counters.answered += 1,
+            Sort::Late => self.counters.late += 1,
+        }
+        self.follow(node, step);
+    }
+
+    fn beat(&mut self, now: Instant, node: u8, data: &[u8]) {
+        let Ok(beat) = Heartbeat::parse(data) else {
+            self.counters.corrupt += 1;
+            return;
+        };
+        let channel = &mut self.channels[usize::from(node)];
+        if channel.guarded() {
+            self.counters.answered += 1;
+            let result = match self.network.guarded(node, beat) {
+                true => Ok(Answer::State(beat.state)),
+                false => Err(Failure::Misbehaved),
+            };
+            return self.ended(node, result);
+        }
+        if self.network.heard(now, node, beat.state) {
+            self.tell(node, Answer::State(beat.state));
+        }
+    }
+
+    /// Everything that is under way ends so.
+    fn end_all(&mut self, failure: Failure) {
+        for node in bits(self.unsent | self.waiting) {
+            self.ended(node, Err(failure));
+        }
+        self.aborts = 0;
+        while let Some((ticket, _)) = self.frames.pop() {
+            if let Some(ticket) = ticket {
+                self.end(ticket, Err(failure));
+            }
+        }
+        if let Some((ticket, _)) = self.lss.cancel() {
+            self.end(ticket, Err(failure));
+        }
+    }
+
+    fn silent(&mut self, node: u8) {
+        let channel = &mut self.channels[usize::from(node)];
+        let long = channel.long.and_then(|at| self.longs.get_mut(usize::from(at)));
+        let (step, resent) = channel.silent(long);
+        self.counters.resent += u64::from(resent);
+        if matches!(step, Step::End(_) | Step::Abort(..)) {
+            self.counters.silent += 1;
+        } else if channel.is_beginning() {
+            // What brought nothing is over for the node, too.
+            self.aborts |= 1 << node;
+        }
+        self.follow(node, step);
+    }
+
+    fn frame_of(ask: &Ask) -> Option<Frame> {
+        Some(match *ask {
+            Ask::Order(order) => order.emit(),
+            Ask::Process { cob, data, len } => {
+                let mut frame = Frame::standard(cob.id(), &data.to_le_bytes());
+                frame.len = len.min(8);
+                frame.data[usize::from(frame.len)..].fill(0);
+                frame
+            }
+            Ask::Sync => Sync::default().emit(),
+            Ask::Time(time) => time.emit(),
+            _ => return None,
+        })
+    }
+
+    fn submit_channel(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
+        let node = ask.node().filter(|node| (1..=NODE_MAX).contains(node)).ok_or(ask)?;
+        if !self.channels[usize::from(node)].is_idle() && !self.gives_way(now, node, &ask) {
+            return Err(ask);
+        }
+        let channel = &mut self.channels[usize::from(node)];
+        let mut long = None;
+        if matches!(ask, Ask::Upload { .. } | Ask::Download { .. }) {
+            let free = self.longs.iter().position(Long::is_free).ok_or(ask)?;
+            self.longs[free].begin(ticket, node, &ask);
+            long = Some(free as u8);
+        }
+        channel.begin(ticket, ask, long);
+        self.unsent |= 1 << node;
+        Ok(())
+    }
+
+    /// Ends what a node does not answer, for a stop: at once where it was not sent, else after a
+    /// moment, which nearly always suffices for its answer.
+    fn gives_way(&mut self, now: Instant, node: u8, ask: &Ask) -> bool {
+        let channel = &mut self.channels[usize::from(node)];
+        if !ask.is_stop() || channel.is_stop() {
+            return false;
+        }
+        if self.unsent >> node & 1 != 0 {
+            self.ended(node, Err(Failure::Cancelled));
+            return true;
+        }
+        let patience = channel.deadline.0.saturating_sub(self.timeout_ns);
+        let patience = Instant(patience).plus_ms(PATIENCE_MS);
+        if now < patience {
+            self.urge = earliest(self.urge, Some(patience));
+            return false;
+        }
+        let failure = channel.overtaken();
+        self.follow(node, Step::Abort(Abort::TIMEOUT, Err(failure)));
+        true
+    }
+
+    fn long_of(&mut self, ticket: Ticket) -> Option<(usize, u8)> {
+        let at = self.longs.iter().position(|long| long.is_of(ticket))?;
+        Some((at, self.longs[at].node))
+    }
+
+    /// The user took or gave bytes: a transfer that waits for that goes on.
+    fn stirred(&mut self, at: usize, node: u8) {
+        let step = self.channels[usize::from(node)].stirred(&self.longs[at]);
+        self.follow(node, step);
+    }
+}
+
+impl Timed for Host {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.urge = self.urge.filter(|urge| *urge > now);
+        for node in bits(self.waiting) {
+            if self.channels[usize::from(node)].deadline <= now {
+                self.silent(node);
+            }
+        }
+        if let Some((ticket, result)) = self.lss.handle_timeout(now) {
+            self.counters.silent += u64::from(result.is_err());
+            self.end(ticket, result);
+        }
+        while let Some(node) = self.network.lost(now) {
+            self.tell(node, Answer::Lost);
+        }
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        let channels = bits(self.waiting).map(|n| self.channels[usize::from(n)].deadline).min();
+        let channels = earliest(channels, self.urge);
+        earliest(channels, earliest(self.lss.deadline(), self.network.deadline()))
+    }
+}
+
+impl Station<Can> for Host {
+    #[inline]
+    fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        if frame.extended || frame.id > 0x7FF {
+            return;
+        }
+        match Cob::of(frame.id as u16) {
+            Cob::SdoReply(node) if !frame.remote => self.replied(now, node, frame),
+            Cob::Tpdo(number, node) if !frame.remote => {
+                let data = u64::from_le_bytes(frame.data);
+                self.tell(node, Answer::Process(number, data, frame.len));
+            }
+            Cob::Heartbeat(node) if !frame.remote => self.beat(now, node, frame.bytes()),
+            Cob::Emcy(node) if !frame.remote => {
+                match super::emcy::Emergency::parse(frame.bytes()) {
+                    Ok(emergency) => self.tell(node, Answer::Emergency(emergency)),
+                    Err(_) => self.counters.corrupt += 1,
+                }
+            }
+            Cob::LssReply => match lss::Reply::parse(frame.bytes()) {
+                Ok(reply) => match self.lss.reply(now, reply) {
+                    Some((ticket, result)) => {
+                        self.counters.answered += 1;
+                        self.end(ticket, result);
+                    }
+                    None if self.lss.is_idle() => self.counters.late += 1,
+                    None => {}
+                },
+                Err(_) => self.counters.corrupt += 1,
+            },
+            _ => {}
+        }
+    }
+
+    fn handle_line(&mut self, _now: Instant, event: LineEvent) {
+        match event {
+            LineEvent::Down => self.end_all(Failure::LinkDown),
+            LineEvent::Up => self.network.forget(),
+            LineEvent::Break | LineEvent::BusOff => {}
+        }
+    }
+
+    #[inline]
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        if let Some((ticket, frame)) = self.frames.pop() {
+            *out = frame;
+            self.counters.sent += 1;
+            if let Some(ticket) = ticket {
+                self.end(ticket, Ok(Answer::Sent));
+            }
+            return Some(1);
+        }
+        if self.aborts != 0 {
+            let node = self.aborts.trailing_zeros() as u8;
+            self.aborts &= self.aborts - 1;
+            *out = self.channels[usize::from(node)].abort_frame().emit(node);
+            return Some(1);
+        }
+        if self.unsent != 0 {
+            let node = self.unsent.trailing_zeros() as u8;
+            return self.transmit(now, node, out);
+        }
+        if let Some(frame) = self.lss.transmit(now, self.timeout_ns) {
+            self.counters.sent += 1;
+            *out = frame;
+            if let Some((ticket, result)) = self.lss.unanswered() {
+                self.end(ticket, result);
+            }
+            return Some(1);
+        }
+        *out = self.network.transmit(now)?;
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        CanLine { bit_rate: self.bit_rate }
+    }
+}
+
+impl Host {
+    #[inline]
+    fn transmit(&mut self, now: Instant, node: u8, out: &mut Frame) -> Option<usize> {
+        let bit = 1 << node;
+        let channel = &mut self.channels[usize::from(node)];
+        let long = channel.long.and_then(|at| self.longs.get_mut(usize::from(at)));
+        let (bytes, more) = channel.emit(now.plus_ns(self.timeout_ns), long);
+        *out = match channel.guards() {
+            true => guard(node),
+            false => sdo_frame(node, bytes),
+        };
+        self.counters.sent += 1;
+        if !more {
+            self.unsent &= !bit;
+        }
+        self.waiting |= bit;
+        Some(1)
+    }
+}
+
+#[inline]
+fn sdo_frame(node: u8, data: [u8; 8]) -> Frame {
+    let id = u32::from(cob::SDO_REQUEST | u16::from(node));
+    Frame { id, extended: false, remote: false, len: 8, data }
+}
+
+impl station::Host<Can> for Host {
+    type Request = Ask;
+    type Answer = Answer;
+    const PARALLEL: bool = true;
+
+    #[inline]
+    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        self.network.renew(now);
+        match request {
+            Ask::Read { .. }
+            | Ask::Write { .. }
+            | Ask::Upload { .. }
+            | Ask::Download { .. }
+            | Ask::Guard { .. } => self.submit_channel(now, ticket, request),
+            Ask::Lss(lss) => self.lss.submit(ticket, Some(lss)).map_err(|()| request),
+            Ask::FastScan => self.lss.submit(ticket, None).map_err(|()| request),
+            Ask::SyncEvery(us) => {
+                self.network.sync_every(now, us);
+                self.end(ticket, Ok(Answer::Sent));
+                Ok(())
+            }
+            _ => {
+                let frame = Self::frame_of(&request).filter(|_| !self.frames.is_full());
+                self.frames.push(Some(ticket), frame.ok_or(request)?);
+                Ok(())
+            }
+        }
+    }
+
+    #[inline]
+    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+        self.events.next()
+    }
+
+    fn emit(&self, request: &Ask, out: &mut Frame) -> usize {
+        let frame = match (request.node(), *request) {
+            (Some(node), Ask::Guard { .. }) => Some(guard(node)),
+            (Some(node), ask) => channel::first(&ask).map(|first| first.emit(node)),
+            (None, Ask::Lss(lss)) => Some(lss.emit()),
+            (None, Ask::FastScan) => Some(fast_scan::BEGIN.emit()),
+            (None, ask) => Self::frame_of(&ask),
+        };
+        let count = usize::from(frame.is_some());
+        *out = frame.unwrap_or_default();
+        count
+    }
+
+    fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        let (at, node) = self.long_of(ticket)?;
+        let taken = self.longs[at].take(out);
+        self.stirred(at, node);
+        Some(taken)
+    }
+
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        let (at, node) = self.long_of(ticket)?;
+        let taken = self.longs[at].give(bytes);
+        self.stirred(at, node);
+        Some(taken)
+    }
+}
+
+/// The node that sent a frame: its heartbeat, its service data, its emergency.
+pub(super) fn sender(_options: &HostOptions, frame: &Frame) -> Option<u32> {
+    if frame.extended || frame.remote {
+        return None;
+    }
+    match Cob::of(u16::try_from(frame.id).ok()?) {
+        Cob::Heartbeat(node) if frame.len == 1 => Some(node.into()),
+        Cob::SdoReply(node) if frame.len == 8 => Some(node.into()),
+        Cob::Emcy(node) if matches!(frame.len, 2 | 8) => Some(node.into()),
+        _ => None,
+    }
+}
+
+fn bits(mut mask: u128) -> impl Iterator<Item = u8> {
+    core::iter::from_fn(move || {
+        let n = mask.trailing_zeros() as u8;
+        (mask != 0).then(|| {
+            mask &= mask - 1;
+            n
+        })
+    })
+}

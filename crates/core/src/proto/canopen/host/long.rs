@@ -1,0 +1,174 @@
+//! The bytes of a long transfer on their way: one block of them, by which both ends are paced.
+
+use crate::proto::canopen::ask::Ask;
+use crate::proto::canopen::sdo::{BLOCK_MAX, SEGMENT, crc};
+use crate::station::Ticket;
+
+/// Bytes of a whole block.
+const BYTES_MAX: usize = BLOCK_MAX as usize * SEGMENT;
+
+#[derive(Clone, Copy, Debug)]
+pub struct Long {
+    ticket: Option<Ticket>,
+    pub node: u8,
+    ring: [u8; BYTES_MAX],
+    /// Where the oldest byte is.
+    first: usize,
+    len: usize,
+    /// Bytes to be written that are not acknowledged yet.
+    left: u32,
+    /// The check over what went.
+    crc: u16,
+    /// Bytes of the last segment that do not count.
+    unused: u8,
+    /// The last segment of a block that came: how much of it counts is told at the end.
+    tail: Option<[u8; SEGMENT]>,
+    has_last: bool,
+}
+
+/// What a segment carries.
+#[derive(Clone, Copy, Default, Debug)]
+pub struct Sent {
+    pub data: [u8; SEGMENT],
+    pub len: u8,
+    pub last: bool,
+}
+
+impl Long {
+    /// Segments that it asks for at most.
+    pub const SEGMENTS: u8 = BLOCK_MAX;
+    pub const FREE: Self = Self {
+        ticket: None,
+        node: 0,
+        ring: [0; BYTES_MAX],
+        first: 0,
+        len: 0,
+        left: 0,
+        crc: 0,
+        unused: 0,
+        tail: None,
+        has_last: false,
+    };
+
+    pub fn is_free(&self) -> bool {
+        self.ticket.is_none()
+    }
+
+    pub fn is_of(&self, ticket: Ticket) -> bool {
+        self.ticket == Some(ticket)
+    }
+
+    pub fn begin(&mut self, ticket: Ticket, node: u8, ask: &Ask) {
+        let left = if let Ask::Download { size, .. } = *ask { size } else { 0 };
+        let ring = self.ring;
+        *self = Self { ticket: Some(ticket), node, left, ring, ..Self::FREE };
+    }
+
+    pub fn end(&mut self) {
+        self.ticket = None;
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Segments that there is room for, one being held back.
+    pub fn segments(&self) -> u8 {
+        let held = usize::from(self.tail.is_some());
+        ((BYTES_MAX - self.len) / SEGMENT).saturating_sub(held) as u8
+    }
+
+    /// Appends bytes, as many as there is room for.
+    fn push(&mut self, bytes: &[u8]) -> usize {
+        let count = bytes.len().min(BYTES_MAX - self.len);
+        for (n, byte) in bytes[..count].iter().enumerate() {
+            self.ring[(self.first + self.len + n) % BYTES_MAX] = *byte;
+        }
+        self.len += count;
+        count
+    }
+
+    /// Takes the oldest bytes away.
+    fn drop(&mut self, count: usize) {
+        self.first = (self.first + count) % BYTES_MAX;
+        self.len -= count;
+    }
+
+    /// Bytes that were read go to whoever wants them.
+    pub fn take(&mut self, out: &mut [u8]) -> usize {
+        let count = out.len().min(self.len);
+        for (n, byte) in out[..count].iter_mut().enumerate() {
+            *byte = self.ring[(self.first + n) % BYTES_MAX];
+        }
+        self.drop(count);
+        count
+    }
+
+    /// Bytes to be written come.
+    pub fn give(&mut self, bytes: &[u8]) -> usize {
+        let wanted = (self.left as usize).saturating_sub(self.len);
+        self.push(&bytes[..bytes.len().min(wanted)])
+    }
+
+    /// A segment came: not of a block, so it says how much of it counts.
+    pub fn came(&mut self, bytes: &[u8]) {
+        self.push(bytes);
+    }
+
+    /// A segment of a block came.
+    pub fn block_came(&mut self, data: [u8; SEGMENT], last: bool) {
+        if let Some(before) = self.tail.replace(data) {
+            self.crc = crc(self.crc, &before);
+            self.push(&before);
+        }
+        self.has_last = last;
+    }
+
+    /// The last segment of all came.
+    pub fn has_last(&self) -> bool {
+        self.has_last
+    }
+
+    /// The end of all blocks: so many bytes of the last segment do not count. Gives the check.
+    pub fn all_came(&mut self, unused: u8) -> u16 {
+        if let Some(tail) = self.tail.take() {
+            let tail = &tail[..SEGMENT.saturating_sub(unused.into())];
+            self.crc = crc(self.crc, tail);
+            self.push(tail);
+        }
+        self.crc
+    }
+
+    /// The segment `ahead` places behind the oldest byte; `None` before its bytes are there.
+    pub fn segment(&self, ahead: u8) -> Option<Sent> {
+        let from = usize::from(ahead) * SEGMENT;
+        let left = (self.left as usize).saturating_sub(from);
+        let len = left.min(SEGMENT);
+        if self.len < from + len {
+            return None;
+        }
+        let mut sent = Sent { len: len as u8, last: left <= SEGMENT, ..Sent::default() };
+        for (n, byte) in sent.data[..len].iter_mut().enumerate() {
+            *byte = self.ring[(self.first + from + n) % BYTES_MAX];
+        }
+        Some(sent)
+    }
+
+    /// So many segments arrived; true when they were the last.
+    pub fn arrived(&mut self, segments: u8) -> bool {
+        for _ in 0..segments {
+            let Some(Sent { data, len, .. }) = self.segment(0) else { break };
+            let len = usize::from(len);
+            self.crc = crc(self.crc, &data[..len]);
+            self.unused = (SEGMENT - len) as u8;
+            self.left -= len as u32;
+            self.drop(len);
+        }
+        self.left == 0
+    }
+
+    /// What is said when all arrived: unused bytes of the last segment, and the check.
+    pub fn written(&self) -> (u8, u16) {
+        (self.unused, self.crc)
+    }
+}

@@ -1,0 +1,71 @@
+//! What a node's process data tell, by the mapping that was read or written.
+
+use super::pdo::{BITS_MAX, Entry, Field};
+use crate::axis::{TOLD_MAX, Told};
+use crate::profile::{ParameterId, Profile};
+
+/// Objects of one mapping that are kept.
+const ENTRIES_MAX: usize = super::pdo::MAPPED_MAX;
+
+/// One TPDO as far as it is known.
+#[derive(Clone, Copy, Debug)]
+pub struct Tpdo {
+    entries: [Option<Entry>; ENTRIES_MAX],
+    /// Parameters in it; none until the whole mapping is known.
+    fields: [Option<(ParameterId, Field, bool)>; TOLD_MAX],
+    /// Bytes that it has.
+    bytes: u8,
+}
+
+impl Tpdo {
+    /// Nothing is known.
+    pub const UNKNOWN: Self =
+        Self { entries: [None; ENTRIES_MAX], fields: [None; TOLD_MAX], bytes: 0 };
+
+    /// Takes what sub-index `sub` of the mapping holds; 0 is how many count.
+    pub fn learn(&mut self, sub: u8, raw: u32, profile: &'static Profile) {
+        (self.fields, self.bytes) = ([None; TOLD_MAX], 0);
+        if sub == 0 {
+            self.lay(raw as usize, profile);
+        } else if let Some(entry) = self.entries.get_mut(usize::from(sub) - 1) {
+            *entry = Some(Entry::from(raw));
+        }
+    }
+
+    /// Lays the first so many entries one behind the other; leaves all unknown if one of them is.
+    fn lay(&mut self, count: usize, profile: &'static Profile) {
+        let Some(entries) = self.entries.get(..count) else { return };
+        let (mut at, mut places) = (0, self.fields.iter_mut());
+        for entry in entries {
+            let Some(Entry { object, bits: bits @ 1..=BITS_MAX }) = *entry else { return };
+            if at + bits > BITS_MAX {
+                return;
+            }
+            let is =
+                |p: &crate::profile::Parameter| (p.index, p.space) == (object.index, object.sub);
+            if let Some(id) = profile.parameters.iter().position(is)
+                && let Some(place) = places.next()
+            {
+                let (_, signed) = super::axis::width(profile.parameters[id].encoding);
+                *place = Some((ParameterId(id as u16), Field { at, bits }, signed));
+            }
+            at += bits;
+        }
+        self.bytes = at.div_ceil(8);
+    }
+
+    /// What `len` bytes tell: nothing if they are fewer than the mapping has.
+    pub fn told(&self, data: u64, len: u8) -> [Option<Told>; TOLD_MAX] {
+        if self.bytes == 0 || len < self.bytes {
+            return [None; TOLD_MAX];
+        }
+        self.fields.map(|field| {
+            let (id, field, signed) = field?;
+            let raw = match signed {
+                true => field.signed(data),
+                false => field.unsigned(data).cast_signed(),
+            };
+            Some(Told::Parameter(id, raw))
+        })
+    }
+}
