@@ -91,8 +91,7 @@ fn value(out: &mut Vec<u8>, item: &ItemValue<'_>) {
     match *item {
         ItemValue::Int(value) => number(out, value),
         ItemValue::Hex(value, _) => number(out, value),
-        ItemValue::Real(value) if value.is_finite() => number(out, value),
-        ItemValue::Real(_) => out.extend_from_slice(b"null"),
+        ItemValue::Real(value) => real(out, value),
         ItemValue::Text(text) => string(out, text),
         ItemValue::Words(words) => {
             let words =
@@ -136,6 +135,11 @@ fn string_or_null(out: &mut Vec<u8>, text: Option<&str>) {
         Some(text) => string(out, text),
         None => out.extend_from_slice(b"null"),
     }
+}
+
+/// Appends a real number; JSON knows none that are not finite, which become `null`.
+pub fn real(out: &mut Vec<u8>, value: f64) {
+    number_or_null(out, Some(value).filter(|value| value.is_finite()));
 }
 
 /// Appends a quoted JSON string.

@@ -28,6 +28,7 @@ pub mod program;
 pub mod quantity;
 mod registry;
 pub mod scan;
+pub mod settings;
 pub mod simulate;
 pub mod stop;
 pub mod url;

@@ -107,9 +107,7 @@ fn object(number: u32, parameter: &Parameter, value: &Value, out: &mut Vec<u8>) 
     out.extend_from_slice(b",\"symbol\":");
     jsonl::string(out, parameter.symbol);
     out.extend_from_slice(format!(",\"raw\":{},\"value\":", value.raw).as_bytes());
-    let number = Some(value.value).filter(|number| number.is_finite());
-    let number = number.map_or_else(|| "null".to_owned(), |number| number.to_string());
-    out.extend_from_slice(number.as_bytes());
+    jsonl::real(out, value.value);
     out.extend_from_slice(b",\"unit\":");
     jsonl::string(out, parameter.unit.symbol());
     out.extend_from_slice(b"}\n");

@@ -1,6 +1,7 @@
 //! The verbs: one file each, but for those that differ in a word alone.
 
 mod completions;
+mod config;
 mod decode;
 mod demo;
 mod encode;
@@ -64,6 +65,9 @@ pub enum Verb {
     Get(get::Get),
     /// Write parameters by name, with units
     Set(set::Set),
+    /// Save a drive's settings as a file, compare them with one, write them back
+    #[command(subcommand)]
+    Config(config::Config),
     /// Power the motor, holding it where it stands
     Enable(verbs::Enable),
     /// Take power off the motor
@@ -112,6 +116,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Info(verb) => verb.run(),
         Verb::Get(verb) => verb.run(),
         Verb::Set(verb) => verb.run(),
+        Verb::Config(verb) => verb.run(),
         Verb::Enable(verb) => verb.run(),
         Verb::Disable(verb) => verb.run(),
         Verb::Stop(verb) => verb.run(),

@@ -1,0 +1,338 @@
+//! `polepair config save|diff|apply URL [FILE]`
+
+use std::io::{IsTerminal as _, Write as _};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use polepair::Axis;
+use polepair::settings::{AxisSettings, Change, Settings};
+use polepair_capture::jsonl;
+use polepair_core::profile::Signal;
+
+use crate::outcome;
+use crate::problem::{self, Exit, Problem, Result};
+use crate::session::{Session, signal};
+use crate::target::{Format, Target};
+use crate::terminal::{Output, Table, colour_out, say};
+
+/// Keeps drives' settings in a file that people review: sorted, with units, one line each.
+#[derive(Subcommand, Debug)]
+pub enum Config {
+    /// Read every setting and write the file
+    Save(Save),
+    /// Show what differs at the drive; exit code 1 if anything does
+    Diff(Diff),
+    /// Write what differs to the drive, after showing it, and read it back
+    Apply(Apply),
+}
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair config save tmcl+serial:///dev/ttyUSB0#1 feeder.toml
+  polepair config save sim:tmcl")]
+pub struct Save {
+    #[command(flatten)]
+    target: Target,
+    /// The file [default: stdout]
+    #[arg(id = "settings", value_name = "FILE")]
+    file: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair config diff tmcl+serial:///dev/ttyUSB0#1 feeder.toml
+  polepair config diff sim:tmcl --default      what is not as from the factory")]
+pub struct Diff {
+    #[command(flatten)]
+    target: Target,
+    /// The file
+    #[arg(id = "settings", value_name = "FILE", required_unless_present = "default")]
+    file: Option<PathBuf>,
+    /// Compare with the defaults from the factory, as far as the manual tells them
+    #[arg(long, conflicts_with = "settings")]
+    default: bool,
+    /// How differences are printed
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
+}
+
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Settings that decide how the drive is reached (address, baud rate, locks) are left alone.
+Examples:
+  polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml
+  polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml --yes --store")]
+pub struct Apply {
+    #[command(flatten)]
+    target: Target,
+    /// The file
+    #[arg(id = "settings", value_name = "FILE")]
+    file: PathBuf,
+    /// Show what would be written and write nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Do not ask
+    #[arg(short, long)]
+    yes: bool,
+    /// Keep the settings in the drive's permanent memory
+    #[arg(long)]
+    store: bool,
+    /// Write address, baud rate and locks, too, after all others
+    #[arg(long)]
+    reach: bool,
+    /// Write although a motor is powered
+    #[arg(long)]
+    powered: bool,
+}
+
+impl Config {
+    pub fn run(self) -> Result {
+        match self {
+            Self::Save(verb) => verb.run(),
+            Self::Diff(verb) => verb.run(),
+            Self::Apply(verb) => verb.run(),
+        }
+    }
+}
+
+impl Save {
+    fn run(self) -> Result {
+        let session = self.target.open()?;
+        session.listen();
+        let mut settings = Settings::default();
+        for axis in session.axes() {
+            let read = shown(axis, |progress| AxisSettings::read(axis, progress))?;
+            for (name, why) in &read.unread {
+                say(&format!("{}: {name} is left out: {why}", axis.label()));
+            }
+            settings.axes.push(read);
+        }
+        let mut out = Output::to(self.file.as_deref())?;
+        out.buffer().extend_from_slice(settings.to_string().as_bytes());
+        out.flush()?;
+        if let Some(file) = &self.file {
+            let count: usize = settings.axes.iter().map(AxisSettings::len).sum();
+            say(&format!("{count} settings saved in {}", file.display()));
+        }
+        Ok(Exit::Ok)
+    }
+}
+
+impl Diff {
+    fn run(self) -> Result {
+        let session = self.target.open()?;
+        session.listen();
+        let file = self.file.as_deref().map(load).transpose()?;
+        let mut out = Output::stdout();
+        if self.format == Format::Csv {
+            out.line("axis,setting,now,wanted,unit");
+        }
+        let mut count = 0;
+        for axis in session.axes() {
+            let changes = match &file {
+                Some(file) => changes(&session, axis, file)?,
+                None => {
+                    let factory = AxisSettings::factory(axis.profile());
+                    shown(axis, |progress| factory.changes(axis, progress))?
+                }
+            };
+            count += changes.len();
+            match self.format {
+                Format::Text if !changes.is_empty() => {
+                    let wanted = if file.is_some() { "file" } else { "default" };
+                    let text = table(&session, axis, &changes, ["drive", wanted]);
+                    out.buffer().extend_from_slice(text.as_bytes());
+                }
+                Format::Text => {}
+                Format::Jsonl => changes.iter().for_each(|it| object(axis, it, out.buffer())),
+                Format::Csv => changes.iter().for_each(|it| out.line(&row(axis, it))),
+            }
+        }
+        out.flush()?;
+        say(&match count {
+            0 => "nothing differs".to_owned(),
+            1 => "1 setting differs".to_owned(),
+            count => format!("{count} settings differ"),
+        });
+        Ok(if count == 0 { Exit::Ok } else { Exit::Negative })
+    }
+}
+
+impl Apply {
+    fn run(self) -> Result {
+        let session = self.target.open()?;
+        session.listen();
+        let file = load(&self.file)?;
+        let mut plan: Vec<(&Axis, Vec<Change>)> = Vec::new();
+        let mut out = Output::stdout();
+        for axis in session.axes() {
+            let mut changes = changes(&session, axis, &file)?;
+            changes.sort_by_key(|change| change.reach);
+            if !changes.is_empty() {
+                let text = table(&session, axis, &changes, ["now", "becomes"]);
+                out.buffer().extend_from_slice(text.as_bytes());
+            }
+            let left: Vec<&str> = names(axis, changes.iter().filter(|it| it.reach));
+            if !left.is_empty() && !self.reach {
+                say(&format!("left alone, for the drive is reached by it: {}", left.join(", ")));
+                changes.retain(|change| !change.reach);
+            }
+            plan.push((axis, changes));
+        }
+        out.flush()?;
+        let count: usize = plan.iter().map(|(_, changes)| changes.len()).sum();
+        if count == 0 {
+            say("nothing to write");
+            return Ok(Exit::Ok);
+        }
+        if self.dry_run {
+            say("dry run: none of this was written");
+            return Ok(Exit::Ok);
+        }
+        self.check_power(&plan)?;
+        self.consent(count)?;
+        self.write(&plan, count)
+    }
+
+    /// A powered motor takes new gains and limits at once.
+    fn check_power(&self, plan: &[(&Axis, Vec<Change>)]) -> Result<()> {
+        for (axis, _) in plan.iter().filter(|(_, changes)| !changes.is_empty() && !self.powered) {
+            let powered = signal(axis, Signal::Enabled)?;
+            if powered.is_some_and(|value| value.raw != 0) {
+                let what = format!("{} is powered.", axis.label());
+                return Err(Problem::usage("E246", what)
+                    .why(
+                        "Its motor would follow new limits and gains at once. Nothing was written.",
+                    )
+                    .hint(format!("polepair disable {}", self.target.url))
+                    .hint("--powered writes all the same"));
+            }
+        }
+        Ok(())
+    }
+
+    fn consent(&self, count: usize) -> Result<()> {
+        if self.yes {
+            return Ok(());
+        }
+        let refused = |what: &str| Problem::usage("E247", what).why("Nothing was written.");
+        if !std::io::stdin().is_terminal() {
+            return Err(refused("nobody is there to agree.").hint("--yes writes without asking"));
+        }
+        let kept = if self.store { " and keep them over power-off" } else { "" };
+        eprint!("write {count} settings{kept}? [y/N] ");
+        let _ = std::io::stderr().flush();
+        let mut answer = String::new();
+        let read = std::io::stdin().read_line(&mut answer).is_ok();
+        if read && matches!(answer.trim(), "y" | "Y" | "yes") {
+            return Ok(());
+        }
+        Err(refused("not agreed."))
+    }
+
+    fn write(&self, plan: &[(&Axis, Vec<Change>)], count: usize) -> Result {
+        let mut written = 0;
+        for (axis, changes) in plan {
+            for change in changes {
+                if let Err(error) = axis.write(change.id, change.wanted.raw, self.store) {
+                    if written == 0 {
+                        return Err(outcome::error(error));
+                    }
+                    let what =
+                        format!("{written} of {count} settings were written, then it failed.");
+                    return Err(Problem::new(Exit::Partial, "E701", what)
+                        .why(error.to_string())
+                        .hint("polepair config diff shows what is still to do"));
+                }
+                written += 1;
+            }
+        }
+        let mut differing = Vec::new();
+        for (axis, changes) in plan {
+            for change in changes.iter().filter(|change| !change.reach) {
+                let kept = axis.read(change.id).map_err(outcome::error)?;
+                if kept != change.wanted.raw {
+                    differing.extend(names(axis, [change]));
+                }
+            }
+        }
+        if differing.is_empty() {
+            say(&format!("{written} settings written and read back"));
+            return Ok(Exit::Ok);
+        }
+        let what = format!("the drive did not keep {}.", differing.join(", "));
+        Err(Problem::new(Exit::Negative, "E111", what)
+            .why("It was written and accepted; something else is read back."))
+    }
+}
+
+fn load(file: &Path) -> Result<Settings> {
+    if !file.exists() {
+        return Err(problem::file(file, "read", &std::io::ErrorKind::NotFound.into()));
+    }
+    Settings::load(file).map_err(outcome::error)
+}
+
+/// What differs from the file at one axis.
+fn changes(session: &Session, axis: &Axis, file: &Settings) -> Result<Vec<Change>> {
+    let settings = file.of(axis, session.axes().len()).map_err(outcome::error)?;
+    shown(axis, |progress| settings.changes(axis, progress))
+}
+
+/// Reading takes a while on a slow line: says how far it is where a person looks.
+fn shown<T>(
+    axis: &Axis,
+    read: impl FnOnce(&mut dyn FnMut(usize, usize)) -> std::result::Result<T, polepair::Error>,
+) -> Result<T> {
+    let live = std::io::stderr().is_terminal();
+    let done = read(&mut |done, of| {
+        if live {
+            eprint!("\r\x1b[K{}: reading setting {} of {of}", axis.label(), done + 1);
+        }
+    });
+    if live {
+        eprint!("\r\x1b[K");
+    }
+    done.map_err(outcome::error)
+}
+
+fn names<'a>(axis: &Axis, changes: impl IntoIterator<Item = &'a Change>) -> Vec<&'static str> {
+    let name = |change: &Change| axis.profile().parameter(change.id).map(|p| p.name);
+    changes.into_iter().filter_map(name).collect()
+}
+
+fn table(session: &Session, axis: &Axis, changes: &[Change], heads: [&str; 2]) -> String {
+    let mut table = Table::with_heads(&["setting", "symbol", heads[0], heads[1]]);
+    for change in changes {
+        let Some(parameter) = axis.profile().parameter(change.id) else { continue };
+        table.row([
+            format!("{}{}", session.who(axis), parameter.name),
+            parameter.symbol.to_owned(),
+            change.now.to_string(),
+            change.wanted.to_string(),
+        ]);
+    }
+    table.render(colour_out())
+}
+
+fn row(axis: &Axis, change: &Change) -> String {
+    let parameter = axis.profile().parameter(change.id);
+    let (name, unit) = parameter.map_or(("", ""), |p| (p.name, p.unit.symbol()));
+    format!("{},{name},{},{},{unit}", axis.number(), change.now.value, change.wanted.value)
+}
+
+fn object(axis: &Axis, change: &Change, out: &mut Vec<u8>) {
+    let Some(parameter) = axis.profile().parameter(change.id) else { return };
+    out.extend_from_slice(format!("{{\"axis\":{},\"setting\":", axis.number()).as_bytes());
+    jsonl::string(out, parameter.name);
+    for (key, value) in [("now", change.now), ("wanted", change.wanted)] {
+        out.extend_from_slice(format!(",\"{key}\":").as_bytes());
+        jsonl::real(out, value.value);
+        out.extend_from_slice(format!(",\"{key}_raw\":{}", value.raw).as_bytes());
+    }
+    out.extend_from_slice(b",\"unit\":");
+    jsonl::string(out, parameter.unit.symbol());
+    out.extend_from_slice(format!(",\"reach\":{}}}\n", change.reach).as_bytes());
+}

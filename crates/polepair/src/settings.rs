@@ -1,0 +1,357 @@
+//! Settings of drives as a file that people review: sorted, with units, one line each.
+//!
+//! ```toml
+//! [axis.1]
+//! profile = "tmcm-171"
+//! firmware = "1.12"
+//!
+//! [axis.1.settings]
+//! "max current" = "1.2 A"   # AP 6
+//! "motor poles" = 8         # AP 253
+//! ```
+//! A value is text with a unit, one of the parameter's words, or a number in the parameter's own
+//! unit; `{ raw = 120 }` where no text means exactly what the drive holds.
+
+use crate::amount::{Amount, Value};
+use crate::axis::Axis;
+use crate::error::Error;
+use crate::file::{FileError, Found, Node, Place, Text};
+use crate::identify::Identified;
+use crate::profile::text_of;
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::profile::{Access, Certainty, Parameter, ParameterId, Persistence, Profile};
+use std::fmt::{self, Write};
+use std::path::Path;
+
+/// Whether a parameter is a setting: something that is told to the drive once and kept, and that sets
+/// nothing in motion.
+#[must_use]
+pub fn is_setting(parameter: &Parameter) -> bool {
+    parameter.access == Access::ReadWrite
+        && parameter.persistence != Persistence::Volatile
+        && parameter.certainty != Certainty::Undocumented
+        && !parameter.moves
+}
+
+/// What a file holds.
+#[derive(Clone, Debug, Default)]
+pub struct Settings {
+    /// One for each drive.
+    pub axes: Vec<AxisSettings>,
+}
+
+/// The settings of one drive.
+#[derive(Clone, Debug)]
+pub struct AxisSettings {
+    /// The drive's address.
+    pub number: u32,
+    /// The profile that has these settings.
+    pub profile: String,
+    /// The firmware's version when they were read; empty where the drive does not tell it.
+    pub firmware: String,
+    /// Names and values.
+    settings: Vec<Setting>,
+    /// Settings that could not be read, and why.
+    pub unread: Vec<(String, String)>,
+    place: Place,
+}
+
+#[derive(Clone, Debug)]
+struct Setting {
+    name: Found<String>,
+    value: Given,
+    /// What the manual calls it.
+    symbol: &'static str,
+}
+
+#[derive(Clone, Debug)]
+enum Given {
+    Amount(Amount),
+    Raw(i64),
+}
+
+/// A setting that is not as the file has it.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Change {
+    /// Which.
+    pub id: ParameterId,
+    /// As it is.
+    pub now: Value,
+    /// As the file has it.
+    pub wanted: Value,
+    /// It decides how the drive is reached: see [`Profile::reach`].
+    pub reach: bool,
+}
+
+impl Settings {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`Error::File`] with file, line, column and reason.
+    pub fn load(file: &Path) -> Result<Self, Error> {
+        Ok(Self::parse(&file.display().to_string(), &text_of(file)?)?)
+    }
+
+    /// Reads a text; `file` is its name in complaints.
+    ///
+    /// # Errors
+    /// [`FileError`].
+    pub fn parse(file: &str, text: &str) -> Result<Self, FileError> {
+        Text::new(file, text).read(&["axis"], |node| {
+            let Some(table) = node.table("axis", &[])? else {
+                return Err(FileError::whole(file, "no [axis.1] in it"));
+            };
+            let axes = table.keys().into_iter().map(|key| axis(&table, &key));
+            Ok(Self { axes: axes.collect::<Result<_, _>>()? })
+        })
+    }
+
+    /// The settings that are for an axis: those of its number, or the only ones there are where the
+    /// link has one axis, too.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E212`.
+    pub fn of(&self, axis: &Axis, axes: usize) -> Result<&AxisSettings, Error> {
+        let same = self.axes.iter().find(|settings| settings.number == axis.number());
+        let only = self.axes.first().filter(|_| axes == 1 && self.axes.len() == 1);
+        same.or(only).ok_or_else(|| {
+            let known: Vec<String> = self.axes.iter().map(|axis| axis.number.to_string()).collect();
+            let what = format!("the file has no settings of axis {}", axis.number());
+            Error::usage("E212", what, format!("it has those of axis {}", known.join(", ")))
+        })
+    }
+}
+
+impl fmt::Display for Settings {
+    /// As a file.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("# `polepair config diff URL FILE` compares, `polepair config apply URL FILE` writes.\n")?;
+        self.axes.iter().try_for_each(|axis| write!(f, "\n{axis}"))
+    }
+}
+
+impl fmt::Display for AxisSettings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { number, profile, firmware, .. } = self;
+        writeln!(f, "[axis.{number}]\nprofile = {profile:?}")?;
+        if !firmware.is_empty() {
+            writeln!(f, "firmware = {firmware:?}")?;
+        }
+        writeln!(f, "\n[axis.{number}.settings]")?;
+        let lines: Vec<String> = self.settings.iter().map(Setting::line).collect();
+        let width = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0);
+        for (line, setting) in lines.iter().zip(&self.settings) {
+            match setting.symbol {
+                "" => writeln!(f, "{line}")?,
+                symbol => writeln!(f, "{line:width$}  # {symbol}")?,
+            }
+        }
+        self.unread.iter().try_for_each(|(name, why)| writeln!(f, "# {name}: {why}"))
+    }
+}
+
+impl Setting {
+    fn line(&self) -> String {
+        let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        let name = &self.name.value;
+        let mut line = if !name.is_empty() && name.chars().all(bare) {
+            name.clone()
+        } else {
+            format!("{name:?}")
+        };
+        let _ = match &self.value {
+            Given::Amount(Amount::Number(number)) => write!(line, " = {number}"),
+            Given::Amount(Amount::Text(text)) => write!(line, " = {text:?}"),
+            Given::Raw(raw) => write!(line, " = {{ raw = {raw} }}"),
+        };
+        line
+    }
+}
+
+fn axis(axes: &Node<'_, '_>, key: &Found<&str>) -> Result<AxisSettings, FileError> {
+    let number = key.value.parse::<u32>();
+    let number = number.map_err(|_| key.place.error("an axis has a number: [axis.1]"))?;
+    let keys = ["profile", "firmware", "settings"];
+    let Some(table) = axes.table(key.value, &keys)? else {
+        return Err(key.place.error("an axis is a table"));
+    };
+    let settings = match table.table("settings", &[])? {
+        Some(table) => table.keys().into_iter().map(|key| setting(&table, key)).collect(),
+        None => Ok(Vec::new()),
+    };
+    Ok(AxisSettings {
+        number,
+        profile: table.needed_text("profile")?.value,
+        firmware: table.text("firmware")?.map_or_else(String::new, |text| text.value),
+        settings: settings?,
+        unread: Vec::new(),
+        place: table.place(),
+    })
+}
+
+fn setting(table: &Node<'_, '_>, key: Found<&str>) -> Result<Setting, FileError> {
+    let name = Found { value: key.value.to_owned(), place: key.place };
+    let value = if table.is_table(key.value) {
+        let inner = table.table(key.value, &["raw"])?;
+        let raw = inner.map(|inner| inner.needed_integer("raw")).transpose()?;
+        Given::Raw(raw.map_or(0, |found| found.value))
+    } else {
+        let plain = table.plain(key.value)?.map_or_else(String::new, |found| found.value);
+        Given::Amount(Amount::Text(plain))
+    };
+    Ok(Setting { name, value, symbol: "" })
+}
+
+impl AxisSettings {
+    /// Reads the settings of a drive, sorted by name. `progress` hears how many of how many are read.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; a setting that the drive refuses to tell is noted in
+    /// [`unread`](Self::unread).
+    pub fn read(axis: &Axis, progress: &mut dyn FnMut(usize, usize)) -> Result<Self, Error> {
+        let mut made = Self::of_profile(axis.profile());
+        made.number = axis.number();
+        if let Identified::Asked { firmware: Some(firmware) } = axis.identified() {
+            made.firmware.clone_from(firmware);
+        }
+        let wanted = settings_of(axis.profile());
+        for (n, &(id, parameter)) in wanted.iter().enumerate() {
+            progress(n, wanted.len());
+            match axis.read(id) {
+                Ok(raw) => made.settings.push(Setting {
+                    name: Found { value: parameter.name.to_owned(), place: made.place.clone() },
+                    value: as_written(axis, id, raw)?,
+                    symbol: parameter.symbol,
+                }),
+                Err(Error::Failed {
+                    what,
+                    outcome: Outcome::NotDone(Failure::Refused { .. }),
+                    ..
+                }) => {
+                    made.unread.push((parameter.name.to_owned(), what));
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(made)
+    }
+
+    /// The settings that a drive has from the factory, as far as its manual tells them.
+    #[must_use]
+    pub fn factory(profile: &'static Profile) -> Self {
+        let mut made = Self::of_profile(profile);
+        for (_, parameter) in settings_of(profile) {
+            let Some(raw) = parameter.default else { continue };
+            made.settings.push(Setting {
+                name: Found { value: parameter.name.to_owned(), place: made.place.clone() },
+                value: Given::Raw(raw),
+                symbol: parameter.symbol,
+            });
+        }
+        made
+    }
+
+    fn of_profile(profile: &Profile) -> Self {
+        Self {
+            number: 1,
+            profile: profile.name.to_owned(),
+            firmware: String::new(),
+            settings: Vec::new(),
+            unread: Vec::new(),
+            place: Place::built_in(profile.name),
+        }
+    }
+
+    /// How many settings there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.settings.len()
+    }
+
+    /// True without settings.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.settings.is_empty()
+    }
+
+    /// What differs at the drive. Every name and value is checked before the first is read.
+    ///
+    /// # Errors
+    /// [`Error::File`] for settings that the drive cannot have; others by blame.
+    pub fn changes(
+        &self,
+        axis: &Axis,
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Vec<Change>, Error> {
+        let profile = axis.profile();
+        if self.profile != profile.name {
+            let reason =
+                format!("these are settings of {}, this is {}", self.profile, profile.name);
+            return Err(self.place.error(reason).into());
+        }
+        let wanted = self.settings.iter().map(|setting| setting.wanted(axis));
+        let wanted = wanted.collect::<Result<Vec<_>, Error>>()?;
+        let mut changes = Vec::new();
+        for (n, &(id, raw)) in wanted.iter().enumerate() {
+            progress(n, wanted.len());
+            let now = axis.read(id)?;
+            if now != raw {
+                let (now, wanted) = (axis.value(id, now)?, axis.value(id, raw)?);
+                changes.push(Change { id, now, wanted, reach: profile.reach.contains(&id) });
+            }
+        }
+        Ok(changes)
+    }
+}
+
+impl Setting {
+    fn wanted(&self, axis: &Axis) -> Result<(ParameterId, i64), Error> {
+        let at = |error: Error| match error {
+            Error::Usage { what, .. } => self.name.place.error(what).into(),
+            other => other,
+        };
+        let id = axis.find(&self.name.value).map_err(at)?;
+        let raw = match &self.value {
+            Given::Raw(raw) => *raw,
+            Given::Amount(amount) => axis.raw_of(id, amount).map_err(at)?,
+        };
+        let Some(parameter) = axis.profile().parameter(id) else {
+            return Err(self.name.place.error("no such parameter").into());
+        };
+        let wrong = |reason: String| Err(self.name.place.error(reason).into());
+        if parameter.access != Access::ReadWrite || parameter.moves {
+            return wrong(format!("`{}` is no setting", parameter.name));
+        }
+        if !(parameter.min..=parameter.max).contains(&raw) {
+            let (min, max) = (axis.value(id, parameter.min)?, axis.value(id, parameter.max)?);
+            return wrong(format!("`{}` takes {min} to {max}", parameter.name));
+        }
+        Ok((id, raw))
+    }
+}
+
+/// The settings of a profile by name.
+fn settings_of(profile: &'static Profile) -> Vec<(ParameterId, &'static Parameter)> {
+    let ids = (0..).map(ParameterId).zip(profile.parameters);
+    let mut settings: Vec<_> = ids.filter(|(_, parameter)| is_setting(parameter)).collect();
+    settings.sort_by_key(|(_, parameter)| parameter.name);
+    settings
+}
+
+/// The shortest text that means exactly this value at this drive.
+fn as_written(axis: &Axis, id: ParameterId, raw: i64) -> Result<Given, Error> {
+    let value = axis.value(id, raw)?;
+    let unit = value.unit.symbol();
+    let rounded = value.to_string();
+    let exact = format!("{} {unit}", value.value);
+    for text in [rounded, exact.trim_end().to_owned()] {
+        let amount = match text.parse::<f64>() {
+            Ok(number) if unit.is_empty() && value.word.is_none() => Amount::Number(number),
+            _ => Amount::Text(text),
+        };
+        if axis.raw_of(id, &amount).is_ok_and(|back| back == raw) {
+            return Ok(Given::Amount(amount));
+        }
+    }
+    Ok(Given::Raw(raw))
+}
