@@ -43,13 +43,12 @@ pub struct SourceError {
     pub expected: &'static str,
 }
 
-/// A piece of a listing.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Listed<'a> {
-    /// Where it lies.
-    pub address: u16,
-    /// What lies there.
-    pub words: &'a [u16],
+/// Takes a listing: each instruction with its place, then its text in pieces.
+pub trait Listing {
+    /// The next instruction is this.
+    fn instruction(&mut self, address: u16, words: &[u16]);
+    /// A piece of its text.
+    fn text(&mut self, piece: &str);
 }
 
 /// A language whose programs drives keep and run.
@@ -67,14 +66,13 @@ pub trait Language: Sync {
         labels: &mut [Label<'t>],
     ) -> Result<Assembled, SourceError>;
 
-    /// Makes text of words that lie from `origin` on: an instruction after the other, each told with
-    /// its place, then in pieces. The text assembles to the same words.
+    /// Makes text of words that lie from `origin` on, which assembles to the same words.
     fn disassemble(
         &self,
         origin: u16,
         words: &[u16],
         profile: Option<&'static Profile>,
-        show: &mut dyn FnMut(Listed<'_>, &mut dyn FnMut(&mut dyn FnMut(&str))),
+        listing: &mut dyn Listing,
     );
 
     /// The memory that programs lie in.

@@ -13,7 +13,7 @@
 use crate::file::FileError;
 use polepair_core::lane::Piece;
 use polepair_core::profile::Profile;
-use polepair_core::program::{LABELS_MAX, Label, Language, Listed, SourceError, WORDS_MAX};
+use polepair_core::program::{LABELS_MAX, Label, Language, Listing, SourceError, WORDS_MAX};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -139,18 +139,12 @@ impl Program {
     /// assembles to the same words.
     #[must_use]
     pub fn listing(&self, language: &dyn Language, profile: Option<&'static Profile>) -> String {
-        let mut text = String::new();
+        let mut lines = Lines::default();
         for piece in &self.pieces {
-            let mut show = |listed: Listed<'_>, say: &mut dyn FnMut(&mut dyn FnMut(&str))| {
-                let mut line = String::new();
-                say(&mut |piece| line.push_str(piece));
-                let words: String =
-                    listed.words.iter().map(|word| format!(" {word:04X}")).collect();
-                let _ = writeln!(text, "{line:<32} // {:04X}:{words}", listed.address);
-            };
-            language.disassemble(piece.start, &piece.words, profile, &mut show);
+            language.disassemble(piece.start, &piece.words, profile, &mut lines);
         }
-        text
+        lines.end();
+        lines.text
     }
 
     /// Its words, in pieces.
@@ -175,6 +169,42 @@ impl Program {
     /// The labels of its text.
     pub fn labels(&self) -> impl Iterator<Item = (&str, u16)> {
         self.labels.iter().map(|(name, address)| (name.as_str(), *address))
+    }
+}
+
+/// A listing, an instruction a line.
+#[derive(Default)]
+struct Lines {
+    text: String,
+    /// How long the lines are that have ended.
+    ended: usize,
+    /// What stands behind the line that has not.
+    comment: String,
+}
+
+/// Where comments begin.
+const COMMENT: usize = 32;
+
+impl Lines {
+    fn end(&mut self) {
+        let len = self.text[self.ended..].chars().count();
+        if len > 0 {
+            self.text.extend(std::iter::repeat_n(' ', COMMENT.saturating_sub(len)));
+            self.text.push_str(&self.comment);
+        }
+        self.ended = self.text.len();
+    }
+}
+
+impl Listing for Lines {
+    fn instruction(&mut self, address: u16, words: &[u16]) {
+        self.end();
+        let words: String = words.iter().map(|word| format!(" {word:04X}")).collect();
+        self.comment = format!(" // {address:04X}:{words}\n");
+    }
+
+    fn text(&mut self, piece: &str) {
+        self.text.push_str(piece);
     }
 }
 

@@ -3,12 +3,14 @@
 //! Sources: TML communication manual, chapters 3 to 5. Serial servers put bytes of their own between
 //! frames (00, 0D, 0A, what is left of an older connection); those are skipped and counted.
 
+mod rate;
+
 use core::marker::PhantomData;
 
 use super::ask::{Answer, Ask};
 use super::rules::{Rule, Wire};
 use super::serial::{self, Deframer, FRAME_MAX, Piece, Recovery};
-use super::session::{Out, Place, SYNCS_MAX, Session, Waits};
+use super::session::{Fallback, Out, Place, SYNCS_MAX, Session, Waits};
 use super::wire::{IdCode, Instruction, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
@@ -17,6 +19,7 @@ use crate::proto::pace::{Pace, tolerated};
 use crate::proto::{self, GROUP, HostOptions};
 use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
+use rate::Rate;
 
 /// Time allowed for an answer when neither caller nor profile says one, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
@@ -50,6 +53,8 @@ pub struct SerialHost {
     stale_ns: u64,
     last_byte: Instant,
     sent: Option<Message>,
+    rate: Rate,
+    ack_ns: u64,
 }
 
 impl SerialHost {
@@ -62,8 +67,15 @@ impl SerialHost {
         };
         let line = SerialLine { stop_bits: 2, ..SerialLine::n81(options.baud) };
         let waits = Waits::new(options, line.characters_ns(1));
+        let place = place(wire, options, axes);
+        let alone = (wire == Wire::Rs232 || place.alone) && !place.probing;
+        let rate = Rate::new(options.baud, place.relay.or(place.first).filter(|_| alone));
+        let mut session = Session::new(place, waits);
+        if rate.is_restored() {
+            session.fallback = Fallback::Armed;
+        }
         Self {
-            session: Session::new(place(wire, options, axes), waits),
+            session,
             line,
             pace: Pace::new(&line),
             deframer: Deframer::new(Recovery::Search),
@@ -74,6 +86,8 @@ impl SerialHost {
             stale_ns: waits.ack_ns + line.characters_ns(2),
             last_byte: Instant::ZERO,
             sent: None,
+            rate,
+            ack_ns: waits.ack_ns,
         }
     }
 
@@ -99,8 +113,13 @@ impl SerialHost {
             }
             Piece::Message(message) => {
                 self.session.heard(now, Some(message.to), &message.instruction);
+                self.hears();
             }
-            Piece::Ack => self.session.acknowledged(now, early),
+            Piece::Ack if self.rate.acknowledged(now) => {}
+            Piece::Ack => {
+                self.session.acknowledged(now, early);
+                self.hears();
+            }
             Piece::Sync => self.session.synchronised(now),
             Piece::Stray(_) => self.session.counters.skipped += 1,
             Piece::Broken(error) => {
@@ -109,6 +128,43 @@ impl SerialHost {
                 self.session.counters.skipped += 1;
             }
         }
+    }
+
+    /// The drive is there, so that silence from now on may again be another rate's.
+    fn hears(&mut self) {
+        if self.rate.is_restored() && self.session.fallback == Fallback::Spent {
+            self.session.fallback = Fallback::Armed;
+        }
+    }
+
+    /// Has the line's rate back where RESET or power-up took it.
+    fn restore(&mut self, now: Instant) {
+        if self.session.is_idle() {
+            self.rate.is_reset(now);
+        }
+        if self.session.fallback == Fallback::Due && self.rate.is_right() {
+            self.rate.fall_back(now);
+        }
+        if self.rate.advance(now) {
+            self.session.fell_back(now);
+        }
+        let baud = self.rate.baud();
+        if self.line.baud != baud {
+            self.line.baud = baud;
+            self.pace = Pace::new(&self.line);
+            self.deframer.clear();
+        }
+    }
+
+    /// What the drive is told at the rate that it has after RESET.
+    fn tell_rate(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        let left = now.plus_ns(self.line.characters_ns(FRAME_MAX as u32) + self.ack_ns);
+        let message = self.rate.tell(now, left)?;
+        let mut frame = [0; FRAME_MAX];
+        let len = serial::encode(&message, &mut frame);
+        self.sent = Some(message);
+        out.get_mut(..len)?.copy_from_slice(&frame[..len]);
+        Some(len)
     }
 
     /// What looks like the head of a frame is none: its end never came. What stands behind its first
@@ -164,6 +220,7 @@ fn place(wire: Wire, options: &HostOptions, axes: &[u32]) -> Place {
         wire,
         own: wire.sender(id),
         relay,
+        first,
         alone: axes.len() == 1 && first.is_some(),
         behind_technocan: options.answers_only,
         probing: options.probing,
@@ -184,10 +241,15 @@ impl Timed for SerialHost {
             self.look_again(now);
         }
         self.session.handle_timeout(now);
+        self.restore(now);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        self.session.poll_timeout()
+        match self.rate.is_right() {
+            true => self.session.poll_timeout(),
+            // What waits in the session waits for the line.
+            false => self.rate.due(),
+        }
     }
 }
 
@@ -202,6 +264,7 @@ impl Station<Stream> for SerialHost {
             self.deframer.push(byte);
             self.pieces(now);
         }
+        self.restore(now);
     }
 
     fn handle_line(&mut self, now: Instant, event: LineEvent) {
@@ -211,6 +274,9 @@ impl Station<Stream> for SerialHost {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        if !self.rate.is_right() {
+            return self.tell_rate(now, out);
+        }
         if !self.session.has_unsent() {
             return None;
         }
@@ -224,6 +290,7 @@ impl Station<Stream> for SerialHost {
                 let len = serial::encode(&message, &mut frame);
                 self.pace.sent(now, tolerated(self.line.characters_ns(len as u32)));
                 self.sent = Some(message);
+                self.rate.sends(&message);
                 out.get_mut(..len)?.copy_from_slice(&frame[..len]);
                 Some(len)
             }

@@ -10,7 +10,7 @@ use super::instruction::{Scope, assemble, disassemble, disassemble_word, named, 
 use super::wire::{IdCode, Instruction};
 use crate::profile::Profile;
 use crate::program::{
-    Assembled, Check, Label, Language, Listed, Memory, MemoryRules, Order, SourceError,
+    Assembled, Check, Label, Language, Listing, Memory, MemoryRules, Order, SourceError,
     TransferStep,
 };
 use crate::station::Class;
@@ -99,7 +99,7 @@ impl Language for Tml {
         origin: u16,
         image: &[u16],
         profile: Option<&'static Profile>,
-        show: &mut dyn FnMut(Listed<'_>, &mut dyn FnMut(&mut dyn FnMut(&str))),
+        listing: &mut dyn Listing,
     ) {
         let scope = Scope { profile, ..Scope::default() };
         let mut rest = image;
@@ -108,10 +108,12 @@ impl Language for Tml {
             let whole = words(*opcode).and_then(|n| Instruction::new(*opcode, behind.get(..n)?));
             let instruction = whole.unwrap_or(Instruction::of(*opcode, []));
             let (taken, left) = rest.split_at(1 + instruction.data().len());
-            show(Listed { address, words: taken }, &mut |out| match whole {
+            listing.instruction(address, taken);
+            let out = &mut |piece: &str| listing.text(piece);
+            match whole {
                 Some(_) => disassemble(&instruction, &scope, out),
                 None => disassemble_word(*opcode, out),
-            });
+            }
             (rest, address) = (left, address.wrapping_add(taken.len() as u16));
         }
     }

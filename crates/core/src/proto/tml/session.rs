@@ -78,6 +78,8 @@ pub struct Place {
     pub own: IdCode,
     /// The drive on the other end of an RS-232 line.
     pub relay: Option<u8>,
+    /// The first axis that is no group.
+    pub first: Option<u8>,
     /// One drive is all there is on the line.
     pub alone: bool,
     /// The relay's bus is TechnoCAN.
@@ -131,6 +133,17 @@ enum Phase {
     Drain(Instant),
 }
 
+/// What the host can still try when a drive is silent: another baud rate.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Fallback {
+    /// It was tried in vain, or there is none.
+    Spent,
+    /// It was not tried since the drive was last heard.
+    Armed,
+    /// A question waits for it.
+    Due,
+}
+
 /// The session of one host.
 #[derive(Debug)]
 pub struct Session {
@@ -155,6 +168,7 @@ pub struct Session {
     /// How sure it is that the line's baud rate is fiction (a virtual port): acknowledgements come
     /// before their messages can have left.
     fiction: u8,
+    pub(super) fallback: Fallback,
     up: bool,
     pub(super) counters: Counters,
 }
@@ -176,6 +190,7 @@ impl Session {
             known: [0; 4],
             paced: Instant::ZERO,
             fiction: 0,
+            fallback: Fallback::Spent,
             up: true,
             counters: Counters::default(),
         }
@@ -243,6 +258,19 @@ impl Session {
         {
             pending.phase = Phase::Ready(at.max(until));
         }
+    }
+
+    /// True while nothing is outstanding.
+    pub(super) fn is_idle(&self) -> bool {
+        self.pending.is_none()
+    }
+
+    /// The other rate was tried: a question that waited for that is asked again.
+    pub(super) fn fell_back(&mut self, now: Instant) {
+        if self.fallback == Fallback::Due {
+            self.recovered(now);
+        }
+        self.fallback = Fallback::Spent;
     }
 
     /// True while a message waits to be sent.

@@ -2,8 +2,8 @@
 //! can do no harm is sent once more (TML communication manual, chapter 3).
 
 use super::{
-    ATTEMPTS_MAX, DRAIN_NS, FICTION_MIN, LATEST_TIMEOUTS, Out, Pending, Phase, Place, SYNCS_MAX,
-    SYNCS_PROBING, Session, Stage,
+    ATTEMPTS_MAX, DRAIN_NS, FICTION_MIN, Fallback, LATEST_TIMEOUTS, Out, Pending, Phase, Place,
+    SYNCS_MAX, SYNCS_PROBING, Session, Stage,
 };
 use crate::error::Failure;
 use crate::proto::tml::ask::{self, Answer};
@@ -126,6 +126,14 @@ impl Session {
     }
 
     pub(super) fn silent(&mut self, now: Instant) {
+        if self.fallback == Fallback::Armed
+            && let Some(pending) = self.pending
+            && self.question(&pending).is_some()
+        {
+            self.fallback = Fallback::Due;
+            self.advance(now, pending.stage);
+            return self.phase(Phase::Drain(Instant::FAR));
+        }
         self.counters.silent += 1;
         self.end(now, Err(Failure::Silent));
     }

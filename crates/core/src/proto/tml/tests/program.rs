@@ -6,12 +6,14 @@ use std::string::String;
 use std::vec::Vec;
 
 use crate::drives::technosoft::profile::TECHNOSOFT_F514L;
-use crate::program::{Assembled, Label, Language, Memory, SourceError};
+use crate::program::{Assembled, Label, Language, Listing, Memory, SourceError};
 use crate::proto::tml::program::{RULES, Tml};
 
 const ROOM: usize = 256;
 
-fn assemble(text: &str) -> Result<(Vec<u16>, Vec<(String, u16)>), SourceError> {
+type Labels = Vec<(String, u16)>;
+
+fn assemble(text: &str) -> Result<(Vec<u16>, Labels), SourceError> {
     let mut words = [0; ROOM];
     let mut labels = [Label::default(); 8];
     let profile = Some(&TECHNOSOFT_F514L);
@@ -20,12 +22,19 @@ fn assemble(text: &str) -> Result<(Vec<u16>, Vec<(String, u16)>), SourceError> {
     Ok((words[..made.words].to_vec(), named))
 }
 
+impl Listing for String {
+    fn instruction(&mut self, _: u16, _: &[u16]) {
+        self.push('\n');
+    }
+
+    fn text(&mut self, piece: &str) {
+        self.push_str(piece);
+    }
+}
+
 fn listing(words: &[u16]) -> String {
     let mut text = String::new();
-    Tml.disassemble(0x4000, words, Some(&TECHNOSOFT_F514L), &mut |_, say| {
-        say(&mut |piece| text.push_str(piece));
-        text.push('\n');
-    });
+    Tml.disassemble(0x4000, words, Some(&TECHNOSOFT_F514L), &mut text);
     text
 }
 
@@ -62,7 +71,7 @@ fn labels_stand_for_where_they_are() {
 fn what_is_listed_assembles_to_the_same_words() {
     let (words, _) = assemble(MOVES).unwrap();
     let text = listing(&words);
-    assert!(text.contains("CALL 0x4016\n") && text.contains("[5] {STOP}\n"), "{text}");
+    assert!(text.contains("\nCALL 0x4016\n") && text.contains("\n[5] {STOP}\n"), "{text}");
     assert_eq!(assemble(&text).unwrap().0, words);
     // Erased, cut short, requests, six words, and whatever else lies in a memory.
     let odd = [0xFFFF, 0xB004, 0x9403, 1, 2, 3, 4, 5, 0x7777, 0x249E, 0x0001, 0x249E];
