@@ -73,6 +73,7 @@ pub fn visit(visitor: &mut impl Visitor) {
     visitor.family::<syntron_ts::SyntronTs>();
     visitor.family::<technosoft::Technosoft>();
     visitor.family::<thruster::Thruster>();
+    visitor.family::<cia402::Cia402>();
 }
 
 /// Every profile that is compiled in.

@@ -1,3 +1,64 @@
-//! Drives that follow CiA 402.
+//! A drive by CiA 402 as the standard has it: every mode, every option, nothing of its own but two
+//! objects to try transfers on.
+//!
+//! What each part is: [`objects`] the dictionary and what its values mean; [`shaft`] motor, loops and
+//! protections; [`drive`] what joins them to the motion of
+//! [`proto::canopen`](crate::proto::canopen::device::motion); [`faults`] error codes; [`files`]
+//! objects of any length; [`device`] the bus and the bench.
 
+pub mod device;
+pub mod drive;
+pub mod faults;
+pub mod files;
+pub mod objects;
 pub mod profile;
+
+pub mod shaft;
+
+#[cfg(test)]
+mod tests;
+
+use crate::drives::{DeviceOptions, Family};
+use crate::profile::Profile;
+
+/// The family.
+#[derive(Debug)]
+pub enum Cia402 {}
+
+/// Bit rate from the factory, bit/s.
+const BIT_RATE: u32 = 500_000;
+
+impl Family for Cia402 {
+    const NAME: &'static str = "cia402";
+    type Device = device::Device;
+
+    fn profiles() -> &'static [&'static Profile] {
+        static ALL: [&Profile; 1] = [&profile::CIA402];
+        &ALL
+    }
+
+    fn device<'a>(
+        _profile: &'static Profile,
+        options: &DeviceOptions<'a>,
+    ) -> Result<Self::Device, &'a str> {
+        let mut node = match options.address {
+            None => 1,
+            Some(address) => {
+                u8::try_from(address).ok().filter(|n| (1..=127).contains(n)).ok_or("address")?
+            }
+        };
+        let mut serial = u32::from(node);
+        for (key, value) in options.extra {
+            match (*key, *value) {
+                ("serial", number) => serial = number.parse().map_err(|_| number)?,
+                // Without node-ID, to be given one by LSS.
+                ("node", "none") => node = 255,
+                // Whoever commands needs no address here.
+                ("host", _) => {}
+                ("node", value) => return Err(value),
+                (key, _) => return Err(key),
+            }
+        }
+        Ok(device::Device::new(drive::Drive::new(node, serial, BIT_RATE)))
+    }
+}

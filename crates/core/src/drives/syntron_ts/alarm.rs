@@ -22,7 +22,6 @@ impl Alarm {
     /// Encoder, signals A, B, Z.
     pub const EC: Self = Self(0x0E0C);
     /// Following error.
-    /// Following error.
     pub const PE: Self = Self(0x170E);
     /// Stall.
     pub const ST: Self = Self(0x1A1B);
@@ -40,6 +39,8 @@ impl Alarm {
     pub const OH: Self = Self(0x1611);
     /// Braking circuit, peak power.
     pub const LH: Self = Self(0x1411);
+    /// CAN line break.
+    pub const LO: Self = Self(0x1416);
     /// Over-temperature, from the sibling DS102.
     pub const OT: Self = Self(0x161B);
 

@@ -1,14 +1,16 @@
-//! The TS on a serial line: the Modbus end of a [`Drive`], and the bench around it.
+//! The TS on its wires: the Modbus and the CANopen end of one [`Drive`], and the bench around it.
 
 use super::alarm::Alarm;
 use super::drive::{Drive, Refusal, numbers};
+use super::objects::PDOS;
 use super::options::Options;
 use super::panel::Key;
 use super::registers::{DN_BASE, fns};
 use crate::drives;
 use crate::drives::bench::{Act, Bench, Truth};
-use crate::medium::{SerialLine, Stream};
+use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::profile::Profile;
+use crate::proto::canopen::device::CanEnd;
 use crate::proto::modbus::device::{Firmware, Framing, SerialEnd, Wire};
 use crate::proto::modbus::wire::{Exception, Format, Function, Space};
 use crate::station::{LineEvent, Station, Timed};
@@ -23,10 +25,11 @@ const WRITE_WORDS_MAX: u16 = 123;
 /// Baud rates by Fn_3C (§2.2, 192000 and 512000 as printed).
 const BAUDS: [u32; 7] = [2400, 9600, 38_400, 57_600, 115_200, 192_000, 512_000];
 
-/// A simulated TS on its serial line.
+/// A simulated TS on its wires.
 #[derive(Debug)]
 pub struct Device {
     end: SerialEnd,
+    can: CanEnd<PDOS>,
     modbus: Modbus,
 }
 
@@ -49,7 +52,8 @@ impl Device {
         let wire = Wire { format: Format::Rtu, line: SerialLine::n81(0) };
         let mut modbus = Modbus { drive: Drive::new(profile, options), address: 1, wire };
         modbus.take_settings();
-        Self { end: SerialEnd::new(framing), modbus }
+        let can = CanEnd::new(options.can, &mut modbus.drive);
+        Self { end: SerialEnd::new(framing), can, modbus }
     }
 
     /// The drive behind the line.
@@ -63,16 +67,48 @@ impl Timed for Device {
     fn handle_timeout(&mut self, now: Instant) {
         self.modbus.drive.advance(now);
         self.end.handle_timeout(now, &mut self.modbus);
+        self.can.handle_timeout(now, &mut self.modbus.drive);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest(self.end.poll_timeout(), self.modbus.drive.due())
+        let drive = &self.modbus.drive;
+        // Whatever changes is to be told on the bus within a tick.
+        let due = drive
+            .due()
+            .map(|due| if self.can.is_live() { due.min(drive.next_tick()) } else { due });
+        let ends = earliest(self.end.poll_timeout(), self.can.poll_timeout());
+        earliest(ends, due)
     }
 }
 
 impl drives::Device for Device {
     fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
         Some(self)
+    }
+
+    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+        Some(self)
+    }
+}
+
+impl Station<Can> for Device {
+    fn handle_input(&mut self, now: Instant, unit: &Frame) {
+        self.modbus.drive.advance(now);
+        self.can.handle_input(now, unit, &mut self.modbus.drive);
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.modbus.drive.advance(now);
+        self.can.handle_line(now, event, &mut self.modbus.drive);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        *out = self.can.poll_transmit(now, &mut self.modbus.drive)?;
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        self.can.line()
     }
 }
 
@@ -245,6 +281,7 @@ impl Bench for Device {
                 drive.power_cycle();
                 self.modbus.take_settings();
                 self.end.clear();
+                self.can.power_cycle(now, &mut self.modbus.drive);
             }
             Act::Key(number, down) => match Key::of_number(number) {
                 Some(key) => drive.key(now, key, down),

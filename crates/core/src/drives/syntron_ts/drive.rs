@@ -1,6 +1,9 @@
 //! The TS as a drive, whatever line it is on: registers, modes, power, alarms, time.
 //!
-//! Nothing here knows Modbus; a CANopen end can be put beside the Modbus one ([`super::device`]).
+//! Nothing here knows Modbus; what the bus wants is in the part on CANopen.
+
+mod canopen;
+mod view;
 
 use core::f64::consts::TAU;
 
@@ -79,6 +82,7 @@ struct Core {
     unrepeatable: u64,
     starts: u64,
     notice: Option<&'static str>,
+    node: canopen::Node,
 }
 
 impl Drive {
@@ -87,6 +91,8 @@ impl Drive {
     pub fn new(profile: &'static Profile, options: Options) -> Self {
         let mut registers = Registers::factory(profile);
         registers.preset(fns::ADDRESS, u16::from(options.address));
+        registers.preset(fns::NODE, u16::from(options.address));
+        registers.preset(fns::MODE, options.mode);
         registers.preset(fns::FORMAT, if options.ascii { 2 } else { 1 });
         if options.ds102 {
             registers.preset(fns::RATED_CURRENT, (super::shaft::RATED_CURRENT * 100.0) as u16);
@@ -109,6 +115,7 @@ impl Drive {
             unrepeatable: 0,
             starts: 0,
             notice: None,
+            node: canopen::Node::new(0.0),
         };
         core.boot();
         Self { core, panel: Panel::default() }
@@ -127,6 +134,12 @@ impl Drive {
     pub fn due(&self) -> Option<Instant> {
         let moving = (!self.core.shaft.resting()).then(|| self.core.now.plus_ms(WAKE_MS));
         crate::time::earliest(self.panel.due(), moving)
+    }
+
+    /// The end of the tick that runs.
+    #[must_use]
+    pub fn next_tick(&self) -> Instant {
+        self.core.ticks.at().plus_ns(crate::plant::TICK_NS)
     }
 
     /// The registers as they now are.
@@ -328,6 +341,7 @@ impl Core {
         self.unrepeatable += self.motion.unrepeatable();
         self.motion = Motion::new(self.shaft.position());
         self.alarm = Alarm::NONE;
+        self.node = canopen::Node::new(self.shaft.position());
         self.jogging = false;
         self.was = [false; 4];
         if collide(&self.lines.purposes) {
@@ -361,6 +375,7 @@ impl Core {
         match self.mode() {
             _ if !self.shaft.powered() => {}
             MODE_POSITION => self.with_motion(now, Motion::tick),
+            MODE_CANOPEN => self.follow_bus(),
             _ => {
                 self.follow_external();
                 self.hold_at_limits();
@@ -374,7 +389,8 @@ impl Core {
         if let Some(alarm) = self.motion.take_alarm() {
             self.raise(alarm);
         }
-        if let Some(alarm) = self.shaft.trouble(self.motion.feels_for_stop()) {
+        let feels = self.motion.feels_for_stop() || self.node.feels_for_stop();
+        if let Some(alarm) = self.shaft.trouble(feels) {
             self.raise(alarm);
         }
     }
@@ -428,7 +444,7 @@ impl Core {
         }
         if rises(0) {
             self.power();
-        } else if was[0] && !wired[0] && !self.enabled_by_register() {
+        } else if was[0] && !wired[0] && !self.enabled_elsewhere() {
             self.release();
         }
         let by_inputs = self.registers.value(fns::TRIGGER_SOURCE) == 0;
@@ -446,9 +462,10 @@ impl Core {
         self.mode() == MODE_POSITION && self.shaft.powered()
     }
 
-    /// Fn_38 powers the motor in the two internal modes.
-    fn enabled_by_register(&self) -> bool {
-        matches!(self.mode(), MODE_SPEED | MODE_POSITION) && self.registers.value(fns::ENABLE) == 1
+    /// Fn_38 powers the motor in the two internal modes, the controlword in CANopen mode.
+    fn enabled_elsewhere(&self) -> bool {
+        let internal = matches!(self.mode(), MODE_SPEED | MODE_POSITION);
+        self.mode() == MODE_CANOPEN || (internal && self.registers.value(fns::ENABLE) == 1)
     }
 
     /// Powers the motor if the mode, the alarm and the bus let it. It holds where it is, then does
@@ -458,7 +475,7 @@ impl Core {
         let internal = matches!(self.mode(), MODE_SPEED | MODE_POSITION);
         let wired = self.lines.closed(Purpose::ServoOn, 0.0);
         let wanted = (by_register && internal) || wired || self.jogging;
-        if self.shaft.powered() || !wanted {
+        if self.shaft.powered() || !wanted || self.mode() == MODE_CANOPEN {
             return;
         }
         if self.alarm.is_some() {
@@ -494,10 +511,12 @@ impl Core {
         self.registers.set(fns::ENABLE, 0);
         let known = self.profile.faults.iter().find(|f| f.code == u32::from(alarm.0));
         self.notice = Some(known.map_or("alarm", |fault| fault.name));
+        self.fault_on_bus();
     }
 
     fn clear_alarm(&mut self) {
         self.alarm = Alarm::NONE;
+        self.leave_bus();
         self.shaft.forget();
         if collide(&self.lines.purposes) {
             self.raise(Alarm::ID);
@@ -608,6 +627,7 @@ impl Core {
         match number {
             fns::MODE if before != value => self.change_mode(),
             fns::ENABLE if value == 1 => self.power(),
+            fns::ENABLE if self.mode() == MODE_CANOPEN => {}
             fns::ENABLE if !self.lines.closed(Purpose::ServoOn, 0.0) => self.release(),
             fns::SPEED if self.mode() == MODE_SPEED && self.shaft.powered() => self.follow_speed(),
             fns::PATH_TRIGGER if rises && by_registers && self.runs_paths() => {
@@ -629,6 +649,7 @@ impl Core {
     /// A new mode starts unpowered `[I]`.
     fn change_mode(&mut self) {
         self.release();
+        self.leave_bus();
         self.jogging = false;
         self.registers.set(fns::ENABLE, 0);
     }
@@ -639,51 +660,5 @@ impl Core {
         let share = f64::from(self.registers.signed(0x2B).unsigned_abs()) / 100.0;
         let limited = self.registers.value(0x2A) == 1;
         self.shaft.limit_current(if limited { share * peak } else { f64::INFINITY });
-    }
-}
-
-impl View for Core {
-    fn value(&self, code: Code) -> i32 {
-        let (word, signed) = match code {
-            Code::Fn(number) => (self.registers.value(number), limits(self.profile, number).2),
-            Code::Dn(number) => {
-                let signed = matches!(number, dns::SPEED | dns::LOAD | dns::TEMPERATURE);
-                (self.reading(number), signed)
-            }
-        };
-        if signed { i32::from(word as i16) } else { i32::from(word) }
-    }
-
-    fn limits(&self, number: u16) -> (i32, i32) {
-        let (min, max, _) = limits(self.profile, number);
-        (min as i32, max as i32)
-    }
-
-    fn rpm(&self) -> i32 {
-        libm::round(self.shaft.rpm()) as i32
-    }
-
-    fn alarm(&self) -> Alarm {
-        self.alarm
-    }
-
-    fn powered(&self) -> bool {
-        self.shaft.powered()
-    }
-
-    fn jog_mode(&self) -> bool {
-        self.mode() == MODE_JOG
-    }
-}
-
-impl Variant {
-    /// Whether Fn_00 may be set to that mode: a drive without the option refuses it `[I]`.
-    #[must_use]
-    pub const fn has_mode(self, mode: u16) -> bool {
-        match mode {
-            MODE_POSITION => matches!(self, Self::Position | Self::All),
-            MODE_CANOPEN => matches!(self, Self::Canopen | Self::All),
-            _ => true,
-        }
     }
 }

@@ -1,10 +1,11 @@
-//! The SYNTRON TS servo drive and its sibling DS102, on Modbus.
+//! The SYNTRON TS servo drive and its sibling DS102, on Modbus and CANopen.
 //!
 //! What each part is: [`registers`] Fn_00 to Fn_2FF with flash and its wear; [`paths`] and
 //! [`homing`] what the registers of internal position mode mean; [`motion`] what carries them out;
 //! [`external`] what drives it past the line; [`shaft`] motor, loops and protections; [`drive`]
 //! modes, power and alarms, on no line in particular; [`panel`] the keys and the display;
-//! [`device`] the Modbus end and the bench.
+//! [`objects`] the registers and the drive profile as CANopen has them; [`device`] the ends of both
+//! wires and the bench.
 //!
 //! The host needs no code of its own for this family: the protocol's driver and the plans of the
 //! profile suffice.
@@ -16,6 +17,7 @@ pub mod external;
 pub mod homing;
 pub mod io;
 pub mod motion;
+pub mod objects;
 pub mod options;
 pub mod panel;
 pub mod paths;
@@ -47,6 +49,8 @@ impl Family for SyntronTs {
         options: &DeviceOptions<'a>,
     ) -> Result<Self::Device, &'a str> {
         let ds102 = profile.name == profile::SYNTRON_DS102.name;
-        options::Options::of(options, ds102).map(|made| device::Device::new(profile, made))
+        // What is known of the registers stands in the Modbus profiles.
+        let registers = if ds102 { &profile::SYNTRON_DS102 } else { &profile::SYNTRON_TS };
+        options::Options::of(options, ds102).map(|made| device::Device::new(registers, made))
     }
 }

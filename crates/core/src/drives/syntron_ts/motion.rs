@@ -121,6 +121,11 @@ impl Motion {
         self.origin
     }
 
+    /// Gives that shaft position (rad) coordinate 0.
+    pub const fn set_origin(&mut self, position: f64) {
+        self.origin = position;
+    }
+
     /// Triggers that started something which a repetition would have started again.
     #[must_use]
     pub const fn unrepeatable(&self) -> u64 {

@@ -3,6 +3,7 @@
 use super::external::External;
 use super::io::{Lines, PURPOSES, Purpose};
 use crate::drives::DeviceOptions;
+use crate::proto::canopen::device as can;
 
 /// Registers that a password may lock.
 const LOCKED_MAX: usize = 16;
@@ -19,6 +20,22 @@ pub enum Variant {
     /// Everything.
     All,
 }
+
+/// The CAN end as the manual has it: short requests, mapping while operational, times of which 400 are
+/// 50 ms (§3.5.4), emergencies of two bytes (§3.5.2), answers that repeat what was written (§3.5.3);
+/// nothing that it does not name.
+const CAN: can::Options = can::Options {
+    lenient: true,
+    echoes: true,
+    segments: false,
+    lss: false,
+    time: false,
+    guarding: false,
+    short_emcy: true,
+    inhibit_unit_us: 125,
+    event_unit_us: 125,
+    timed_254: true,
+};
 
 /// How a drive is made.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -39,6 +56,10 @@ pub struct Options {
     pub address: u8,
     /// ASCII from the factory.
     pub ascii: bool,
+    /// Control mode from the factory (Fn_00).
+    pub mode: u16,
+    /// How the CAN end differs from the standard.
+    pub can: can::Options,
     /// Inputs and switches.
     pub lines: Lines,
     /// What the analog and the pulse input get from the start.
@@ -62,6 +83,8 @@ impl Options {
             untimed: options.untimed,
             address: u8::try_from(address).ok().filter(|a| *a < 128).ok_or("address")?,
             ascii: options.wires.contains(&"modbus-ascii"),
+            mode: 2,
+            can: CAN,
             lines: Lines {
                 purposes: PURPOSES,
                 driven: [false; 8],
@@ -108,14 +131,35 @@ impl Options {
             ("format", "decimal") => self.hex_format = false,
             ("format", "hex") => self.hex_format = true,
             ("gap", _) => self.gap_ms = value.parse().map_err(|_| value)?,
+            ("fn00", _) => {
+                self.mode = value.parse().ok().filter(|mode| *mode <= 20).ok_or(value)?
+            }
+            ("can", "true") => self.can = CAN,
+            ("can", "strict") => self.can = can::Options::STRICT,
+            ("emcy", "2" | "8") => self.can.short_emcy = value == "2",
+            ("pdo-timer", _) => self.set_pdo_timer(value)?,
+            ("lss", "0" | "1") => self.can.lss = value == "1",
+            ("time", "0" | "1") => self.can.time = value == "1",
+            ("guarding", "0" | "1") => self.can.guarding = value == "1",
+            ("segments", "0" | "1") => self.can.segments = value == "1",
+            // Whoever commands needs no address here.
+            ("host", _) => {}
             ("inputs", _) => self.lines.purposes = Purpose::of_digits(value).ok_or(value)?,
             ("closed", _) => self.close(value)?,
             ("analog", _) => self.external.set_volts(number(value)?),
             ("pulses", _) => self.external.set_rate(number(value)?),
             ("locked", _) => self.lock(value)?,
-            ("variant" | "ds102" | "settings" | "format", _) => return Err(value),
+            ("variant" | "ds102" | "settings" | "format" | "can" | "emcy", _) => return Err(value),
+            ("lss" | "time" | "guarding" | "segments", _) => return Err(value),
             _ => return Err(key),
         }
+        Ok(())
+    }
+
+    /// Unit of both times of a PDO, µs.
+    fn set_pdo_timer<'a>(&mut self, value: &'a str) -> Result<(), &'a str> {
+        let unit = value.parse().ok().filter(|unit| (1..=100_000).contains(unit)).ok_or(value)?;
+        (self.can.inhibit_unit_us, self.can.event_unit_us) = (unit, unit);
         Ok(())
     }
 

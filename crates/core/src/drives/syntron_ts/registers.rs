@@ -31,6 +31,10 @@ pub mod fns {
     pub const CLEAR: u16 = 0x53;
     /// Speed limit of torque mode, rpm.
     pub const TORQUE_SPEED: u16 = 0x95;
+    /// CANopen node-ID.
+    pub const NODE: u16 = 0x9A;
+    /// CAN bit rate, kbit/s.
+    pub const BIT_RATE: u16 = 0x9C;
     /// 1 keeps writes in RAM.
     pub const RAM_ONLY: u16 = 0x99;
     /// First register of path 1.

@@ -188,9 +188,13 @@ impl Shaft {
         self.servo.regulated()
     }
 
-    /// Heads for a speed, rad/s.
+    /// Heads for a speed, rad/s. After driving a torque the set-point starts from the motor.
     pub fn turn(&mut self, rad_per_s: f64) {
-        self.servo.go(Goal::Velocity(rad_per_s));
+        let goal = Goal::Velocity(rad_per_s);
+        match self.servo.goal() {
+            Goal::Current(_) => self.servo.go_from(&self.motor, goal),
+            _ => self.servo.go(goal),
+        }
     }
 
     /// Heads for a position, rad. After turning at a speed the set-point starts from the motor.

@@ -8,13 +8,14 @@ use super::SyntronTs;
 use super::registers::fns;
 use crate::drives::bench::{Act, Bench, Truth};
 use crate::drives::{DeviceOptions, Family};
-use crate::medium::STREAM_UNIT_MAX;
+use crate::medium::{STREAM_UNIT_MAX, Stream};
 use crate::proto::modbus::{ascii, rtu};
 use crate::station::{Station, Timed};
 use crate::time::Instant;
 
 mod alarms;
 mod axis;
+mod canopen;
 mod homing;
 mod panel;
 mod paths;
@@ -64,7 +65,7 @@ impl Desk {
         } else {
             rtu::emit(self.unit, &mut frame, put)
         };
-        self.device.handle_input(self.now, &frame[..emit]);
+        Station::<Stream>::handle_input(&mut self.device, self.now, &frame[..emit]);
         let reply = self.reply()?;
         if self.ascii {
             let bytes: Vec<u8> = reply[1..reply.len() - 2]
@@ -83,7 +84,9 @@ impl Desk {
     fn reply(&mut self) -> Option<Vec<u8>> {
         let mut out = [0; STREAM_UNIT_MAX];
         for _ in 0..50 {
-            if let Some(len) = self.device.poll_transmit(self.now, &mut out) {
+            if let Some(len) =
+                Station::<Stream>::poll_transmit(&mut self.device, self.now, &mut out)
+            {
                 return Some(out[..len].to_vec());
             }
             self.pass(1);

@@ -295,11 +295,10 @@ impl<const N: usize> CanEnd<N> {
         (self.due != Instant::FAR).then_some(self.due)
     }
 
-    /// A value that changes makes it send something: whoever changes values by time calls
-    /// [`handle_timeout`](Self::handle_timeout) as often.
+    /// Somebody has set it going: what changes by time is worth a look each tick.
     #[must_use]
-    pub const fn watches(&self) -> bool {
-        self.sends.watch != 0 && matches!(self.state, nmt::State::Operational)
+    pub const fn is_live(&self) -> bool {
+        matches!(self.state, nmt::State::Operational)
     }
 
     /// What happened to the wire.

@@ -36,9 +36,15 @@ impl Pair {
         for _ in 0..100_000 {
             let mut bytes = [0; STREAM_UNIT_MAX];
             while let Some(len) = self.lane.poll_transmit(self.desk.now, &mut bytes) {
-                self.desk.device.handle_input(self.desk.now, &bytes[..len]);
+                Station::<Stream>::handle_input(
+                    &mut self.desk.device,
+                    self.desk.now,
+                    &bytes[..len],
+                );
             }
-            while let Some(len) = self.desk.device.poll_transmit(self.desk.now, &mut bytes) {
+            while let Some(len) =
+                Station::<Stream>::poll_transmit(&mut self.desk.device, self.desk.now, &mut bytes)
+            {
                 self.lane.handle_input(self.desk.now, &bytes[..len]);
             }
             if let Some((ticket, outcome)) = self.lane.poll_outcome() {

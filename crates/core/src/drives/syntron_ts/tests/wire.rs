@@ -20,12 +20,16 @@ fn printed_frames_are_answered_as_printed() {
     desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
     desk.act(Act::Switch { which: 0, at: f64::NAN });
     for (request, reply) in cases {
-        desk.device.handle_input(desk.now, request);
+        Station::<Stream>::handle_input(&mut desk.device, desk.now, request);
         let mut out = [0; STREAM_UNIT_MAX];
         desk.pass(10);
-        assert_eq!(desk.device.poll_transmit(desk.now, &mut out), None, "10 ms are not over");
+        assert_eq!(
+            Station::<Stream>::poll_transmit(&mut desk.device, desk.now, &mut out),
+            None,
+            "10 ms are not over"
+        );
         desk.pass(1);
-        let len = desk.device.poll_transmit(desk.now, &mut out).unwrap();
+        let len = Station::<Stream>::poll_transmit(&mut desk.device, desk.now, &mut out).unwrap();
         assert_eq!(out[..len.min(reply.len())], *reply);
         desk.pass(20);
     }
@@ -37,11 +41,11 @@ fn two_requests_within_the_silence_are_one_bad_frame() {
     let mut desk = Desk::new();
     desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
     let request = [0x01, 0x06, 0x00, 0x33, 0x00, 0xC8, 0x78, 0x53];
-    desk.device.handle_input(desk.now, &request);
+    Station::<Stream>::handle_input(&mut desk.device, desk.now, &request);
     desk.pass(5);
-    desk.device.handle_input(desk.now, &request);
+    Station::<Stream>::handle_input(&mut desk.device, desk.now, &request);
     assert_eq!(desk.reply(), None);
-    desk.device.handle_input(desk.now, &request);
+    Station::<Stream>::handle_input(&mut desk.device, desk.now, &request);
     assert_eq!(desk.reply().unwrap(), request);
 }
 
@@ -173,13 +177,13 @@ fn address_baud_and_framing_act_at_the_next_power_on() {
     let mut desk = Desk::with(&[]);
     let options = DeviceOptions { untimed: false, extra: &[("gap", "0")], ..OPTIONS };
     desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
-    assert_eq!(desk.device.line().baud, 115_200);
+    assert_eq!(Station::<Stream>::line(&desk.device).baud, 115_200);
     for (number, value) in [(0x3A, 7), (0x3C, 1), (0x3D, 102)] {
         desk.write(number, value);
     }
     assert_eq!(desk.read(0x3A), 7, "still answers as before");
     desk.act(Act::PowerCycle);
-    assert_eq!(desk.device.line().baud, 9600);
+    assert_eq!(Station::<Stream>::line(&desk.device).baud, 9600);
     assert_eq!(desk.ask(&[3, 0, 0x3A, 0, 1]), None, "not at address 1, not in RTU");
     desk.ascii = true;
     assert_eq!(desk.ask(&[3, 0, 0x3A, 0, 1]), None, "not at address 1");
@@ -189,7 +193,7 @@ fn address_baud_and_framing_act_at_the_next_power_on() {
     {
         desk.write(0x3C, value as u16);
         desk.act(Act::PowerCycle);
-        assert_eq!(desk.device.line().baud, *baud);
+        assert_eq!(Station::<Stream>::line(&desk.device).baud, *baud);
     }
 }
 

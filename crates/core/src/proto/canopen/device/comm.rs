@@ -67,7 +67,7 @@ impl<const N: usize> Comm<N> {
         emcy_inhibit: 0,
         consumers: [0; CONSUMERS_MAX],
         heartbeat_ms: 0,
-        behaviour: [0; 2],
+        behaviour: [0, 1],
         rpdo: [Self::NO_PDO; N],
         tpdo: [Self::NO_PDO; N],
     };

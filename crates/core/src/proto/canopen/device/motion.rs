@@ -51,6 +51,8 @@ pub trait Shaft {
     fn push(&mut self, share: f64);
     /// Is told where to be at the end of the next tick.
     fn follow(&mut self, setpoint: Setpoint);
+    /// Holds where the shaft is, and forgets how hard it tried to go elsewhere.
+    fn hold(&mut self);
     /// Once at rest after turning: holds that position rather than speed zero.
     fn settle(&mut self);
     /// Where the set-point is.

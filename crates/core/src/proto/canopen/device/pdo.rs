@@ -257,7 +257,7 @@ impl<const N: usize> CanEnd<N> {
     /// Looks whether values have changed that are sent when they do.
     #[inline]
     pub(super) fn look(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        if !self.watches() && !self.has_on_change() {
+        if !self.is_live() || self.sends.watch | self.sends.synced == 0 {
             return;
         }
         let on_change = bits(self.sends.synced)
@@ -271,11 +271,6 @@ impl<const N: usize> CanEnd<N> {
                 self.want(now, n);
             }
         }
-    }
-
-    fn has_on_change(&self) -> bool {
-        let kinds = bits(self.sends.synced).map(|n| self.sends.all[n].kind);
-        self.state == State::Operational && { kinds }.any(|kind| kind == Transmission::OnChange)
     }
 
     pub(super) fn pdo_timers(&mut self, now: Instant, firmware: &mut impl Firmware) {

@@ -390,6 +390,7 @@ impl<const N: usize> Axis<N> {
     ) -> bool {
         if rises & HALT != 0 {
             self.homing.end();
+            self.set(REACHED, false);
             self.brake(scene.settings.halt_option(), scene);
         }
         let begins = rises & NEW_POINT != 0;

@@ -224,6 +224,7 @@ impl Homing {
         if ticks < TORQUE_TICKS {
             return;
         }
+        scene.shaft.hold();
         if index { self.to_index(-toward, scene) } else { self.rest(scene.shaft.position(), scene) }
     }
 

@@ -72,6 +72,9 @@ impl<const N: usize> Axis<N> {
             self.points.clear();
             self.free_acknowledge();
         }
+        if self.running.is_some() {
+            self.set(REACHED, false);
+        }
         match self.running {
             // After a halt it goes on.
             Some(point) if dirty && !self.through => {
@@ -138,9 +141,8 @@ impl<const N: usize> Axis<N> {
         if blocked {
             self.brake(Braking::Hard, scene);
         }
-        if blocked || toward != 0.0 {
-            self.limited = blocked;
-        }
+        // It may roll back a little, still on the switch.
+        self.limited = blocked || (self.limited && (scene.positive || scene.negative));
         blocked
     }
 

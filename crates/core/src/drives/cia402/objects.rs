@@ -1,0 +1,550 @@
+//! The objects of the drive: its dictionary, the values that can be written, and what they mean
+//! in SI.
+//!
+//! Positions are in user units, increments of the encoder from the factory; speeds in those per
+//! second, accelerations in those per second squared, torques in thousandths of the rated one
+//! (CiA 402, factor group).
+
+use core::f64::consts::TAU;
+
+use crate::plant::Limits;
+use crate::proto::canopen::device::motion::{Braking, HomingSettings, Settings, Window};
+use crate::proto::canopen::device::{standard, standard_len};
+use crate::proto::canopen::od::{Access, Dictionary, Entry, OWN, Type, Worth, merge};
+
+/// PDOs each way.
+pub const PDOS: usize = 4;
+/// Increments of the encoder in a turn.
+pub const INCREMENTS: i64 = 10_000;
+/// Bytes that the scratch object keeps.
+pub const SCRATCH_MAX: usize = 1024;
+/// Bytes that the stream object takes and gives at most.
+pub const STREAM_MAX: u32 = 16 << 20;
+
+/// Declares tags one after the other.
+macro_rules! tags {
+    ($($name:ident: $about:literal,)*) => {
+        #[allow(non_camel_case_types)]
+        enum Number { $($name,)* Count }
+        $(#[doc = $about] pub const $name: u16 = Number::$name as u16;)*
+        /// How many of them there are.
+        pub const COUNT: usize = Number::Count as usize;
+    };
+}
+
+/// Tags of the values that are kept as written.
+pub mod kept {
+    tags! {
+        CONTROL: "Controlword.",
+        MODE: "Mode of operation.",
+        TARGET_POSITION: "Target position.",
+        TARGET_VELOCITY: "Target velocity.",
+        TARGET_TORQUE: "Target torque.",
+        PROFILE_VELOCITY: "Profile velocity.",
+        ACCELERATION: "Profile acceleration.",
+        DECELERATION: "Profile deceleration.",
+        QUICK_STOP: "Quick stop deceleration.",
+        TORQUE_SLOPE: "Torque slope.",
+        VELOCITY_OFFSET: "Velocity offset.",
+        TORQUE_OFFSET: "Torque offset.",
+        PERIOD: "Interpolation time, units.",
+        PERIOD_EXPONENT: "Interpolation time, power of ten of the unit.",
+        MAX_PROFILE_VELOCITY: "Max profile velocity.",
+        MAX_MOTOR_SPEED: "Max motor speed, rpm.",
+        MAX_TORQUE: "Max torque.",
+        POSITION_MIN: "Least position.",
+        POSITION_MAX: "Greatest position.",
+        FOLLOWING_WINDOW: "Following error window.",
+        FOLLOWING_TIME: "Following error time.",
+        POSITION_WINDOW: "Position window.",
+        POSITION_TIME: "Position window time.",
+        VELOCITY_WINDOW: "Velocity window.",
+        VELOCITY_TIME: "Velocity window time.",
+        STANDSTILL: "Velocity threshold.",
+        STANDSTILL_TIME: "Velocity threshold time.",
+        ABORT_OPTION: "Abort connection option.",
+        QUICK_STOP_OPTION: "Quick stop option.",
+        SHUTDOWN_OPTION: "Shutdown option.",
+        DISABLE_OPTION: "Disable operation option.",
+        HALT_OPTION: "Halt option.",
+        FAULT_OPTION: "Fault reaction option.",
+        HOMING_METHOD: "Homing method.",
+        HOMING_FAST: "Homing speed to the switch.",
+        HOMING_SLOW: "Homing speed to the zero.",
+        HOMING_ACCELERATION: "Homing acceleration.",
+        HOME_OFFSET: "Home offset.",
+        PROFILE_TYPE: "Motion profile type.",
+        TORQUE_PROFILE_TYPE: "Torque profile type.",
+        GEAR_MOTOR: "Gear ratio, motor turns.",
+        GEAR_SHAFT: "Gear ratio, shaft turns.",
+        FEED: "Feed.",
+        FEED_TURNS: "Shaft turns of the feed.",
+        POSITIONING: "Positioning option.",
+        OUTPUTS: "Digital outputs.",
+        OUTPUT_MASK: "Mask of the digital outputs.",
+        STREAM_LENGTH: "Bytes that the stream gives.",
+    }
+}
+
+/// The first so many of [`kept`] are commands, not settings.
+const COMMANDS: usize = kept::TARGET_TORQUE as usize + 1;
+
+/// Tags of what is read, and of what is not kept as written.
+pub mod read {
+    /// The first of them.
+    pub const FIRST: u16 = 0x100;
+    /// Error code.
+    pub const ERROR_CODE: u16 = FIRST;
+    /// Statusword.
+    pub const STATUS: u16 = FIRST + 1;
+    /// Mode of operation in force.
+    pub const MODE: u16 = FIRST + 2;
+    /// Position demand.
+    pub const POSITION_DEMAND: u16 = FIRST + 3;
+    /// Position in increments.
+    pub const INCREMENTS: u16 = FIRST + 4;
+    /// Position.
+    pub const POSITION: u16 = FIRST + 5;
+    /// Speed by the sensor.
+    pub const SENSOR_VELOCITY: u16 = FIRST + 6;
+    /// Velocity demand.
+    pub const VELOCITY_DEMAND: u16 = FIRST + 7;
+    /// Velocity.
+    pub const VELOCITY: u16 = FIRST + 8;
+    /// Torque demand.
+    pub const TORQUE_DEMAND: u16 = FIRST + 9;
+    /// Rated current.
+    pub const RATED_CURRENT: u16 = FIRST + 10;
+    /// Rated torque.
+    pub const RATED_TORQUE: u16 = FIRST + 11;
+    /// Torque.
+    pub const TORQUE: u16 = FIRST + 12;
+    /// Current.
+    pub const CURRENT: u16 = FIRST + 13;
+    /// Voltage of the DC link.
+    pub const VOLTAGE: u16 = FIRST + 14;
+    /// Following error.
+    pub const FOLLOWING_ERROR: u16 = FIRST + 15;
+    /// Position demand in increments.
+    pub const DEMAND_INCREMENTS: u16 = FIRST + 16;
+    /// Digital inputs.
+    pub const INPUTS: u16 = FIRST + 17;
+    /// Temperature of the power stage.
+    pub const TEMPERATURE: u16 = FIRST + 18;
+    /// Time of day.
+    pub const CLOCK: u16 = FIRST + 19;
+    /// Bytes that are kept.
+    pub const SCRATCH: u16 = FIRST + 20;
+    /// Bytes that are counted.
+    pub const STREAM: u16 = FIRST + 21;
+    /// How many there were.
+    pub const STREAMED: u16 = FIRST + 22;
+    /// The check over them.
+    pub const STREAM_CHECK: u16 = FIRST + 23;
+}
+
+const RO: Access = Access::RO.mappable();
+const RW: Access = Access::RW.mappable();
+const SET: Access = Access::RW;
+const FIXED: Access = Access::RO;
+
+const fn e(i: u16, s: u8, kind: Type, a: Access, tag: u16, name: &'static str) -> Entry {
+    Entry::new(i, s, kind, a, tag, name)
+}
+
+/// Everything that is not the protocol's.
+const APPLICATION: [Entry; 84] = {
+    use kept as k;
+    use read as r;
+    let (u8, i8) = (Type::U8, Type::I8);
+    let (u16, i16) = (Type::U16, Type::I16);
+    let (u32, i32) = (Type::U32, Type::I32);
+    let unsigned = i32::MAX as i64;
+    [
+        e(0x2F00, 0, Type::DOMAIN, SET, r::SCRATCH, "scratch"),
+        e(0x2F01, 0, u8, FIXED, OWN, "stream: highest sub-index").worth(4),
+        e(0x2F01, 1, u32, SET, k::STREAM_LENGTH, "bytes that the stream gives")
+            .worth(889)
+            .within(0, STREAM_MAX as i64),
+        e(0x2F01, 2, Type::DOMAIN, SET, r::STREAM, "stream"),
+        e(0x2F01, 3, u32, FIXED, r::STREAMED, "bytes that the stream took"),
+        e(0x2F01, 4, u16, FIXED, r::STREAM_CHECK, "check over them"),
+        e(0x2F02, 0, Type::TIME_OF_DAY, FIXED, r::CLOCK, "time of day"),
+        e(0x2F03, 0, i16, RO, r::TEMPERATURE, "temperature of the power stage"),
+        e(0x6007, 0, i16, RW, k::ABORT_OPTION, "abort connection option code")
+            .worth(3)
+            .within(0, 3),
+        e(0x603F, 0, u16, RO, r::ERROR_CODE, "error code"),
+        e(0x6040, 0, u16, RW, k::CONTROL, "controlword"),
+        e(0x6041, 0, u16, RO, r::STATUS, "statusword"),
+        e(0x605A, 0, i16, RW, k::QUICK_STOP_OPTION, "quick stop option code").worth(2).within(0, 8),
+        e(0x605B, 0, i16, RW, k::SHUTDOWN_OPTION, "shutdown option code").within(0, 1),
+        e(0x605C, 0, i16, RW, k::DISABLE_OPTION, "disable operation option code")
+            .worth(1)
+            .within(0, 1),
+        e(0x605D, 0, i16, RW, k::HALT_OPTION, "halt option code").worth(1).within(1, 4),
+        e(0x605E, 0, i16, RW, k::FAULT_OPTION, "fault reaction option code").worth(2).within(0, 4),
+        e(0x6060, 0, i8, RW, k::MODE, "modes of operation"),
+        e(0x6061, 0, i8, RO, r::MODE, "modes of operation display"),
+        e(0x6062, 0, i32, RO, r::POSITION_DEMAND, "position demand value"),
+        e(0x6063, 0, i32, RO, r::INCREMENTS, "position actual internal value"),
+        e(0x6064, 0, i32, RO, r::POSITION, "position actual value"),
+        e(0x6065, 0, u32, RW, k::FOLLOWING_WINDOW, "following error window").worth(2 * INCREMENTS),
+        e(0x6066, 0, u16, RW, k::FOLLOWING_TIME, "following error time out"),
+        e(0x6067, 0, u32, RW, k::POSITION_WINDOW, "position window").worth(10),
+        e(0x6068, 0, u16, RW, k::POSITION_TIME, "position window time"),
+        e(0x6069, 0, i32, RO, r::SENSOR_VELOCITY, "velocity sensor actual value"),
+        e(0x606B, 0, i32, RO, r::VELOCITY_DEMAND, "velocity demand value"),
+        e(0x606C, 0, i32, RO, r::VELOCITY, "velocity actual value"),
+        e(0x606D, 0, u16, RW, k::VELOCITY_WINDOW, "velocity window").worth(1000),
+        e(0x606E, 0, u16, RW, k::VELOCITY_TIME, "velocity window time"),
+        e(0x606F, 0, u16, RW, k::STANDSTILL, "velocity threshold").worth(500),
+        e(0x6070, 0, u16, RW, k::STANDSTILL_TIME, "velocity threshold time"),
+        e(0x6071, 0, i16, RW, k::TARGET_TORQUE, "target torque"),
+        e(0x6072, 0, u16, RW, k::MAX_TORQUE, "max torque").worth(3000),
+        e(0x6074, 0, i16, RO, r::TORQUE_DEMAND, "torque demand"),
+        e(0x6075, 0, u32, RO, r::RATED_CURRENT, "motor rated current"),
+        e(0x6076, 0, u32, RO, r::RATED_TORQUE, "motor rated torque"),
+        e(0x6077, 0, i16, RO, r::TORQUE, "torque actual value"),
+        e(0x6078, 0, i16, RO, r::CURRENT, "current actual value"),
+        e(0x6079, 0, u32, RO, r::VOLTAGE, "DC link circuit voltage"),
+        e(0x607A, 0, i32, RW, k::TARGET_POSITION, "target position"),
+        e(0x607C, 0, i32, RW, k::HOME_OFFSET, "home offset"),
+        e(0x607D, 0, u8, FIXED, OWN, "software position limit: highest sub-index").worth(2),
+        e(0x607D, 1, i32, RW, k::POSITION_MIN, "min position limit"),
+        e(0x607D, 2, i32, RW, k::POSITION_MAX, "max position limit"),
+        e(0x607F, 0, u32, RW, k::MAX_PROFILE_VELOCITY, "max profile velocity")
+            .worth(100 * INCREMENTS)
+            .within(0, unsigned),
+        e(0x6080, 0, u32, RW, k::MAX_MOTOR_SPEED, "max motor speed").worth(6000).within(0, 100_000),
+        e(0x6081, 0, u32, RW, k::PROFILE_VELOCITY, "profile velocity")
+            .worth(10 * INCREMENTS)
+            .within(0, unsigned),
+        e(0x6083, 0, u32, RW, k::ACCELERATION, "profile acceleration")
+            .worth(100 * INCREMENTS)
+            .within(0, unsigned),
+        e(0x6084, 0, u32, RW, k::DECELERATION, "profile deceleration")
+            .worth(100 * INCREMENTS)
+            .within(0, unsigned),
+        e(0x6085, 0, u32, RW, k::QUICK_STOP, "quick stop deceleration")
+            .worth(500 * INCREMENTS)
+            .within(0, unsigned),
+        e(0x6086, 0, i16, RW, k::PROFILE_TYPE, "motion profile type").within(0, 0),
+        e(0x6087, 0, u32, RW, k::TORQUE_SLOPE, "torque slope").worth(1000).within(0, unsigned),
+        e(0x6088, 0, i16, RW, k::TORQUE_PROFILE_TYPE, "torque profile type").within(0, 0),
+        e(0x608F, 0, u8, FIXED, OWN, "encoder resolution: highest sub-index").worth(2),
+        e(0x608F, 1, u32, FIXED, OWN, "encoder increments").worth(INCREMENTS),
+        e(0x608F, 2, u32, FIXED, OWN, "motor revolutions").worth(1),
+        e(0x6091, 0, u8, FIXED, OWN, "gear ratio: highest sub-index").worth(2),
+        e(0x6091, 1, u32, SET, k::GEAR_MOTOR, "motor revolutions").worth(1).within(1, unsigned),
+        e(0x6091, 2, u32, SET, k::GEAR_SHAFT, "shaft revolutions").worth(1).within(1, unsigned),
+        e(0x6092, 0, u8, FIXED, OWN, "feed constant: highest sub-index").worth(2),
+        e(0x6092, 1, u32, SET, k::FEED, "feed").worth(INCREMENTS).within(1, unsigned),
+        e(0x6092, 2, u32, SET, k::FEED_TURNS, "shaft revolutions").worth(1).within(1, unsigned),
+        e(0x6098, 0, i8, RW, k::HOMING_METHOD, "homing method").worth(37),
+        e(0x6099, 0, u8, FIXED, OWN, "homing speeds: highest sub-index").worth(2),
+        e(0x6099, 1, u32, RW, k::HOMING_FAST, "speed during search for switch")
+            .worth(5 * INCREMENTS)
+            .within(0, unsigned),
+        e(0x6099, 2, u32, RW, k::HOMING_SLOW, "speed during search for zero")
+            .worth(INCREMENTS / 2)
+            .within(0, unsigned),
+        e(0x609A, 0, u32, RW, k::HOMING_ACCELERATION, "homing acceleration")
+            .worth(100 * INCREMENTS)
+            .within(0, unsigned),
+        e(0x60B1, 0, i32, RW, k::VELOCITY_OFFSET, "velocity offset"),
+        e(0x60B2, 0, i16, RW, k::TORQUE_OFFSET, "torque offset"),
+        e(0x60C2, 0, u8, FIXED, OWN, "interpolation time period: highest sub-index").worth(2),
+        e(0x60C2, 1, u8, SET, k::PERIOD, "interpolation time period value").worth(1).within(1, 255),
+        e(0x60C2, 2, i8, SET, k::PERIOD_EXPONENT, "interpolation time index")
+            .worth(-3)
+            .within(-6, 0),
+        e(0x60F2, 0, u16, RW, k::POSITIONING, "positioning option code").within(0, 2),
+        e(0x60F4, 0, i32, RO, r::FOLLOWING_ERROR, "following error actual value"),
+        e(0x60FC, 0, i32, RO, r::DEMAND_INCREMENTS, "position demand internal value"),
+        e(0x60FD, 0, u32, RO, r::INPUTS, "digital inputs"),
+        e(0x60FE, 0, u8, FIXED, OWN, "digital outputs: highest sub-index").worth(2),
+        e(0x60FE, 1, u32, RW, k::OUTPUTS, "physical outputs"),
+        e(0x60FE, 2, u32, RW, k::OUTPUT_MASK, "output mask"),
+        e(0x60FF, 0, i32, RW, k::TARGET_VELOCITY, "target velocity"),
+        e(0x6402, 0, u16, FIXED, OWN, "motor type").worth(10),
+        e(0x6502, 0, u32, FIXED, OWN, "supported drive modes").worth(MODES),
+    ]
+};
+
+/// Bits of 6502h: PP, PV, PT, HM, CSP, CSV, CST.
+const MODES: i64 = 0x3AD;
+
+const fn number(index: u16, sub: u8, value: i64) -> (u16, u8, Worth) {
+    (index, sub, Worth::Number(value))
+}
+
+/// Mappings as CiA 402 has them from the factory; of those that are sent only the first is on.
+const WORTHS: [(u16, u8, Worth); 29] = [
+    number(0x1018, 1, 0x0000_FFFF),
+    number(0x1018, 2, 0x0000_0402),
+    number(0x1018, 3, 0x0001_0000),
+    number(0x1018, 4, 1),
+    number(0x1600, 0, 1),
+    number(0x1600, 1, 0x6040_0010),
+    number(0x1601, 0, 2),
+    number(0x1601, 1, 0x6040_0010),
+    number(0x1601, 2, 0x6060_0008),
+    number(0x1602, 0, 2),
+    number(0x1602, 1, 0x6040_0010),
+    number(0x1602, 2, 0x607A_0020),
+    number(0x1603, 0, 2),
+    number(0x1603, 1, 0x6040_0010),
+    number(0x1603, 2, 0x60FF_0020),
+    (0x1801, 1, Worth::PlusNode(1 << 31 | 0x280)),
+    (0x1802, 1, Worth::PlusNode(1 << 31 | 0x380)),
+    (0x1803, 1, Worth::PlusNode(1 << 31 | 0x480)),
+    number(0x1A00, 0, 1),
+    number(0x1A00, 1, 0x6041_0010),
+    number(0x1A01, 0, 2),
+    number(0x1A01, 1, 0x6041_0010),
+    number(0x1A01, 2, 0x6061_0008),
+    number(0x1A02, 0, 2),
+    number(0x1A02, 1, 0x6041_0010),
+    number(0x1A02, 2, 0x6064_0020),
+    number(0x1A03, 0, 2),
+    number(0x1A03, 1, 0x6041_0010),
+    number(0x1A03, 2, 0x606C_0020),
+];
+
+const fn text(index: u16, name: &'static str, value: &'static str) -> Entry {
+    e(index, 0, Type::TEXT, FIXED, OWN, name).holding(Worth::Text(value))
+}
+
+/// What the node says of itself.
+const SELF: [Entry; 4] = [
+    e(0x1000, 0, Type::U32, FIXED, OWN, "device type").worth(0x0002_0192),
+    text(0x1008, "device name", "Polepair CiA 402 drive"),
+    text(0x1009, "hardware version", "simulated"),
+    text(0x100A, "software version", env!("CARGO_PKG_VERSION")),
+];
+
+const STANDARD_LEN: usize = standard_len(PDOS, 0);
+const STANDARD: [Entry; STANDARD_LEN] = standard(PDOS as u16, &[], &WORTHS);
+const PROTOCOL_LEN: usize = STANDARD_LEN + SELF.len();
+static ENTRIES: [Entry; PROTOCOL_LEN + APPLICATION.len()] =
+    merge(&merge::<PROTOCOL_LEN>(&SELF, &STANDARD), &APPLICATION);
+static PLACES: [u16; 1024] = Dictionary::places(&ENTRIES);
+/// The drive's dictionary.
+pub static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
+
+/// The values that can be written, and what they mean.
+#[derive(Clone, Debug)]
+pub struct Objects {
+    values: [i32; kept::COUNT],
+    /// rad of the motor in a user unit.
+    unit: f64,
+}
+
+impl Objects {
+    /// As from the factory.
+    #[must_use]
+    pub fn factory() -> Self {
+        let mut objects = Self { values: [0; kept::COUNT], unit: 1.0 };
+        for entry in DICTIONARY.entries() {
+            if let Some(value) = objects.values.get_mut(usize::from(entry.tag)) {
+                *value = entry.factory(0) as i32;
+            }
+        }
+        objects.take_factors();
+        objects
+    }
+
+    /// A value; 0 for a tag that is none of [`kept`].
+    #[inline]
+    #[must_use]
+    pub fn value(&self, tag: u16) -> i32 {
+        self.values.get(usize::from(tag)).copied().unwrap_or(0)
+    }
+
+    /// Sets a value.
+    #[inline]
+    pub fn set(&mut self, tag: u16, value: i32) {
+        if let Some(place) = self.values.get_mut(usize::from(tag)) {
+            *place = value;
+        }
+        if (kept::GEAR_MOTOR..=kept::FEED_TURNS).contains(&tag) {
+            self.take_factors();
+        }
+    }
+
+    /// The same with nothing commanded: what is worth keeping over power-off.
+    #[must_use]
+    pub fn settings(&self) -> Self {
+        let mut settings = self.clone();
+        settings.values[..COMMANDS].fill(0);
+        settings
+    }
+
+    fn take_factors(&mut self) {
+        let ratio = |over, under| self.real(over) / self.real(under).max(1.0);
+        let gear = ratio(kept::GEAR_MOTOR, kept::GEAR_SHAFT);
+        let feed = ratio(kept::FEED, kept::FEED_TURNS);
+        self.unit = TAU * gear / feed;
+    }
+
+    #[inline]
+    fn real(&self, tag: u16) -> f64 {
+        f64::from(self.value(tag))
+    }
+
+    /// A value in user units as rad of the motor.
+    #[inline]
+    fn angle(&self, tag: u16) -> f64 {
+        self.real(tag) * self.unit
+    }
+
+    /// An unsigned value of 32 bits in user units as rad of the motor.
+    fn width(&self, tag: u16) -> f64 {
+        match self.value(tag).cast_unsigned() {
+            u32::MAX => f64::INFINITY,
+            width => f64::from(width) * self.unit,
+        }
+    }
+
+    fn window(&self, width: u16, ms: u16) -> Window {
+        Window { width: self.width(width), ms: self.value(ms).cast_unsigned() & 0xFFFF }
+    }
+
+    /// rad of the motor in user units.
+    #[inline]
+    #[must_use]
+    pub fn user(&self, rad: f64) -> i32 {
+        libm::round(rad / self.unit) as i64 as i32
+    }
+
+    fn braking(&self, tag: u16) -> Braking {
+        match self.value(tag) {
+            0 => Braking::Coast,
+            1 | 5 => Braking::Ramp,
+            2 | 6 => Braking::Quick,
+            _ => Braking::Hard,
+        }
+    }
+}
+
+impl Settings for Objects {
+    #[inline]
+    fn mode(&self) -> i8 {
+        self.value(kept::MODE) as i8
+    }
+
+    #[inline]
+    fn target_position(&self) -> f64 {
+        self.angle(kept::TARGET_POSITION)
+    }
+
+    fn profile(&self) -> Limits {
+        let top = self.value(kept::PROFILE_VELOCITY).min(self.value(kept::MAX_PROFILE_VELOCITY));
+        Limits {
+            velocity: f64::from(top) * self.unit,
+            acceleration: self.angle(kept::ACCELERATION),
+            deceleration: self.angle(kept::DECELERATION),
+            smoothing_s: 0.0,
+        }
+    }
+
+    #[inline]
+    fn target_velocity(&self) -> f64 {
+        self.angle(kept::TARGET_VELOCITY)
+    }
+
+    fn target_torque(&self) -> f64 {
+        self.real(kept::TARGET_TORQUE) / 1000.0
+    }
+
+    fn torque_slope(&self) -> f64 {
+        self.real(kept::TORQUE_SLOPE) / 1000.0
+    }
+
+    fn quick_stop(&self) -> f64 {
+        self.angle(kept::QUICK_STOP)
+    }
+
+    fn homing(&self) -> HomingSettings {
+        HomingSettings {
+            method: self.value(kept::HOMING_METHOD) as i8,
+            fast: self.angle(kept::HOMING_FAST),
+            slow: self.angle(kept::HOMING_SLOW),
+            acceleration: self.angle(kept::HOMING_ACCELERATION),
+            offset: self.angle(kept::HOME_OFFSET),
+        }
+    }
+
+    fn position_window(&self) -> Window {
+        self.window(kept::POSITION_WINDOW, kept::POSITION_TIME)
+    }
+
+    fn following_window(&self) -> Window {
+        self.window(kept::FOLLOWING_WINDOW, kept::FOLLOWING_TIME)
+    }
+
+    fn velocity_window(&self) -> Window {
+        self.window(kept::VELOCITY_WINDOW, kept::VELOCITY_TIME)
+    }
+
+    fn standstill(&self) -> Window {
+        self.window(kept::STANDSTILL, kept::STANDSTILL_TIME)
+    }
+
+    #[inline]
+    fn velocity_max(&self) -> f64 {
+        let motor = self.real(kept::MAX_MOTOR_SPEED) * TAU / 60.0;
+        self.angle(kept::MAX_PROFILE_VELOCITY).min(motor)
+    }
+
+    fn torque_max(&self) -> f64 {
+        self.real(kept::MAX_TORQUE) / 1000.0
+    }
+
+    fn position_limits(&self) -> Option<(f64, f64)> {
+        let (least, greatest) = (kept::POSITION_MIN, kept::POSITION_MAX);
+        let are_set = self.value(least) < self.value(greatest);
+        are_set.then(|| (self.angle(least), self.angle(greatest)))
+    }
+
+    fn offsets(&self) -> (f64, f64) {
+        (self.angle(kept::VELOCITY_OFFSET), self.real(kept::TORQUE_OFFSET) / 1000.0)
+    }
+
+    fn cycle_ms(&self) -> u32 {
+        let (mut ms, mut exponent) = (self.value(kept::PERIOD), self.value(kept::PERIOD_EXPONENT));
+        while exponent > -3 {
+            (ms, exponent) = (ms.saturating_mul(10), exponent - 1);
+        }
+        while exponent < -3 {
+            (ms, exponent) = (ms / 10, exponent + 1);
+        }
+        ms.clamp(1, 10_000).cast_unsigned()
+    }
+
+    fn quick_stop_option(&self) -> (Braking, bool) {
+        let stays = self.value(kept::QUICK_STOP_OPTION) >= 5;
+        (self.braking(kept::QUICK_STOP_OPTION), stays)
+    }
+
+    fn shutdown_option(&self) -> Braking {
+        self.braking(kept::SHUTDOWN_OPTION)
+    }
+
+    fn disable_option(&self) -> Braking {
+        self.braking(kept::DISABLE_OPTION)
+    }
+
+    fn halt_option(&self) -> Braking {
+        self.braking(kept::HALT_OPTION)
+    }
+
+    fn fault_option(&self) -> Braking {
+        self.braking(kept::FAULT_OPTION)
+    }
+
+    fn relative_to(&self) -> u8 {
+        self.value(kept::POSITIONING) as u8
+    }
+}

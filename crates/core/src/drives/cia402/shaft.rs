@@ -1,0 +1,298 @@
+//! The motor with its control loops, and what the drive watches to protect them.
+
+use core::f64::consts::TAU;
+
+use super::faults::Fault;
+use crate::plant::{
+    Bounds, Conditions, Goal, Limits, Motor, MotorParameters, Servo, Setpoint, Stall, TICK_S,
+    Thermal,
+};
+use crate::proto::canopen::device::motion;
+
+/// Rated current, A; three times that is its peak.
+pub const RATED_CURRENT: f64 = 12.7;
+/// Supply from the factory, V.
+const SUPPLY: f64 = 48.0;
+/// Supply below and above which it trips, V.
+const SUPPLY_LIMITS: (f64, f64) = (20.0, 60.0);
+/// A stall trips after so many ticks.
+const STALL_TICKS: u32 = 1000;
+/// Overload that trips: three times rated current for two seconds.
+const OVERLOAD: f64 = 16.0;
+/// Temperature of the power stage that trips, °C.
+const HOT: f64 = 85.0;
+/// Temperatures change slowly: they are reckoned once in so many ticks.
+const THERMAL_TICKS: u32 = 16;
+
+/// Motor, loops and protections.
+#[derive(Clone, Debug)]
+pub struct Shaft {
+    servo: Servo,
+    motor: Motor,
+    /// Torque from outside, N·m.
+    pub load: f64,
+    /// Supply, V.
+    pub supply: f64,
+    before: f64,
+    overload: f64,
+    stall: Stall,
+    ticks: u32,
+    frozen: Option<f64>,
+    /// The hall or U, V, W signals are impossible.
+    pub hall_broken: bool,
+    copper: f64,
+    stage: Thermal,
+    winding: Thermal,
+}
+
+impl Default for Shaft {
+    fn default() -> Self {
+        let motor = Motor::new(MotorParameters::SERVO_48V);
+        let mut servo = Servo::new(motor.parameters());
+        servo.gains.position_p = 40.0;
+        servo.gains.deadband = 2e-4;
+        Self {
+            motor,
+            servo,
+            load: 0.0,
+            supply: SUPPLY,
+            before: 0.0,
+            overload: 0.0,
+            stall: Stall::after(STALL_TICKS),
+            ticks: 0,
+            frozen: None,
+            hall_broken: false,
+            copper: 0.0,
+            stage: Thermal::new(0.5, 150.0, 25.0),
+            winding: Thermal::new(1.0, 300.0, 25.0),
+        }
+    }
+}
+
+impl Shaft {
+    /// The motor as it truly is.
+    #[must_use]
+    pub const fn motor(&self) -> &Motor {
+        &self.motor
+    }
+
+    /// Its torque, share of the rated one.
+    #[must_use]
+    pub fn torque(&self) -> f64 {
+        self.motor.current() / RATED_CURRENT
+    }
+
+    /// Rated torque, N·m.
+    #[must_use]
+    pub const fn rated_torque(&self) -> f64 {
+        self.motor.parameters().torque_constant * RATED_CURRENT
+    }
+
+    /// Temperature of the power stage, °C.
+    #[must_use]
+    pub const fn temperature(&self) -> f64 {
+        self.stage.temperature()
+    }
+
+    /// Temperature of the winding, °C.
+    #[must_use]
+    pub const fn winding(&self) -> f64 {
+        self.winding.temperature()
+    }
+
+    /// Changes the temperature of the air, °C.
+    pub fn set_ambient(&mut self, celsius: f64) {
+        self.stage.ambient = celsius;
+        self.winding.ambient = celsius;
+    }
+
+    /// Holds the shaft, or lets it go.
+    pub fn jam(&mut self, jammed: bool) {
+        self.motor.jam(jammed);
+    }
+
+    /// The encoder stops counting, or counts again.
+    pub fn break_encoder(&mut self, broken: bool) {
+        self.frozen = broken.then(|| self.motor.position());
+    }
+
+    /// Whether the power stage is on.
+    #[must_use]
+    pub const fn powered(&self) -> bool {
+        self.servo.is_enabled()
+    }
+
+    /// What its loops are held to.
+    #[must_use]
+    pub fn bounds(&self) -> Bounds {
+        self.servo.bounds()
+    }
+
+    /// Where the set-point is while it counts.
+    #[must_use]
+    pub const fn regulated(&self) -> Option<Setpoint> {
+        self.servo.regulated()
+    }
+
+    /// The supply suffices to drive the motor.
+    #[must_use]
+    pub fn has_voltage(&self) -> bool {
+        self.supply >= SUPPLY_LIMITS.0
+    }
+
+    /// True when nothing changes by itself except temperatures.
+    #[inline]
+    #[must_use]
+    pub fn resting(&self) -> bool {
+        !self.powered() && self.motor.velocity() == 0.0 && self.load == 0.0
+    }
+
+    /// So many ticks of rest at once.
+    pub fn rest(&mut self, ticks: u64) {
+        let seconds = ticks as f64 * TICK_S;
+        self.stage.step(0.0, seconds);
+        self.winding.step(0.0, seconds);
+        self.overload = (self.overload - seconds).max(0.0);
+        self.before = motion::Shaft::position(self);
+    }
+
+    /// One tick.
+    #[inline]
+    pub fn tick(&mut self) {
+        self.before = motion::Shaft::position(self);
+        let conditions = Conditions { bus: self.supply, load: self.load };
+        self.servo.step(&mut self.motor, conditions);
+        self.copper += self.motor.copper_w();
+        let share = self.torque();
+        self.overload = (self.overload + (share * share - 1.0) * TICK_S).max(0.0);
+        self.ticks += 1;
+        if self.ticks == THERMAL_TICKS {
+            self.warm();
+        }
+    }
+
+    #[cold]
+    fn warm(&mut self) {
+        let (mean, seconds) = (self.copper / f64::from(self.ticks), f64::from(self.ticks) * TICK_S);
+        let current = self.motor.current();
+        self.winding.step(mean, seconds);
+        self.stage.step(3.0 + 0.02 * current * current, seconds);
+        (self.copper, self.ticks) = (0.0, 0);
+    }
+
+    /// What the protections say after a tick. `blocked_is_fine` while homing feels for a stop.
+    #[inline]
+    pub fn trouble(&mut self, blocked_is_fine: bool) -> Option<Fault> {
+        let (velocity, current) = (self.motor.velocity(), self.motor.current());
+        let stalled = self.stall.step(velocity, current, self.servo.max_current);
+        if stalled && !blocked_is_fine && self.powered() {
+            return Some(Fault::BLOCKED);
+        }
+        if self.overload > OVERLOAD {
+            return Some(Fault::OVERLOAD);
+        }
+        self.lasting()
+    }
+
+    /// What is wrong and stays so until somebody mends it.
+    #[inline]
+    #[must_use]
+    pub fn lasting(&self) -> Option<Fault> {
+        let on = self.powered();
+        let signs = [
+            (self.supply > SUPPLY_LIMITS.1, Fault::OVERVOLTAGE),
+            (self.temperature() > HOT, Fault::HOT),
+            (on && self.supply < SUPPLY_LIMITS.0, Fault::UNDERVOLTAGE),
+            (self.frozen.is_some(), Fault::ENCODER),
+            (self.hall_broken, Fault::COMMUTATION),
+        ];
+        signs.into_iter().find(|(there, _)| *there).map(|(_, fault)| fault)
+    }
+
+    /// What the protections summed up is forgotten.
+    pub fn forget(&mut self) {
+        self.overload = 0.0;
+        self.stall.reset();
+    }
+}
+
+impl motion::Shaft for Shaft {
+    fn power(&mut self) {
+        self.stall.reset();
+        self.servo.enable(&self.motor);
+    }
+
+    fn release(&mut self) {
+        self.servo.disable();
+    }
+
+    fn manner(&mut self, limits: Limits) {
+        self.servo.set_limits(limits);
+    }
+
+    fn turn(&mut self, rad_per_s: f64) {
+        let goal = Goal::Velocity(rad_per_s);
+        match self.servo.goal() {
+            Goal::Current(_) => self.servo.go_from(&self.motor, goal),
+            _ => self.servo.go(goal),
+        }
+    }
+
+    fn go(&mut self, position: f64) {
+        let goal = Goal::Position(position);
+        match self.servo.goal() {
+            Goal::Position(_) => self.servo.go(goal),
+            _ => self.servo.go_from(&self.motor, goal),
+        }
+    }
+
+    fn push(&mut self, share: f64) {
+        self.servo.go(Goal::Current(share * RATED_CURRENT));
+    }
+
+    fn follow(&mut self, setpoint: Setpoint) {
+        self.servo.follow(setpoint);
+    }
+
+    fn hold(&mut self) {
+        self.servo.hold(&self.motor);
+    }
+
+    fn settle(&mut self) {
+        if self.servo.goal() == Goal::Velocity(0.0) && self.servo.arrived() {
+            self.servo.go_from(&self.motor, Goal::Position(self.motor.position()));
+        }
+    }
+
+    fn setpoint(&self) -> Setpoint {
+        self.servo.setpoint()
+    }
+
+    fn arrived(&self) -> bool {
+        self.servo.arrived()
+    }
+
+    #[inline]
+    fn position(&self) -> f64 {
+        self.frozen.unwrap_or(self.motor.position())
+    }
+
+    fn before(&self) -> f64 {
+        self.before
+    }
+
+    #[inline]
+    fn velocity(&self) -> f64 {
+        if self.frozen.is_some() { 0.0 } else { self.motor.velocity() }
+    }
+
+    fn torque_reached(&self) -> bool {
+        self.powered() && self.motor.current().abs() >= 0.95 * self.servo.max_current
+    }
+}
+
+/// rpm of a speed in rad/s.
+#[must_use]
+pub fn rpm(rad_per_s: f64) -> f64 {
+    rad_per_s * 60.0 / TAU
+}

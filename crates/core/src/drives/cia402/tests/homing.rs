@@ -1,0 +1,127 @@
+//! Every homing method, from every side.
+
+use super::*;
+
+const METHODS: [i8; 31] = [
+    1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28,
+    29, 30, 33, 34, 37,
+];
+/// The limit switches, and the sides of the home switch, rad.
+const LIMITS: (f64, f64) = (-30.0, 30.0);
+const HOME: (f64, f64) = (2.0, 9.0);
+
+/// Where the zero must be: an edge, or the first index pulse beyond it going that way.
+fn expected(method: i8, start: f64) -> f64 {
+    let before = |x: f64| libm::floor(x / TAU) * TAU;
+    let behind = |x: f64| libm::ceil(x / TAU) * TAU;
+    let (edge, toward) = match if method > 16 { method - 16 } else { method } {
+        _ if method == 33 => return before(start),
+        _ if method == 34 => return behind(start),
+        _ if method > 34 => return start,
+        1 => (LIMITS.0, 1.0),
+        2 => (LIMITS.1, -1.0),
+        3 | 7 | 14 => (HOME.0, -1.0),
+        4 | 8 | 13 => (HOME.0, 1.0),
+        5 | 10 | 11 => (HOME.1, 1.0),
+        _ => (HOME.1, -1.0),
+    };
+    match method > 16 {
+        true => edge,
+        false if toward > 0.0 => behind(edge),
+        false => before(edge),
+    }
+}
+
+/// A drive with all switches, its motor at `start` (rad).
+fn desk_at(method: i8, start: f64) -> Desk {
+    let mut desk = Desk::enabled(1);
+    let positive = matches!(method, 3 | 4 | 19 | 20);
+    let negative = matches!(method, 5 | 6 | 21 | 22);
+    desk.act(Act::Switch { which: 1, at: LIMITS.1 });
+    desk.act(Act::Switch { which: 2, at: LIMITS.0 });
+    desk.act(Act::Switch { which: 0, at: if negative { -1e9 } else { HOME.0 } });
+    desk.act(Act::Switch { which: 3, at: if positive { 1e9 } else { HOME.1 } });
+    desk.point((start / TAU * 10_000.0) as i64, 0);
+    desk.until(10, 3000);
+    desk
+}
+
+#[test]
+fn every_method_finds_its_zero_from_everywhere() {
+    for method in METHODS {
+        for start in [-15.0, 5.0, 20.0] {
+            let mut desk = desk_at(method, start);
+            let from = desk.truth().position;
+            desk.write(0x6060, 0, 6);
+            desk.write(0x6098, 0, method.into());
+            desk.write(0x607C, 0, 1000);
+            desk.control(0x1F);
+            desk.pass(1);
+            if method != 37 {
+                assert_eq!(desk.status() & 0x3400, 0, "{method}: under way");
+            }
+            desk.until(12, 30_000);
+            desk.until(10, 100);
+            assert_eq!(desk.status() & 0x3400, 0x1400, "{method}: attained");
+            // The zero is 1000 increments beyond the home position.
+            let found = desk.truth().position - (desk.position() + 1000) as f64 / 10_000.0 * TAU;
+            let wanted = expected(method, from);
+            assert!((found - wanted).abs() < 0.02, "{method} from {start}: {found}, not {wanted}");
+        }
+    }
+}
+
+#[test]
+fn a_mechanical_stop_is_felt() {
+    for (method, index) in [(-17, false), (-18, false), (-1, true), (-2, true)] {
+        let mut desk = Desk::enabled(6);
+        desk.write(0x6098, 0, method);
+        desk.control(0x1F);
+        desk.pass(300);
+        desk.act(Act::Jam(true));
+        let stop = desk.truth().position;
+        assert_eq!(stop > 0.0, matches!(method, -2 | -18));
+        desk.pass(300);
+        desk.act(Act::Jam(false));
+        desk.until(12, 5000);
+        let zero = desk.truth().position - desk.position() as f64 / 10_000.0 * TAU;
+        let back = if stop > 0.0 { libm::floor(stop / TAU) } else { libm::ceil(stop / TAU) } * TAU;
+        let wanted = if index { back } else { stop };
+        assert!((zero - wanted).abs() < 0.05, "{method}: {zero}, not {wanted}");
+    }
+}
+
+#[test]
+fn homing_is_interrupted_halted_and_fails() {
+    let mut desk = Desk::enabled(6);
+    for wrong in [15, 16, 31, 32, 36, 38, -3] {
+        assert_eq!(desk.try_write(0x6098, 0, wrong), Err(Abort::VALUE), "reserved");
+    }
+    desk.write(0x6098, 0, 1);
+    desk.control(0x1F);
+    desk.pass(200);
+    assert!(desk.turns() < -1.0);
+    desk.control(0x0F);
+    desk.until(10, 300);
+    assert_eq!(desk.status() & 0x3400, 0x0400, "interrupted");
+    desk.control(0x1F);
+    desk.pass(200);
+    desk.control(0x11F);
+    desk.until(10, 300);
+    assert!(desk.turns().abs() < 0.1);
+    // No switch anywhere: both limits are met, again and again.
+    desk.act(Act::Switch { which: 0, at: f64::NAN });
+    desk.act(Act::Switch { which: 1, at: 3.0 });
+    desk.act(Act::Switch { which: 2, at: -12.0 });
+    desk.write(0x6098, 0, 7);
+    desk.control(0x0F);
+    desk.control(0x1F);
+    desk.until(13, 60_000);
+    assert_eq!(desk.status() & 0x1000, 0, "an error, not a zero");
+    desk.write(0x6099, 2, 0);
+    desk.control(0x0F);
+    desk.control(0x1F);
+    assert_eq!(desk.status() & 0x2000, 0, "until the tick");
+    desk.pass(1);
+    assert_eq!(desk.status() & 0x2000, 0x2000, "without speed it would never arrive");
+}
