@@ -55,6 +55,8 @@ pub(crate) struct Prober<'a> {
 pub(crate) enum Probe {
     /// Nobody answered anything.
     Silent,
+    /// Only damaged bytes came back.
+    Damaged,
     /// The host may not ask there; nothing was sent.
     Forbidden(&'static str),
     /// Somebody is there.
@@ -87,7 +89,7 @@ impl<'a> Prober<'a> {
         match self.probe(number)? {
             Probe::Found { profile, identified, .. } => Ok((profile, identified)),
             Probe::Forbidden(hint) => Err(self.forbidden(number, hint)),
-            Probe::Silent => Err(self.silent(number)),
+            Probe::Silent | Probe::Damaged => Err(self.silent(number)),
         }
     }
 
@@ -142,7 +144,9 @@ impl<'a> Prober<'a> {
                 None => {}
             }
             if silent(outcome) && !heard {
-                return Ok(Probe::Silent);
+                let counters = connection.with(|axes, _| axes.counters());
+                let damaged = counters.corrupt > 0;
+                return Ok(if damaged { Probe::Damaged } else { Probe::Silent });
             }
         }
         if !heard {

@@ -108,12 +108,16 @@ pub fn scan(
         let every = numbers.0.is_none() && axes.is_empty();
         let wanted = candidates(line, wanted, every, &mut scan.tried)?;
         let prober = Prober::new(line, &connector.config).looking();
+        let mut damaged: Vec<u32> = Vec::new();
         for (done, &number) in wanted.iter().enumerate() {
             if progress(Progress { number, done, of: wanted.len() }).is_break() {
                 scan.unasked = wanted.len() - done;
                 return Ok(scan);
             }
             let probe = prober.probe(number)?;
+            if matches!(probe, Probe::Damaged) {
+                damaged.push(number);
+            }
             if let Probe::Forbidden(hint) = probe {
                 scan.tried.push(format!("not address {number}: {hint}"));
             }
@@ -123,6 +127,13 @@ pub fn scan(
                 });
                 scan.found.push(Found { number, profile, identified, clash });
             }
+        }
+        if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
+            scan.tried.push(format!(
+                "{} addresses from {first} to {last} where only damaged answers came: two drives with \
+                 one address, noise, or another baud rate?",
+                damaged.len()
+            ));
         }
     }
     Ok(scan)

@@ -175,7 +175,7 @@ fn look(
             Probe::Found { .. } => None,
             _ if !named => continue,
             Probe::Forbidden(hint) => Some(prober.forbidden(number, hint)),
-            Probe::Silent => Some(prober.silent(number)),
+            Probe::Silent | Probe::Damaged => Some(prober.silent(number)),
         };
         let one = match (chosen, probe) {
             (Some(profile), _) => Found::named(number, profile),

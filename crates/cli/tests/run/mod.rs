@@ -75,7 +75,12 @@ pub struct Served {
 
 impl Served {
     pub fn new(drive: &str) -> Self {
-        let mut child = command(&["sim", drive]).spawn().expect("starts");
+        Self::with(&[drive])
+    }
+
+    /// Served as these arguments say.
+    pub fn with(arguments: &[&str]) -> Self {
+        let mut child = command(&[&["sim"], arguments].concat()).spawn().expect("starts");
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
         let line = lines.next().expect("a line").expect("text");
         let url = line.strip_prefix("ready ").expect("ready").to_owned();

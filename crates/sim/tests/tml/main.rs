@@ -1,5 +1,6 @@
 //! TML from both ends, in virtual time: what the manual's chapters tell, and what goes wrong.
 
+mod clash;
 mod verbs;
 
 use polepair_core::axis::{Axes, Command, Part, Verb};
@@ -57,14 +58,18 @@ fn lane(protocol: &str, options: HostOptions, axes: &[u32]) -> Box<dyn polepair_
 impl Bench {
     /// A host on RS-232 with the first axis, the others behind it on a bus of that kind.
     fn relay(bus: &str, axes: &[u32]) -> Self {
+        Self::relay_at(9600, bus, axes)
+    }
+
+    fn relay_at(baud: u32, bus: &str, axes: &[u32]) -> Self {
         let mut world = World::new(1);
         let (wire, can) = (world.serial(Serial::RS232), world.can(CanLine { bit_rate: BIT_RATE }));
-        let host = world.add(lane("tml", HostOptions::new(9600), axes));
+        let host = world.add(lane("tml", HostOptions::new(baud), axes));
         world.plug_host(wire, host, 0);
         let single: Vec<u32> = axes.iter().copied().filter(|axis| axis & GROUP == 0).collect();
         let mut drives = Vec::new();
         for (n, axis) in single.iter().enumerate() {
-            let drive = world.add(device(*axis, &[("can", bus)]));
+            let drive = world.add(device(*axis, &[("can", bus), ("baud", &baud.to_string())]));
             if n == 0 {
                 world.plug_drive(wire, drive, SERIAL_PORT);
             }
@@ -319,6 +324,10 @@ fn the_wrong_host_id_is_refused_with_its_reason() {
 
 /// Streams a sine of so many points and returns how it ended.
 fn stream(bench: &mut Bench, axis: u8, count: usize, time: f64) -> Outcome {
+    stream_as(PathKind::Pvt, bench, axis, count, time)
+}
+
+fn stream_as(kind: PathKind, bench: &mut Bench, axis: u8, count: usize, time: f64) -> Outcome {
     let path = |n: usize| {
         let phase = n as f64 / 50.0;
         let end = n == count;
@@ -330,7 +339,7 @@ fn stream(bench: &mut Bench, axis: u8, count: usize, time: f64) -> Outcome {
     let ticket = Ticket(bench.tickets);
     bench.axes(|axes, now| {
         axes.arm(AxisIndex(axis), true);
-        axes.stream(now, ticket, AxisIndex(axis), PathKind::Pvt).unwrap();
+        axes.stream(now, ticket, AxisIndex(axis), kind).unwrap();
     });
     let (mut fed, limit) = (0, bench.world.now().plus_ms(1_000_000));
     while bench.world.now() < limit {
@@ -367,6 +376,38 @@ fn ten_thousand_points_arrive_with_their_counter_whole() {
         let end = 2.0 * (1.0 - (count as f64 / 50.0).cos());
         assert!((bench.truth(drive).position - end).abs() < 0.02, "{n}: {:?}", bench.truth(drive));
         assert_eq!(bench.counters().silent, 0);
+    }
+}
+
+#[test]
+fn ten_thousand_points_go_at_115200_baud() {
+    let mut bench = Bench::relay_at(115_200, "tmlcan", &[1]);
+    assert!(done(bench.verb(0, Verb::Enable)));
+    assert_eq!(stream(&mut bench, 0, 10_000, 0.005), Outcome::Done(10_000));
+    // PVTSTS: neither a wrong counter (12) nor a stop for want of points (11).
+    let Outcome::Done(status) = bench.read(0, "PVTSTS") else { panic!("no PVTSTS") };
+    assert_eq!(status & 0x1800, 0, "{status:#x}");
+    let end = 2.0 * (1.0 - (10_000.0_f64 / 50.0).cos());
+    assert!((bench.truth(0).position - end).abs() < 0.02, "{:?}", bench.truth(0));
+    assert_eq!(bench.counters().silent, 0);
+}
+
+#[test]
+fn points_without_speeds_go_on_every_wire() {
+    let can = HostOptions::new(BIT_RATE);
+    let benches = [
+        Bench::relay("tmlcan", &[1]),
+        Bench::rs485(HostOptions::new(9600), &[1], &[1]),
+        Bench::can("tmlcan", can, &[1], &[1]),
+        Bench::can("technocan", can, &[1], &[1]),
+    ];
+    for (n, mut bench) in benches.into_iter().enumerate() {
+        assert!(done(bench.verb(0, Verb::Enable)), "{n}");
+        let outcome = stream_as(PathKind::Pt, &mut bench, 0, 500, 0.040);
+        assert_eq!(outcome, Outcome::Done(500), "{n}");
+        let end = 2.0 * (1.0 - (500.0_f64 / 50.0).cos());
+        assert!((bench.truth(0).position - end).abs() < 0.02, "{n}: {:?}", bench.truth(0));
+        assert_eq!(bench.counters().silent, 0, "{n}");
     }
 }
 

@@ -86,6 +86,7 @@ addresses! {
     SRH = 0x090F;
     ACR = 0x0912;
     AAR_TABLE = 0x0913;
+    POSTRIGG1 = 0x091A;
     MASTERID = 0x0927;
     PVTSENDOFF = 0x092B;
     SRH_MASK = 0x0963;

@@ -22,6 +22,9 @@ use crate::proto::tml::rules::Wire;
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
 use crate::time::Instant;
 
+/// Position triggers that there are.
+pub(super) const TRIGGERS: usize = 4;
+
 /// A Technosoft drive with its motor.
 #[derive(Debug)]
 pub(super) struct Drive {
@@ -40,6 +43,10 @@ pub(super) struct Drive {
     pub sync: Sync,
     pub outbox: Outbox,
     pub limits_watched: bool,
+    /// POSTRIGG1 to 4, those that were written.
+    pub triggers: [Option<i32>; TRIGGERS],
+    /// Ticks until AXISON is through.
+    pub starting: u16,
     /// Axis ID and groups, as AAR tells them.
     pub axis: u8,
     pub groups: u8,
@@ -82,6 +89,8 @@ impl Drive {
             sync: Sync::SLAVE,
             outbox: Outbox::EMPTY,
             limits_watched: false,
+            triggers: [None; TRIGGERS],
+            starting: 0,
             axis: 0,
             groups: 0,
             baud: 0,
@@ -108,13 +117,14 @@ impl Drive {
             self.status.mer = mer::INVALID_SETUP;
         }
         (self.axis, self.groups) = (self.first_axis(), 1);
-        (self.baud, self.bit_rate) = (9600, 500_000);
+        (self.baud, self.bit_rate) = (self.options.baud, 500_000);
         self.clock = Clock::new(&self.options, now);
         self.busy_until = now;
         self.shaft.restart();
         (self.motion, self.points, self.guard) = (Motion::REST, Points::EMPTY, Guard::NEW);
         (self.notices, self.sync, self.outbox) = (Notices::NONE, Sync::SLAVE, Outbox::EMPTY);
         self.events = Events::NONE;
+        (self.triggers, self.starting) = ([None; TRIGGERS], 0);
         self.memory.put(at::MASTERID, IdCode::host_at(self.axis).word());
         self.memory.put(at::CSR, self.hardware());
         self.read_masks();
@@ -165,6 +175,7 @@ impl Drive {
     fn is_idle(&self) -> bool {
         self.shaft.is_still()
             && self.sync.ticks_left().is_none()
+            && self.starting == 0
             && !self.guard.old
             && !self.program.is_active()
             && !self.events.is_watched()
@@ -175,12 +186,14 @@ impl Drive {
         let before = self.shaft.motor.position();
         self.watch_inputs();
         self.tick_program();
+        self.tick_start();
         if self.shaft.servo.is_enabled() {
             self.tick_motion();
         }
         self.shaft.tick();
         self.watch();
         self.watch_index(before);
+        self.watch_triggers();
         self.watch_event();
         self.tick_sync();
         self.tell();
@@ -264,6 +277,25 @@ impl Drive {
         if !ready || barred {
             return false;
         }
+        if self.options.axison_ms == 0 || self.shaft.servo.is_enabled() {
+            self.power();
+        } else if self.starting == 0 {
+            self.starting = self.options.axison_ms;
+        }
+        true
+    }
+
+    /// AXISON takes its time: the field is looked for, and the axis is not on yet.
+    fn tick_start(&mut self) {
+        if self.starting > 0 {
+            self.starting -= 1;
+            if self.starting == 0 {
+                self.power();
+            }
+        }
+    }
+
+    fn power(&mut self) {
         if !self.shaft.servo.is_enabled() {
             self.shaft.servo.enable(&self.shaft.motor);
             self.motion.mode = Mode::Stopping;
@@ -274,12 +306,12 @@ impl Drive {
         }
         self.status.srl |= srl::AXIS_ON;
         self.starts += 1;
-        true
     }
 
     /// AXISOFF: the motor coasts.
     pub fn axis_off(&mut self) {
         self.shaft.servo.disable();
+        self.starting = 0;
         self.motion.mode = Mode::Hold;
         put(&mut self.status.srl, srl::AXIS_ON, false);
         put(&mut self.status.srh, srh::IN_GEAR, false);

@@ -1,12 +1,15 @@
 //! What instructions do that only compute: assignments, arithmetic, memory.
 
 use super::at;
-use super::drive::Drive;
+use super::drive::{Drive, TRIGGERS};
 use super::memory::Barred;
 use super::status::{der, mer};
 use crate::proto::tml::instruction;
 use crate::proto::tml::online::{Memory as Space, Online, PtPoint, PvtPoint};
 use crate::proto::tml::wire::{Instruction, low_first, operand_address};
+
+/// Behind the last position trigger.
+const TRIGGERS_END: u16 = at::POSTRIGG1 + 2 * TRIGGERS as u16;
 
 /// Why an instruction was not carried out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -302,6 +305,7 @@ impl Drive {
                 self.shaft.set_gain(gain);
             }
             at::TPOS | 0x02B3 => self.move_reference(),
+            at::POSTRIGG1..TRIGGERS_END => self.set_trigger(address),
             at::SRH_MASK | at::MER_MASK | at::PVTSENDOFF | at::MASTERID => self.read_masks(),
             _ if address == self.options.srl_mask => self.read_masks(),
             _ => {}

@@ -4,7 +4,7 @@
 //! IN3 LSN; bit 14 STO, bit 15 ENABLE. The true order differs between products.
 
 use super::at;
-use super::drive::Drive;
+use super::drive::{Drive, TRIGGERS};
 use super::status::{der, isr, mer, put, srh};
 
 /// Bits of INSTATUS.
@@ -173,6 +173,29 @@ impl Drive {
         if outward && !self.is_stopping() {
             self.notice = Some("software limit: motor stopped");
             self.quick_stop();
+        }
+    }
+
+    /// POSTRIGGn was written: from now on bit n of SRH tells whether the position has reached it. \[I\]
+    /// Those that nobody wrote tell nothing.
+    pub fn set_trigger(&mut self, address: u16) {
+        let n = (address - at::POSTRIGG1) / 2;
+        self.triggers[usize::from(n)] = Some(self.memory.long(at::POSTRIGG1 + 2 * n));
+    }
+
+    /// Looks whether the position passed a trigger.
+    #[inline]
+    pub fn watch_triggers(&mut self) {
+        if self.triggers == [None; TRIGGERS] {
+            return;
+        }
+        let (count, before) = (self.shaft.count(), self.status.srh);
+        for (n, trigger) in (0..).zip(self.triggers) {
+            let reached = trigger.is_some_and(|place| count >= place);
+            put(&mut self.status.srh, srh::TRIGGER_1 << n, reached);
+        }
+        if self.status.srh != before {
+            self.status.isr |= isr::POSITION_TRIGGER;
         }
     }
 

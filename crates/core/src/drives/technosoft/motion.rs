@@ -108,6 +108,9 @@ impl Drive {
     pub fn update(&mut self) -> Result<(), Refused> {
         let word = self.memory.word(at::MCR);
         let mode = Mode::of(word).ok_or(Refused::NotNow)?;
+        if self.starting > 0 {
+            return Err(Refused::Detail(der::UPDATE_DURING_AXISON));
+        }
         let is_on = self.status.srl & srl::AXIS_ON != 0;
         if is_on {
             self.admit(mode, word)?;

@@ -21,6 +21,10 @@ pub(super) struct Options {
     pub counts: u32,
     /// Slow loop period, ns.
     pub slow_ns: u64,
+    /// Baud rate in the set-up.
+    pub baud: u32,
+    /// How long AXISON takes to find the motor's field, ms.
+    pub axison_ms: u16,
     /// How much its clock is fast, parts per million.
     pub clock_ppm: i32,
     /// What the firmware calls itself: `514L`.
@@ -70,6 +74,8 @@ impl Options {
             setup: true,
             counts: 2000,
             slow_ns: 1_000_000,
+            baud: 9600,
+            axison_ms: 0,
             clock_ppm: 0,
             eeprom_ms: 5,
             version: if late { *b"A00G" } else { *b"514L" },
@@ -89,12 +95,16 @@ impl Options {
             ("switches", _) => self.switches = Some(number(value, 1, 255)?),
             ("counts", _) => self.counts = number(value, 4, 16_777_216)?,
             ("slow-loop-us", _) => self.slow_ns = 1000 * number::<u64>(value, 100, 10_000)?,
+            ("baud", "9600" | "19200" | "38400" | "57600" | "115200") => {
+                self.baud = number(value, 9600, 115_200)?;
+            }
+            ("axison-ms", _) => self.axison_ms = number(value, 0, 10_000)?,
             ("clock-ppm", _) => self.clock_ppm = number(value, -1000, 1000)?,
             ("eeprom-ms", _) => self.eeprom_ms = number(value, 0, 1000)?,
             ("byte-timeout-ms", _) => {
                 self.quirks.byte_timeout_ms = Some(number(value, 1, 10_000)?);
             }
-            ("wire" | "can" | "setup", _) => return Err(value),
+            ("wire" | "can" | "setup" | "baud", _) => return Err(value),
             _ => return Err(key),
         }
         Ok(())

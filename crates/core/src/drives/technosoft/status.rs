@@ -15,6 +15,8 @@ pub(super) mod srl {
 /// SRH: status, high word.
 pub(super) mod srh {
     pub const ENDINIT: u16 = 1 << 0;
+    /// The first of four position triggers.
+    pub const TRIGGER_1: u16 = 1 << 1;
     pub const AUTORUN: u16 = 1 << 5;
     pub const LSP: u16 = 1 << 6;
     pub const LSN: u16 = 1 << 7;
@@ -60,6 +62,7 @@ pub(super) mod der {
     pub const STACK_OVERFLOW: u16 = 1 << 0;
     pub const STACK_UNDERFLOW: u16 = 1 << 1;
     pub const NO_FUNCTION: u16 = 1 << 3;
+    pub const UPDATE_DURING_AXISON: u16 = 1 << 4;
     pub const CALL_IGNORED: u16 = 1 << 5;
     pub const SOFTWARE_LSP: u16 = 1 << 6;
     pub const SOFTWARE_LSN: u16 = 1 << 7;
@@ -89,8 +92,9 @@ pub(super) mod isr {
     pub const CAPTURE: u16 = 1 << 8;
     pub const MOTION_COMPLETE: u16 = 1 << 9;
     pub const EVENT: u16 = 1 << 11;
+    pub const POSITION_TRIGGER: u16 = 1 << 12;
     /// Interrupts that there are.
-    pub const COUNT: u32 = 12;
+    pub const COUNT: u32 = 13;
 }
 
 /// DER2: more errors in detail.

@@ -193,3 +193,63 @@ fn relative_moves_rest_on_the_very_count() {
         }
     }
 }
+
+#[test]
+fn position_triggers_tell_what_was_reached() {
+    let mut desk = Desk::new();
+    desk.on();
+    desk.long(0x091A, 500);
+    desk.long(0x091E, 1500);
+    desk.go(1000);
+    desk.wait(1000);
+    assert_eq!(desk.read(0x090F), 0x0203, "the first trigger, not the third");
+    assert_eq!(desk.read(0x0306) & 1 << 12, 1 << 12, "ISR");
+    desk.go(2000);
+    desk.wait(1000);
+    assert_eq!(desk.read(0x090F), 0x020B);
+    desk.go(0);
+    desk.wait(1000);
+    assert_eq!(desk.read(0x090F), 0x0201, "and back");
+}
+
+#[test]
+fn an_update_while_the_axis_is_being_switched_on_is_ignored_and_told() {
+    let mut desk = Desk::with(&[("axison-ms", "300")]);
+    desk.tell(0x0020, &[]);
+    desk.tell(0x0102, &[]);
+    assert_eq!(desk.read(0x090E) & 0x8000, 0, "it takes its time");
+    desk.wait(100);
+    desk.go(5000);
+    assert_eq!((desk.read(0x03AD), desk.read(0x08FC)), (1 << 4, 1 << 14));
+    desk.wait(300);
+    assert_eq!(desk.read(0x090E), 0x8400);
+    assert_eq!(desk.read_long(0x0228), 0, "nothing moved");
+    desk.tell(0x1C04, &[]);
+    desk.go(5000);
+    desk.wait(1000);
+    assert_eq!(desk.read_long(0x0228), 5000);
+    desk.tell(0x0002, &[]);
+    desk.tell(0x0102, &[]);
+    desk.tell(0x0002, &[]);
+    desk.wait(1000);
+    assert_eq!(desk.read(0x090E) & 0x8000, 0, "AXISOFF ends it");
+}
+
+#[test]
+fn a_gear_slave_follows_its_master_by_the_ratio() {
+    let mut desk = Desk::new();
+    desk.on();
+    desk.fixed(0x02AC, -0.5);
+    desk.long(0x02AA, 70_000);
+    desk.tell(0x5909, &[0xB7C5, 0x8705]);
+    desk.update();
+    assert_eq!(desk.read_long(0x0228), 0, "where the master is does not matter, but where it goes");
+    for step in 1..=500 {
+        desk.long(0x02AA, 70_000 + 10 * step);
+        desk.wait(1);
+    }
+    desk.wait(500);
+    // It began on the edge of a count, as it was enabled.
+    assert!((desk.read_long(0x0228) + 2500).abs() <= 1, "{}", desk.read_long(0x0228));
+    assert_eq!(desk.read(0x090F) & 1 << 12, 1 << 12, "in gear");
+}
