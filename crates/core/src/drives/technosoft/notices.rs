@@ -73,7 +73,7 @@ impl Drive {
         } else {
             None
         };
-        let points = self.ticks_to_next_point().filter(|_| self.notices.points);
+        let points = if self.notices.points { self.ticks_to_next_point() } else { None };
         let at = |ticks: Option<u64>| ticks.map(|n| self.clock.after_ticks(n));
         let held = (!self.outbox.is_empty()).then_some(self.busy_until);
         earliest(earliest(at(ticks), at(points)), earliest(at(self.sync.ticks_left()), held))
