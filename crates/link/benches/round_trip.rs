@@ -23,9 +23,11 @@ mod bench {
     use std::sync::{Arc, Mutex};
     use std::time::{Duration, Instant as Clock};
 
+    use polepair_core::drives::syntron_ts::profile::SYNTRON_TS;
     use polepair_core::error::Outcome;
     use polepair_core::lane::Lane;
     use polepair_core::medium::{SerialLine, Stream};
+    use polepair_core::profile::{ParameterId, Profile};
     use polepair_core::proto::modbus::Rtu;
     use polepair_core::proto::tmcl::Tmcl;
     use polepair_core::proto::{HostOptions, Protocol};
@@ -43,8 +45,8 @@ mod bench {
     /// What goes over the wire: the floor's request, and what the responder answers to any.
     struct Exchange {
         name: &'static str,
-        /// The same in the protocol's own language.
-        text: &'static str,
+        /// What a read of the first parameter of the profile tells.
+        value: i64,
         request: &'static [u8],
         reply: &'static [u8],
     }
@@ -52,14 +54,14 @@ mod bench {
     /// Read axis parameter 0 of module 1: 123456. TMCM-170/171 manual §2.1.
     const TMCL: Exchange = Exchange {
         name: "tmcl",
-        text: "GAP 0",
+        value: 123_456,
         request: &[1, 6, 0, 0, 0, 0, 0, 0, 7],
         reply: &[2, 1, 100, 6, 0, 1, 0xE2, 0x40, 0x90],
     };
     /// Read holding register 0 of station 1: 1. Modbus over serial line V1.02 §2.5.1.
     const MODBUS: Exchange = Exchange {
         name: "modbus-rtu",
-        text: "read 0",
+        value: 1,
         request: &[1, 3, 0, 0, 0, 1, 0x84, 0x0A],
         reply: &[1, 3, 2, 0, 1, 0x79, 0x84],
     };
@@ -74,8 +76,8 @@ mod bench {
     }
 
     pub(super) fn run() {
-        compare::<Tmcl>(&TMCL);
-        compare::<Rtu>(&MODBUS);
+        compare::<Tmcl>(Tmcl::generic(), &TMCL);
+        compare::<Rtu>(&SYNTRON_TS, &MODBUS);
         wake_up();
     }
 
@@ -104,10 +106,14 @@ mod bench {
         println!("wake-up: best {best:.1}, median {:.1} (µs)", median(micros));
     }
 
-    fn compare<P: Protocol<Medium = Stream>>(exchange: &'static Exchange) {
+    fn compare<P: Protocol<Medium = Stream>>(
+        profile: &'static Profile,
+        exchange: &'static Exchange,
+    ) {
+        assert_eq!(profile.parameters[0].index, 0, "what the floor asks for");
         let (path, mut child) = responder(exchange);
         let mut floor = floor(&path, exchange);
-        let mut ours = connection::<P>(&path, exchange.text);
+        let mut ours = connection::<P>(profile, &path, exchange.value);
         let mut best = [f64::MAX; 2];
         println!("{}: median of {} (µs; floor = write + blocking read)", P::NAME, ROUNDS * TURNS);
         println!("series       floor       ours   ratio");
@@ -137,19 +143,21 @@ mod bench {
     }
 
     fn connection<P: Protocol<Medium = Stream>>(
+        profile: &'static Profile,
         path: &str,
-        text: &'static str,
+        value: i64,
     ) -> impl FnMut() + use<P> {
         let options = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
-        let driver = P::driver(P::generic(), 1);
+        let driver = P::driver(profile, 1);
         let lane = Lane::<Stream, _>::new(P::host(&options, &[1]), [Box::new(driver) as _]);
         let port = serial::open(path, SerialLine::n81(0)).unwrap();
         let connection = Connection::new(Box::new(port), Box::new(lane));
         move || {
             let deadline = clock::now().plus_ms(1_000);
-            let outcome = connection
-                .ask(deadline, |axes, now, ticket| axes.raw(now, ticket, AxisIndex(0), text));
-            assert!(matches!(outcome, Ok(Some(Outcome::Done(_)))), "{outcome:?}");
+            let outcome = connection.ask(deadline, |axes, now, ticket| {
+                axes.read(now, ticket, AxisIndex(0), ParameterId(0))
+            });
+            assert_eq!(outcome, Ok(Some(Outcome::Done(value))));
         }
     }
 

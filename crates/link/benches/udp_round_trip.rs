@@ -27,6 +27,7 @@ mod bench {
     use polepair_core::error::Outcome;
     use polepair_core::lane::Lane;
     use polepair_core::medium::{Can, Frame};
+    use polepair_core::profile::ParameterId;
     use polepair_core::proto::tmcl::TmclCan;
     use polepair_core::proto::{HostOptions, Protocol};
     use polepair_core::station::AxisIndex;
@@ -118,9 +119,10 @@ mod bench {
         let connection = Connection::new::<Can>(Box::new(link), Box::new(lane));
         move || {
             let deadline = clock::now().plus_ms(1_000);
-            let outcome = connection
-                .ask(deadline, |axes, now, ticket| axes.raw(now, ticket, AxisIndex(0), "GAP 0"));
-            assert!(matches!(outcome, Ok(Some(Outcome::Done(_)))), "{outcome:?}");
+            let outcome = connection.ask(deadline, |axes, now, ticket| {
+                axes.read(now, ticket, AxisIndex(0), ParameterId(0))
+            });
+            assert_eq!(outcome, Ok(Some(Outcome::Done(123_456))));
         }
     }
 
