@@ -106,11 +106,11 @@ impl Descriptor {
 
     /// What is ready on the descriptor, and whether the waker is.
     fn wait(&self, until: Instant, left: Duration) -> Result<(PollFlags, bool), Errno> {
-        let timeout = (until != Instant::FAR).then(|| timespec(left));
         #[cfg(target_os = "linux")]
-        if let Some(waited) = self.edge.wait(timeout.as_ref()) {
+        if let Some(waited) = self.edge.wait(until, left) {
             return waited;
         }
+        let timeout = (until != Instant::FAR).then(|| timespec(left));
         let mut fds = [
             PollFd::new(&self.fd, PollFlags::IN),
             PollFd::from_borrowed_fd(self.wake.as_fd(), PollFlags::IN),

@@ -6,21 +6,36 @@
 //! never be told. A short read of a terminal or a stream socket has taken all, see epoll(7); but
 //! TCP stops short of urgent bytes, too. Until such a read, after an end or urgent bytes, and on
 //! other systems, the caller polls.
+//!
+//! The end of the wait is a timer on the same list, because a timeout is set and taken back at every
+//! wait, which costs half as much again. A timer that rings sooner than needed is left as it is: who
+//! is woken for nothing looks at the clock and waits again.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
 
+use polepair_core::time::Instant;
+use rustix::event::PollFlags;
 use rustix::event::epoll::{self, CreateFlags, Event, EventData, EventFlags};
-use rustix::event::{PollFlags, Timespec};
-use rustix::fd::{BorrowedFd, OwnedFd};
+use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
+use rustix::time::{
+    Itimerspec, TimerfdClockId, TimerfdFlags, TimerfdTimerFlags, timerfd_create, timerfd_settime,
+};
+
+use crate::clock;
+use crate::descriptor::timespec;
 
 const LINK: u64 = 0;
 const WAKER: u64 = 1;
+const ALARM: u64 = 2;
+/// A timer may ring so much later than asked; the kernel takes as much with a timeout.
+const SLACK_NS: u64 = 50_000;
 
-/// A list of one link and its waker.
+/// A list of one link, its waker and an alarm.
 #[derive(Debug)]
 pub(crate) struct Edge {
-    epoll: Option<OwnedFd>,
+    list: Option<(OwnedFd, Alarm)>,
     drained: AtomicBool,
     /// From now on the caller polls: the far end has hung up or hurries, which is told once only,
     /// or the kernel has no such wait.
@@ -31,7 +46,7 @@ impl Edge {
     /// Where the system has no more descriptors, the caller polls for ever.
     pub(crate) fn new(link: BorrowedFd<'_>, waker: BorrowedFd<'_>) -> Self {
         Self {
-            epoll: list(link, waker).ok(),
+            list: list(link, waker).ok(),
             drained: AtomicBool::new(false),
             retired: AtomicBool::new(false),
         }
@@ -42,16 +57,23 @@ impl Edge {
         self.drained.store(drained && !self.retired.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
-    /// What is ready on the link, and whether the waker is; `None` when the caller must poll.
-    pub(crate) fn wait(&self, left: Option<&Timespec>) -> Option<Result<(PollFlags, bool), Errno>> {
-        let list = self.epoll.as_ref().filter(|_| self.drained.load(Ordering::Relaxed))?;
-        let none = Event { flags: EventFlags::empty(), data: EventData::new_u64(WAKER) };
-        let mut events = [none; 2];
-        let count = match epoll::wait(list, &mut events, left) {
+    /// Waits until `until`, for which `left` is left, or for less. What is ready on the link, and
+    /// whether the waker is; `None` when the caller must poll.
+    pub(crate) fn wait(
+        &self,
+        until: Instant,
+        left: Duration,
+    ) -> Option<Result<(PollFlags, bool), Errno>> {
+        let list = self.list.as_ref().filter(|_| self.drained.load(Ordering::Relaxed));
+        let (epoll, alarm) = list?;
+        let none = Event { flags: EventFlags::empty(), data: EventData::new_u64(ALARM) };
+        let mut events = [none; 3];
+        let waited =
+            alarm.ring_by(until, left).and_then(|()| epoll::wait(epoll, &mut events, None));
+        let count = match waited {
             Ok(count) => count,
             Err(Errno::INTR) => return Some(Err(Errno::INTR)),
-            // Before Linux 5.11 there is no such wait below a millisecond, and some containers
-            // forbid it.
+            // Some containers forbid one or the other.
             Err(_) => {
                 self.retire();
                 return None;
@@ -61,7 +83,8 @@ impl Edge {
         for event in &events[..count] {
             match event.data.u64() {
                 LINK => ready = self.ready(event.flags),
-                _ => woken = true,
+                WAKER => woken = true,
+                _ => {}
             }
         }
         Some(Ok((ready, woken)))
@@ -81,12 +104,54 @@ impl Edge {
     }
 }
 
-fn list(link: BorrowedFd<'_>, waker: BorrowedFd<'_>) -> Result<OwnedFd, Errno> {
+fn list(link: BorrowedFd<'_>, waker: BorrowedFd<'_>) -> Result<(OwnedFd, Alarm), Errno> {
     let list = epoll::create(CreateFlags::CLOEXEC)?;
+    let alarm = Alarm::new()?;
     let edges = EventFlags::IN | EventFlags::PRI | EventFlags::RDHUP | EventFlags::ET;
     epoll::add(&list, link, EventData::new_u64(LINK), edges)?;
     epoll::add(&list, waker, EventData::new_u64(WAKER), EventFlags::IN)?;
-    Ok(list)
+    epoll::add(&list, alarm.timer.as_fd(), EventData::new_u64(ALARM), EventFlags::IN)?;
+    Ok((list, alarm))
+}
+
+/// Readable from some instant on.
+#[derive(Debug)]
+struct Alarm {
+    timer: OwnedFd,
+    /// When it rings at the latest, in nanoseconds; [`Instant::FAR`] when it is not set. Only the
+    /// one thread that waits touches it.
+    at: AtomicU64,
+}
+
+impl Alarm {
+    fn new() -> Result<Self, Errno> {
+        let flags = TimerfdFlags::CLOEXEC | TimerfdFlags::NONBLOCK;
+        let timer = timerfd_create(TimerfdClockId::Monotonic, flags)?;
+        Ok(Self { timer, at: AtomicU64::new(Instant::FAR.0) })
+    }
+
+    /// Sees to it that it rings by `until`, for which `left` is left, but not at once.
+    fn ring_by(&self, until: Instant, left: Duration) -> Result<(), Errno> {
+        let at = self.at.load(Ordering::Relaxed);
+        if until == Instant::FAR {
+            return if at == Instant::FAR.0 { Ok(()) } else { self.set(Duration::ZERO) };
+        }
+        let left_ns = u64::try_from(left.as_nanos()).unwrap_or(u64::MAX);
+        let now = until.0.saturating_sub(left_ns);
+        if (now..=until.0.saturating_add(SLACK_NS)).contains(&at) && at != now {
+            return Ok(());
+        }
+        self.set(left)
+    }
+
+    /// Sets it to ring after `left`, or with zero never.
+    fn set(&self, left: Duration) -> Result<(), Errno> {
+        let once = Itimerspec { it_interval: timespec(Duration::ZERO), it_value: timespec(left) };
+        timerfd_settime(&self.timer, TimerfdTimerFlags::empty(), &once)?;
+        let at = if left.is_zero() { Instant::FAR } else { clock::now() + left };
+        self.at.store(at.0, Ordering::Relaxed);
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -160,6 +225,34 @@ mod tests {
             }
         }
         assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
+    }
+
+    /// An alarm that was set for a shorter wait neither ends a longer one nor rings for ever, and a
+    /// shorter one is not kept waiting by a longer one.
+    #[test]
+    fn every_wait_ends_in_time_whatever_the_one_before() {
+        let (near, far) = std::os::unix::net::UnixStream::pair().unwrap();
+        near.set_nonblocking(true).unwrap();
+        let link = Descriptor::new(near.into(), "pair").unwrap();
+        let far = Descriptor::new(far.into(), "far").unwrap();
+        for ms in [5, 30, 3, 3, 20, 1, 40, 2] {
+            far.send(&[1]).unwrap();
+            let received = link.receive(&mut [0; 4], clock::now().plus_ms(ms)).unwrap();
+            assert!(matches!(received, Received::Bytes { len: 1, .. }));
+            let until = clock::now().plus_ms(ms);
+            assert_eq!(link.receive(&mut [0; 4], until).unwrap(), Received::TimedOut);
+            let late = clock::now().since(until);
+            assert!(clock::now() >= until && late < Duration::from_secs(1), "{ms} ms: {late:?}");
+        }
+        // The alarm has rung. A wait without end must not notice.
+        let waker = link.wake.clone();
+        let later = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(30));
+            waker.wake();
+        });
+        let woken = link.receive(&mut [0; 4], polepair_core::time::Instant::FAR).unwrap();
+        assert_eq!(woken, Received::Woken);
+        later.join().unwrap();
     }
 
     #[test]

@@ -140,9 +140,8 @@ impl<M: Medium> State<M> {
     pub(super) fn pump(&mut self, now: Instant) {
         self.seen = now;
         for _ in 0..PUMP_MAX {
-            let told = self.tell();
             // What the host ends at once, unsent, is told too.
-            if !self.transmit(now) && !told && !self.tell() {
+            if !self.tell() && !self.transmit(now) && !self.tell() {
                 break;
             }
         }
