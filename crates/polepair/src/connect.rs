@@ -400,6 +400,7 @@ fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         wire: standard(url)?,
         reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
         ack_timeout_ms: url.milliseconds("ack")?.map(whole),
+        heartbeat_ms: url.milliseconds("heartbeat")?.map(whole),
         pause_ms: url.milliseconds("pause")?.map(whole),
         // Nothing on a pty or TCP tells frames apart by silence.
         gap_us: gap_us.or((baud == 0).then_some(0)),

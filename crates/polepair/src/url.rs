@@ -30,7 +30,7 @@ const SERIAL_KEYS: [&str; 12] = [
     "profile", "setup", "timeout", "gap", "host", "echo", "parity", "stop", "wire", "ack", "pause",
     "relay",
 ];
-const CAN_KEYS: [&str; 6] = ["profile", "setup", "timeout", "host", "bitrate", "ack"];
+const CAN_KEYS: [&str; 7] = ["profile", "setup", "timeout", "host", "bitrate", "ack", "heartbeat"];
 const SIM_KEYS: [&str; 14] = [
     "axes", "seed", "time", "profile", "timeout", "gap", "host", "echo", "baud", "bitrate", "wire",
     "ack", "pause", "relay",

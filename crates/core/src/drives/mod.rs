@@ -79,11 +79,12 @@ pub fn visit(visitor: &mut impl Visitor) {
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    static ALL: [&Profile; 10] = [
+    static ALL: [&Profile; 11] = [
         &tmcm17x::profile::TMCM_171,
         &tmcm17x::profile::TMCM_170,
         &syntron_ts::profile::SYNTRON_TS,
         &syntron_ts::profile::SYNTRON_DS102,
+        &syntron_ts::profile::SYNTRON_TS_CANOPEN,
         &technosoft::profile::TECHNOSOFT_F514L,
         &technosoft::profile::TECHNOSOFT_FA00G,
         &thruster::profile::THRUSTER,

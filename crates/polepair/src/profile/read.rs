@@ -16,10 +16,11 @@ use polepair_core::units::Unit;
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 pub(crate) const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 19] = [
+const KEYS: [&str; 20] = [
     "name",
     "extends",
     "remove",
+    "shift",
     "family",
     "protocol",
     "title",
@@ -164,6 +165,7 @@ pub(crate) fn draft(
         if let Some(map) = node.text("map")? {
             map::apply(&mut draft, &map)?;
         }
+        shift(&mut draft, &node)?;
         for name in node.texts("remove")? {
             remove(&mut draft, &name)?;
         }
@@ -317,6 +319,30 @@ fn remove(draft: &mut Draft, name: &Found<String>) -> Result<(), FileError> {
         let hint = words::hint(&name.value, draft.parameters.iter().map(|p| p.name.as_str()));
         return Err(name.place.error(format!("nothing called `{}` to remove{hint}", name.value)));
     }
+    Ok(())
+}
+
+/// Takes over the names of another protocol's registers, where they lie as objects here: those of one
+/// register each, by ranges. All else that concerns registers is left out.
+fn shift(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
+    let ranges = node.tables("shift", &["from", "to", "count"])?;
+    if ranges.is_empty() {
+        return Ok(());
+    }
+    let mut moves = Vec::new();
+    for range in &ranges {
+        let number = |key| range.between(key, 0, 65_535).map(|n| n.unwrap_or(0));
+        moves.push((number("from")?, number("to")?, number("count")?));
+    }
+    draft.parameters.retain_mut(|p| {
+        let at = i64::from(p.index);
+        let single = matches!(p.encoding, Encoding::U16 | Encoding::I16) && p.space == 0;
+        let range = moves.iter().find(|(from, _, count)| (*from..from + count).contains(&at));
+        let to = range.and_then(|(from, to, _)| u16::try_from(at - from + to).ok());
+        p.index = to.unwrap_or(p.index);
+        single && to.is_some()
+    });
+    (draft.signals, draft.plans, draft.identity) = (Vec::new(), Vec::new(), None);
     Ok(())
 }
 
