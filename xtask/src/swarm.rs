@@ -1,72 +1,91 @@
-//! Seeded worlds, as many as wanted: what they lived through, and what broke.
+//! Seeded worlds of serial wires and of CAN buses, as many as wanted: what they lived through, and
+//! what broke.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
+use polepair_core::medium::MediumKind;
 use polepair_sim::swarm::{self, Report};
 
 /// Seeds that are named at most when they break something.
 const NAMED_MAX: usize = 20;
 
-/// `--seeds N --from S --jobs J`; `--replay S` tells everything about one seed.
+/// `--seeds N --from S --jobs J --on serial|can`, on both if it is left out; `--replay can:S` tells
+/// everything about one seed.
 #[derive(Clone, Copy, Debug)]
 struct Order {
     seeds: u64,
     from: u64,
     jobs: u64,
+    on: Option<MediumKind>,
 }
+
+const MEDIA: [(MediumKind, &str); 2] = [(MediumKind::Serial, "serial"), (MediumKind::Can, "can")];
 
 /// Runs the seeds and prints totals.
 ///
 /// # Errors
 /// A word that is not understood, or the seeds that broke an invariant.
 pub fn run(words: &[&str]) -> Result<(), String> {
-    if let ["--replay", seed] = words {
-        let seed = seed.parse().map_err(|_| format!("--replay {seed}: not a number"))?;
-        let report = swarm::replay(seed, &mut |line| println!("{line}"));
-        let told: Vec<_> = report.violations.iter().map(|v| v.to_string()).collect();
-        return if told.is_empty() { Ok(()) } else { Err(told.join("\n")) };
+    if let ["--replay", which] = words {
+        return replay(which);
     }
     let order = parse(words)?;
-    let begun = Instant::now();
-    let (total, broken) = live(order);
-    let took = begun.elapsed().as_secs_f64();
-    print(&total, order, took);
-    if broken.is_empty() {
-        return Ok(());
+    let mut told = Vec::new();
+    for (medium, name) in MEDIA.into_iter().filter(|(m, _)| order.on.is_none_or(|on| on == *m)) {
+        let begun = Instant::now();
+        let (total, broken) = live(order, medium);
+        let took = begun.elapsed().as_secs_f64();
+        print(&total, order, medium, took);
+        let lines = broken.iter().take(NAMED_MAX).map(|report| {
+            let told: Vec<_> = report.violations.iter().map(|v| format!("  {v}")).collect();
+            let again = format!("replay: cargo xtask swarm --replay {name}:{}", report.seed);
+            format!("seed {name}:{}\n{}\n  {again}", report.seed, told.join("\n"))
+        });
+        told.extend(lines);
+        if !broken.is_empty() {
+            let (broken, seeds) = (broken.len(), order.seeds);
+            told.push(format!("{broken} of {seeds} seeds on {name} broke an invariant"));
+        }
     }
-    let again = |seed| format!("replay: cargo xtask swarm --replay {seed}");
-    let lines = broken.iter().take(NAMED_MAX).map(|report| {
-        let told: Vec<_> = report.violations.iter().map(|v| format!("  {v}")).collect();
-        format!("seed {}\n{}\n  {}", report.seed, told.join("\n"), again(report.seed))
+    if told.is_empty() { Ok(()) } else { Err(told.join("\n")) }
+}
+
+fn replay(which: &str) -> Result<(), String> {
+    let named = MEDIA.iter().find_map(|(medium, name)| {
+        Some((*medium, which.strip_prefix(name)?.strip_prefix(':')?.parse().ok()?))
     });
-    let lines: Vec<_> = lines.collect();
-    Err(format!(
-        "{}\n{} of {} seeds broke an invariant",
-        lines.join("\n"),
-        broken.len(),
-        order.seeds
-    ))
+    let (medium, seed) =
+        named.ok_or_else(|| format!("--replay {which}: write serial:7, or can:7"))?;
+    let report = swarm::replay(medium, seed, &mut |line| println!("{line}"));
+    let told: Vec<_> = report.violations.iter().map(|v| v.to_string()).collect();
+    if told.is_empty() { Ok(()) } else { Err(told.join("\n")) }
 }
 
 fn parse(words: &[&str]) -> Result<Order, String> {
     let jobs = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
-    let mut order = Order { seeds: 8_000, from: 1, jobs };
+    let mut order = Order { seeds: 8_000, from: 1, jobs, on: None };
     for pair in words.chunks(2) {
         let [key, value] = pair else { return Err(format!("{} needs a number", pair[0])) };
+        if *key == "--on" {
+            let found = MEDIA.iter().find(|(_, name)| name == value);
+            let (medium, _) = found.ok_or_else(|| format!("--on {value}: serial or can"))?;
+            order.on = Some(*medium);
+            continue;
+        }
         let number = value.parse().map_err(|_| format!("{key} {value}: not a number"))?;
         match *key {
             "--seeds" => order.seeds = number,
             "--from" => order.from = number,
             "--jobs" => order.jobs = number.max(1),
-            _ => return Err(format!("{key}: unknown; there are --seeds, --from and --jobs")),
+            _ => return Err(format!("{key}: unknown; there are --seeds, --from, --jobs, --on")),
         }
     }
     Ok(order)
 }
 
-fn live(order: Order) -> (Report, Vec<Report>) {
+fn live(order: Order, medium: MediumKind) -> (Report, Vec<Report>) {
     let next = AtomicU64::new(0);
     let sum = Mutex::new((Report::default(), Vec::new()));
     std::thread::scope(|scope| {
@@ -77,7 +96,7 @@ fn live(order: Order) -> (Report, Vec<Report>) {
                     if n >= order.seeds {
                         break;
                     }
-                    let report = swarm::run(order.from + n);
+                    let report = swarm::run(medium, order.from + n);
                     let mut sum = sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
                     sum.0.add(&report);
                     if !report.violations.is_empty() {
@@ -92,9 +111,8 @@ fn live(order: Order) -> (Report, Vec<Report>) {
     (total, broken)
 }
 
-fn print(total: &Report, order: Order, took: f64) {
+fn print(total: &Report, order: Order, medium: MediumKind, took: f64) {
     let lived = total.lived.0 as f64 / 1e9;
-    let faults = total.made;
     println!("seeds            {:>12}  from {}", order.seeds, order.from);
     println!("events           {:>12}", total.events);
     println!("requests         {:>12}", total.requests);
@@ -102,14 +120,10 @@ fn print(total: &Report, order: Order, took: f64) {
     println!("tickets done     {:>12}", total.done);
     println!("        not done {:>12}", total.not_done);
     println!("        unknown  {:>12}", total.unknown);
-    println!("faults: bytes    {:>12}", faults.bytes);
-    println!("  truncated      {:>12}", faults.truncated);
-    println!("  in pieces      {:>12}", faults.chunked);
-    println!("  duplicated     {:>12}", faults.duplicated);
-    println!("  late           {:>12}", faults.late);
-    println!("  requests lost  {:>12}", faults.requests_lost);
-    println!("  replies lost   {:>12}", faults.replies_lost);
-    println!("  collisions     {:>12}", faults.collided);
+    match medium {
+        MediumKind::Serial => print_serial(total),
+        MediumKind::Can => print_can(total),
+    }
     println!("  drive resets   {:>12}", total.resets);
     println!("  cables pulled  {:>12}", total.cuts);
     println!(
@@ -127,4 +141,40 @@ fn print(total: &Report, order: Order, took: f64) {
     println!(
         "lived            {lived:>12.0} s in {took:.1} s: {rate:.0} x real time, {a_core:.0} x a core ({jobs} jobs)"
     );
+}
+
+fn print_serial(total: &Report) {
+    let faults = total.made;
+    println!("faults: bytes    {:>12}", faults.bytes);
+    println!("  truncated      {:>12}", faults.truncated);
+    println!("  in pieces      {:>12}", faults.chunked);
+    println!("  duplicated     {:>12}", faults.duplicated);
+    println!("  late           {:>12}", faults.late);
+    println!("  requests lost  {:>12}", faults.requests_lost);
+    println!("  replies lost   {:>12}", faults.replies_lost);
+    println!("  collisions     {:>12}", faults.collided);
+}
+
+fn print_can(total: &Report) {
+    let faults = total.made_on_can;
+    println!("faults: errors   {:>12}", faults.errors);
+    println!("  lost           {:>12}", faults.lost);
+    println!("  taken twice    {:>12}", faults.twice);
+    println!("  late           {:>12}", faults.late);
+    println!("  cut short      {:>12}", faults.cut);
+    println!("  one identifier {:>12}", faults.collided);
+    println!("  bus-off        {:>12}", faults.off);
+    println!("  of strangers   {:>12}", faults.strange);
+    println!(
+        "verbs repeated   {:>12}  executed twice: their frame was taken twice",
+        total.repeated
+    );
+    for (protocol, verbs) in &total.untold_on {
+        println!(
+            "verbs untold     {verbs:>12}  done for the host, missed by the drive, on {protocol}"
+        );
+    }
+    for (protocol, copies) in &total.copies_on {
+        println!("copies taken     {copies:>12}  on {protocol}");
+    }
 }

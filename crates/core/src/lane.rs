@@ -188,10 +188,10 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     fn handle_line(&mut self, now: Instant, event: LineEvent) {
         self.host.handle_line(now, event);
         self.settle(now);
-        if event == LineEvent::Down {
+        if matches!(event, LineEvent::Down | LineEvent::BusOff) {
             self.jobs.lose();
         }
-        if matches!(event, LineEvent::Down | LineEvent::Up) {
+        if event != LineEvent::Break {
             self.slots.iter_mut().for_each(Slot::forget);
         }
     }

@@ -1,22 +1,28 @@
 //! A CAN bus: the lowest identifier wins, and every frame takes exactly its bits.
 //!
-//! Each plug is a controller with one frame waiting and the transmit error counter of ISO 11898-1.
+//! Each plug is a controller with its frames in line and the transmit error counter of ISO 11898-1.
 //! Two controllers that send the same identifier at once differ later, in a bit that one of them
 //! finds overwritten: both fail, and as both try again, both end bus-off. Frames alike in every bit
 //! are one frame to everybody.
+//!
+//! Every frame carries a [`Mark`] that no station sees: who sent it, and what it answers. Checks
+//! compare what hosts believe with the marks.
+
+pub mod bits;
+mod fault;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use polepair_core::medium::{CanLine, Frame};
 use polepair_core::time::Instant;
 
-use crate::random::{Ppm, Random};
+use crate::random::{History, Ppm, Random};
+use bits::{arbitration, until_they_differ};
+pub use fault::{CanFaults, CanMade};
 
 #[cfg(test)]
 mod tests;
 
-/// Bits between two frames, and bits after the CRC that are never stuffed: CRC delimiter, ACK slot
-/// and delimiter, end of frame.
-const INTERFRAME_BITS: u32 = 3;
-const TAIL_BITS: u32 = 10;
 /// An error flag with those of the others behind it, and its delimiter.
 const ERROR_BITS: u32 = 12 + 8;
 /// What a failed transmission adds to the transmit error counter, and beyond what it is bus-off.
@@ -24,32 +30,71 @@ const ERROR_WEIGHT: u16 = 8;
 const ERRORS_MAX: u16 = 255;
 /// Recessive bits that a controller waits before it takes part again.
 const RECOVERY_BITS: u64 = 128 * 11;
+/// Frames that a host's controller holds, and a drive's: what is in line there cannot be called back.
+const HOST_FRAMES_MAX: usize = 1;
+const DRIVE_FRAMES_MAX: usize = 3;
+/// Frames that an adapter holds back at most; beyond them they are lost.
+pub(crate) const LATE_MAX: usize = 256;
 
-/// Faults of a CAN bus, as chances per frame.
+/// Who has a controller on the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct CanFaults {
-    /// A disturbed bit: an error frame ends it, and its sender repeats it by itself.
-    pub error: Ppm,
-    /// Disturbed in its last bit, which its sender alone notices: receivers take it, it is
-    /// repeated, and they take it again.
-    pub twice: Ppm,
-    /// A receiver's controller or adapter drops it.
-    pub lose: Ppm,
+pub(crate) enum Role {
+    /// The commanding end.
+    #[default]
+    Host,
+    /// A drive: what it sends while it takes a frame answers that frame.
+    Drive,
+    /// Who belongs to nobody here.
+    Stranger,
 }
 
-/// How many faults were made on a CAN bus, by kind.
+/// What the world knows of a frame and no station sees.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct CanMade {
-    /// Frames ended by an error frame.
-    pub errors: u64,
-    /// Frames that met another of their own identifier.
-    pub collided: u64,
-    /// Frames taken twice.
-    pub twice: u64,
-    /// Frames that one receiver did not get.
-    pub lost: u64,
-    /// Controllers that went bus-off.
+pub struct Mark {
+    /// Number of the frame; 0 for none.
+    pub tag: u32,
+    /// Hash of identifier and payload as they were meant.
+    pub content: u64,
+    /// Its identifier, and whether that has 29 bits.
+    pub id: (u32, bool),
+    /// Place of its sender on the bus.
+    pub from: usize,
+    /// The frame that it answers, and the content of that; `None` for what is said unasked, and where
+    /// the world cannot tell.
+    pub answers: Option<(u32, u64)>,
+    /// A stranger sent it, or what it answers.
+    pub strange: bool,
+    /// It is taken a second time, or answers what was.
+    pub copy: bool,
+    /// What it answers is not known: its sender's controller was full.
+    pub unsure: bool,
+    /// Bits that it takes at least.
+    pub bits: u32,
+}
+
+/// What the world knows about one node's place on a CAN bus and the node does not.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Standing {
+    /// Place on the bus, as in [`Mark::from`].
+    pub plug: usize,
+    /// What it heard last.
+    pub heard: Mark,
+    /// How many frames it heard.
+    pub count: u64,
+    /// What it handed to its controller last, and when.
+    pub sent: Mark,
+    /// See [`sent`](Self::sent).
+    pub since: Instant,
+    /// Something waits in its controller.
+    pub waits: bool,
+    /// Frames of its own that others took twice.
+    pub doubled: u64,
+    /// Frames of hosts that it did not get, or not whole.
+    pub missed: u64,
+    /// How often its controller went bus-off.
     pub off: u64,
+    /// Strangers' frames that it took and that may have been meant for it.
+    pub misled: u64,
 }
 
 /// A CAN bus with its nodes' frames waiting.
@@ -66,21 +111,41 @@ pub(crate) struct CanBus {
     starting: bool,
     /// Bits that were on the wire so far.
     busy_bits: u64,
+    /// The drives that answered frames of an identifier, and the identifiers that drives send.
+    obeyed: BTreeMap<(u32, bool), Vec<usize>>,
+    spoken: BTreeSet<(u32, bool)>,
 }
 
 /// One controller.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Debug, Default)]
 struct Plug {
-    waiting: Option<Frame>,
+    role: Role,
+    waiting: VecDeque<Posted>,
     sending: bool,
     errors: u16,
     off: bool,
+    /// Its connector is pulled.
+    away: bool,
+    /// What it is taking now: what it sends meanwhile answers that.
+    hearing: Option<Mark>,
+    /// Its station may hold frames back whose cause is no longer known.
+    unsure: bool,
+    late: VecDeque<(Instant, Frame, Mark)>,
+    standing: Standing,
+}
+
+/// A frame in a controller.
+#[derive(Clone, Copy, Debug)]
+struct Posted {
+    frame: Frame,
+    mark: Mark,
 }
 
 /// What is on the wire.
 #[derive(Clone, Copy, Debug)]
 struct Sending {
     frame: Frame,
+    mark: Mark,
     end: End,
 }
 
@@ -89,6 +154,14 @@ enum End {
     Good,
     Twice,
     Destroyed,
+}
+
+/// What becomes of a frame at one plug.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Reach {
+    Not,
+    Now(Frame),
+    Later(Instant),
 }
 
 impl CanBus {
@@ -103,64 +176,124 @@ impl CanBus {
             sending: None,
             starting: false,
             busy_bits: 0,
+            obeyed: BTreeMap::new(),
+            spoken: BTreeSet::new(),
         }
     }
 
-    pub(crate) fn plug(&mut self) -> usize {
-        self.plugs.push(Plug::default());
-        self.plugs.len() - 1
+    pub(crate) fn plug(&mut self, role: Role) -> usize {
+        let plug = self.plugs.len();
+        let standing = Standing { plug, ..Standing::default() };
+        self.plugs.push(Plug { role, standing, ..Plug::default() });
+        plug
+    }
+
+    pub(crate) fn standing(&self, plug: usize) -> Standing {
+        self.plugs[plug].standing
     }
 
     /// Whether a plug's controller can take a frame.
     pub(crate) fn has_room(&self, plug: usize) -> bool {
-        self.plugs[plug].waiting.is_none() && !self.plugs[plug].off
+        let Plug { role, waiting, off, away, .. } = &self.plugs[plug];
+        let most = if *role == Role::Drive { DRIVE_FRAMES_MAX } else { HOST_FRAMES_MAX };
+        waiting.len() < most && !off && !away
+    }
+
+    /// What a plug sends from here on answers the frame that it heard last.
+    pub(crate) fn listens(&mut self, plug: usize) {
+        let plug = &mut self.plugs[plug];
+        plug.hearing = Some(plug.standing.heard);
+    }
+
+    /// What a plug sends from here on answers nothing. `empty` says that its station has no more to
+    /// say now.
+    pub(crate) fn spoke(&mut self, plug: usize, empty: bool) {
+        let plug = &mut self.plugs[plug];
+        plug.unsure = !empty && (plug.unsure || plug.hearing.is_some());
+        plug.hearing = None;
     }
 
     /// Puts a frame into a plug's controller. Returns whether to [`start`](Self::start) is now to
     /// be arranged for, at the end of this instant: what is ready by then arbitrates.
-    pub(crate) fn offer(&mut self, plug: usize, frame: Frame) -> bool {
-        self.plugs[plug].waiting = Some(frame);
+    pub(crate) fn offer(&mut self, plug: usize, now: Instant, tag: u32, frame: Frame) -> bool {
+        let mark = self.mark(plug, tag, &frame);
+        let plug = &mut self.plugs[plug];
+        (plug.standing.sent, plug.standing.since, plug.standing.waits) = (mark, now, true);
+        plug.waiting.push_back(Posted { frame, mark });
         let arrange = !self.starting && self.sending.is_none();
         self.starting |= arrange;
         arrange
     }
 
+    fn mark(&mut self, from: usize, tag: u32, frame: &Frame) -> Mark {
+        let Plug { role, hearing, unsure, .. } = &self.plugs[from];
+        let cause = hearing.filter(|_| *role == Role::Drive && !unsure);
+        let id = (frame.id, frame.extended);
+        if *role == Role::Drive {
+            self.spoken.insert(id);
+            if let Some(asked) = cause {
+                let who = self.obeyed.entry(asked.id).or_default();
+                who.extend((!who.contains(&from)).then_some(from));
+            }
+        }
+        Mark {
+            tag,
+            content: hash(frame),
+            id,
+            from,
+            answers: cause.map(|mark| (mark.tag, mark.content)),
+            strange: *role == Role::Stranger || cause.is_some_and(|mark| mark.strange),
+            copy: cause.is_some_and(|mark| mark.copy),
+            unsure: *unsure,
+            bits: bits::nominal(frame.extended, frame.bytes().len() as u32),
+        }
+    }
+
     /// Starts the frame that wins. Returns when it will have ended.
     pub(crate) fn start(&mut self, now: Instant) -> Option<Instant> {
         self.starting = false;
-        let frame = self.plugs.iter().filter_map(|plug| plug.waiting).min_by_key(arbitration)?;
-        let (mut bits, mut end) = (bits_on_wire(&frame), End::Good);
+        let first = |plug: &Plug| plug.waiting.front().copied();
+        let won = self.plugs.iter().filter_map(first).min_by_key(|p| arbitration(&p.frame))?;
+        let Posted { frame, mark } = won;
+        let (mut bits, mut end) = (bits::on_wire(&frame), End::Good);
         for plug in &mut self.plugs {
-            let rival = plug.waiting.filter(|other| arbitration(other) == arbitration(&frame));
+            let rival = first(plug).map(|posted| posted.frame);
+            let rival = rival.filter(|other| arbitration(other) == arbitration(&frame));
             plug.sending = rival.is_some();
             if let Some(rival) = rival.filter(|rival| *rival != frame) {
                 end = End::Destroyed;
-                bits = bits.min(until_they_differ(&frame, &rival) + ERROR_BITS + INTERFRAME_BITS);
+                bits = bits.min(until_they_differ(&frame, &rival) + ERROR_BITS + bits::INTERFRAME);
             }
         }
         if end == End::Destroyed {
             self.made.collided += 1;
         } else if self.random.chance(self.faults.error) {
             end = End::Destroyed;
-            bits = 1 + self.random.below(bits.into()) as u32 + ERROR_BITS + INTERFRAME_BITS;
+            bits = 1 + self.random.below(bits.into()) as u32 + ERROR_BITS + bits::INTERFRAME;
         } else if self.random.chance(self.faults.twice) {
             (end, bits) = (End::Twice, bits + ERROR_BITS);
         }
-        self.sending = Some(Sending { frame, end });
+        self.sending = Some(Sending { frame, mark, end });
         self.busy_bits += u64::from(bits);
         Some(now.plus_ns(self.bits_ns(bits.into())))
     }
 
     /// Ends what is on the wire: the frame if it arrived. When all have heard it,
     /// [`start`](Self::start) the next.
-    pub(crate) fn finish(&mut self) -> Option<Frame> {
-        let Sending { frame, end } = self.sending.take()?;
+    pub(crate) fn finish(&mut self) -> Option<(Frame, Mark)> {
+        let Sending { frame, mark, end } = self.sending.take()?;
         self.starting = true;
-        let senders = self.plugs.iter_mut().filter(|plug| plug.sending);
-        for plug in senders {
-            match end {
-                End::Good => (plug.waiting, plug.errors) = (None, plug.errors.saturating_sub(1)),
-                End::Twice | End::Destroyed => plug.errors += ERROR_WEIGHT,
+        for plug in self.plugs.iter_mut().filter(|plug| plug.sending) {
+            if end == End::Good {
+                plug.waiting.pop_front();
+                plug.errors = plug.errors.saturating_sub(1);
+                plug.standing.waits = !plug.waiting.is_empty();
+                continue;
+            }
+            plug.errors += ERROR_WEIGHT;
+            if end == End::Twice {
+                plug.standing.doubled += 1;
+                plug.waiting.iter_mut().take(1).for_each(|posted| posted.mark.copy = true);
             }
         }
         match end {
@@ -168,17 +301,83 @@ impl CanBus {
             End::Twice => self.made.twice += 1,
             End::Destroyed => self.made.errors += 1,
         }
-        (end != End::Destroyed).then_some(frame)
+        let strange = self.plugs[mark.from].role == Role::Stranger && end != End::Destroyed;
+        self.made.strange += u64::from(strange);
+        (end != End::Destroyed).then_some((frame, mark))
     }
 
-    /// Whether a plug hears the frame that has just ended.
-    pub(crate) fn hears(&mut self, plug: usize) -> bool {
-        if self.down || self.plugs[plug].sending || self.plugs[plug].off {
-            return false;
+    /// What a plug hears of the frame that has just ended, and when.
+    pub(crate) fn reaches(&mut self, to: usize, now: Instant, frame: &Frame, mark: &Mark) -> Reach {
+        let plug = &self.plugs[to];
+        let host = plug.role == Role::Host;
+        let own = plug.sending && !(host && self.faults.echo && mark.from == to);
+        if own {
+            return Reach::Not;
         }
-        let lost = self.random.chance(self.faults.lose);
+        let deaf = self.down || plug.off || plug.away;
+        let lost = !deaf && self.random.chance(self.faults.lose);
         self.made.lost += u64::from(lost);
-        !lost
+        let whole = self.cut(to, *frame, mark);
+        let missed = deaf || lost || whole.len < frame.len;
+        let of_host = self.plugs[mark.from].role == Role::Host;
+        self.plugs[to].standing.missed += u64::from(missed && of_host);
+        if deaf || lost { Reach::Not } else { self.hold_back(to, now, whole, mark) }
+    }
+
+    /// Keeps a frame back, if the fault hits it or another waits already.
+    fn hold_back(&mut self, to: usize, now: Instant, frame: Frame, mark: &Mark) -> Reach {
+        let roles = (self.plugs[mark.from].role, self.plugs[to].role);
+        let late = roles == (Role::Drive, Role::Host) && self.random.chance(self.faults.late);
+        self.made.late += u64::from(late);
+        let lateness = u64::from(self.faults.latest_ms) * 1_000_000 * u64::from(late);
+        let waiting = &mut self.plugs[to].late;
+        let at = now.plus_ns(self.random.below(lateness));
+        let at = waiting.back().map_or(at, |(before, ..)| at.max(*before));
+        if at == now {
+            return Reach::Now(frame);
+        }
+        if waiting.len() == LATE_MAX {
+            self.made.lost += 1;
+            return Reach::Not;
+        }
+        waiting.push_back((at, frame, *mark));
+        Reach::Later(at)
+    }
+
+    /// The frame that a plug's adapter has held back until now.
+    pub(crate) fn held_back(&mut self, plug: usize) -> Option<(Frame, Mark)> {
+        let (_, frame, mark) = self.plugs[plug].late.pop_front()?;
+        Some((frame, mark)).filter(|_| !self.down && !self.plugs[plug].away)
+    }
+
+    /// The same frame, or a shorter one where it is meant for that plug and the fault hits it.
+    fn cut(&mut self, to: usize, mut frame: Frame, mark: &Mark) -> Frame {
+        if self.faults.cut == Ppm::NEVER {
+            return frame;
+        }
+        let meant = match self.plugs[to].role {
+            Role::Host => self.plugs[mark.from].role == Role::Drive,
+            Role::Drive => self.obeyed.get(&mark.id).is_some_and(|who| who.contains(&to)),
+            Role::Stranger => false,
+        };
+        if meant && frame.len > 0 && self.random.chance(self.faults.cut) {
+            frame.len = self.random.below(frame.len.into()) as u8;
+            frame.data[usize::from(frame.len)..].fill(0);
+            self.made.cut += 1;
+        }
+        frame
+    }
+
+    /// Notes what a plug takes now.
+    pub(crate) fn take(&mut self, to: usize, mark: Mark) {
+        let plug = &mut self.plugs[to];
+        plug.standing.heard = mark;
+        plug.standing.count += 1;
+        if mark.strange && plug.role == Role::Drive {
+            let unknown = !self.spoken.contains(&mark.id);
+            let meant = self.obeyed.get(&mark.id).map_or(unknown, |who| who.contains(&to));
+            plug.standing.misled += u64::from(meant);
+        }
     }
 
     /// Takes the next plug off the bus whose errors are too many.
@@ -189,8 +388,20 @@ impl CanBus {
     }
 
     pub(crate) fn switch_off(&mut self, plug: usize) {
-        self.plugs[plug] = Plug { off: true, ..Plug::default() };
+        let plug = &mut self.plugs[plug];
+        (plug.off, plug.errors, plug.sending) = (true, 0, false);
+        plug.waiting.clear();
+        plug.standing.waits = false;
+        plug.standing.off += 1;
         self.made.off += 1;
+    }
+
+    /// Pulls a plug's connector, or puts it in again.
+    pub(crate) fn pull(&mut self, plug: usize, away: bool) {
+        let plug = &mut self.plugs[plug];
+        (plug.away, plug.sending) = (away, false);
+        plug.waiting.clear();
+        plug.standing.waits = false;
     }
 
     /// How long a controller stays away after it went bus-off.
@@ -214,101 +425,10 @@ impl CanBus {
     }
 }
 
-/// The arbitration field as a number: lower wins. A standard frame beats an extended one with the
-/// same leading bits, a data frame beats a remote one.
-fn arbitration(frame: &Frame) -> u64 {
-    let remote = u64::from(frame.remote);
-    if frame.extended {
-        let (base, rest) = (u64::from(frame.id >> 18), u64::from(frame.id & 0x3_FFFF));
-        base << 21 | 0b11 << 19 | rest << 1 | remote
-    } else {
-        u64::from(frame.id) << 21 | remote << 20
-    }
+fn hash(frame: &Frame) -> u64 {
+    let mut history = History::default();
+    history
+        .note(u64::from(frame.id) << 2 | u64::from(frame.extended) << 1 | u64::from(frame.remote));
+    history.note_bytes(frame.bytes());
+    history.value()
 }
-
-/// Bits from start of frame to the end of the interframe space, stuff bits counted (ISO 11898-1).
-pub(crate) fn bits_on_wire(frame: &Frame) -> u32 {
-    let (bits, count) = Bits::of(frame);
-    stuffed(bits, count) + TAIL_BITS + INTERFRAME_BITS
-}
-
-/// Bits from start of frame to the first in which two frames differ.
-fn until_they_differ(one: &Frame, other: &Frame) -> u32 {
-    let ((one, len), (other, _)) = (Bits::of(one), Bits::of(other));
-    let same = (one ^ other).leading_zeros();
-    stuffed(one, len.min(same + 1))
-}
-
-/// How many bits the first `count` of `bits` take when a bit of the other kind follows each five
-/// alike. Each bit is first compared with the one before it; four agreements in a row are five
-/// alike, and the bit stuffed in turns round what the next one is compared with.
-fn stuffed(bits: u128, count: u32) -> u32 {
-    let mut same = !(bits ^ bits >> 1) & u128::MAX >> 1;
-    let mut total = count;
-    loop {
-        let fifth = (same & same >> 1 & same >> 2 & same >> 3).leading_zeros();
-        if fifth >= count {
-            return total;
-        }
-        total += 1;
-        same = (same << fifth << 1 ^ 1 << 127) >> fifth >> 1;
-    }
-}
-
-/// The bits of a frame from its start to its CRC.
-#[derive(Default)]
-struct Bits {
-    bits: u128,
-    count: u32,
-}
-
-impl Bits {
-    /// The first bit on top, and how many there are.
-    fn of(frame: &Frame) -> (u128, u32) {
-        let mut bits = Self::default();
-        bits.put(0, 1);
-        if frame.extended {
-            bits.put(frame.id >> 18, 11);
-            bits.put(0b11, 2);
-            bits.put(frame.id, 18);
-        } else {
-            bits.put(frame.id, 11);
-        }
-        bits.put(u32::from(frame.remote), 1);
-        bits.put(0, 2);
-        bits.put(u32::from(frame.len), 4);
-        if !frame.remote {
-            frame.bytes().iter().for_each(|&byte| bits.put(u32::from(byte), 8));
-        }
-        bits.put(crc(bits.bits).into(), 15);
-        (bits.bits << (128 - bits.count), bits.count)
-    }
-
-    fn put(&mut self, value: u32, width: u32) {
-        self.bits = self.bits << width | u128::from(value & ((1 << width) - 1));
-        self.count += width;
-    }
-}
-
-/// The CRC-15 of `bits`, whose leading zeros do not count.
-fn crc(bits: u128) -> u16 {
-    let bytes = bits.to_be_bytes();
-    let step = |crc: u16, byte: &u8| crc << 8 ^ CRC[usize::from((crc >> 7) as u8 ^ byte)];
-    bytes.iter().fold(0, step) & 0x7FFF
-}
-
-/// What a byte makes of the CRC.
-static CRC: [u16; 256] = {
-    let mut table = [0; 256];
-    let mut byte = 0;
-    while byte < 256 {
-        let (mut crc, mut bit) = ((byte as u16) << 7, 0);
-        while bit < 8 {
-            crc = crc << 1 ^ if crc & 0x4000 == 0 { 0 } else { 0x4599 };
-            bit += 1;
-        }
-        table[byte] = crc & 0x7FFF;
-        byte += 1;
-    }
-    table
-};

@@ -5,6 +5,8 @@
 //! believes something else broke an invariant; unless the bytes it believed were changed on the way
 //! and still passed every check of their protocol: that is a *wire collision*, and only counted.
 
+mod can;
+
 use polepair_core::explain::{Direction, Dissector};
 use polepair_core::proto;
 use polepair_core::station::Counters;
@@ -12,6 +14,8 @@ use polepair_core::time::Instant;
 
 use crate::serial_line::Label;
 use crate::world::{NodeId, WireId, World};
+pub use can::CanWatch;
+pub(crate) use can::Match;
 
 /// The longest frame of all protocols on serial lines, bytes (Modbus ASCII).
 const FRAME_MAX: usize = 513;

@@ -5,6 +5,7 @@ use std::any::Any;
 use polepair_core::axis::AnyLane;
 use polepair_core::lane::Lane;
 use polepair_core::medium::{Can, Medium, MediumKind, Stream};
+use polepair_core::mux::{BoxedLane, Mux};
 use polepair_core::profile::Profile;
 use polepair_core::proto::{self, HostOptions, Protocol};
 
@@ -44,7 +45,21 @@ pub fn lane(
 ) -> Option<Box<dyn Node>> {
     let mut maker = Maker { protocol, medium, options, axes, made: None };
     proto::visit(&mut maker);
-    maker.made
+    maker.made.and_then(node)
+}
+
+/// A program on a CAN bus: one lane for each protocol that it speaks, as one set of axes, those of
+/// the first lane first. `None` when some protocol is unknown on CAN.
+#[must_use]
+pub fn mux(lanes: &[(&str, HostOptions, Vec<(&'static Profile, u32)>)]) -> Option<Box<dyn Node>> {
+    let lane = |(protocol, options, axes): &(&str, HostOptions, Vec<_>)| {
+        let mut maker =
+            Maker { protocol, medium: MediumKind::Can, options: *options, axes, made: None };
+        proto::visit(&mut maker);
+        maker.made.and_then(|made| made.downcast::<BoxedLane>().ok()).map(|lane| *lane)
+    };
+    let lanes: Option<Vec<BoxedLane>> = lanes.iter().map(lane).collect();
+    Some(Box::new(CanHostLane(Box::new(Mux::new(lanes?)?))))
 }
 
 struct Lister(Vec<Spoken>);
@@ -66,7 +81,7 @@ struct Maker<'a> {
     medium: MediumKind,
     options: HostOptions,
     axes: &'a [(&'static Profile, u32)],
-    made: Option<Box<dyn Node>>,
+    made: Option<Box<dyn Any>>,
 }
 
 impl proto::Visitor for Maker<'_> {
@@ -83,7 +98,7 @@ impl proto::Visitor for Maker<'_> {
         });
         let lane: Box<dyn AnyLane<P::Medium>> =
             Box::new(Lane::<P::Medium, P::Host>::new(P::host(&self.options, &addresses), drivers));
-        self.made = node(Box::new(lane));
+        self.made = Some(Box::new(lane));
     }
 }
 

@@ -7,13 +7,19 @@
 //! running that seed again gives the same history.
 
 mod axis;
+mod bus;
 mod client;
 mod inert;
 mod scene;
+mod stranger;
 mod witness;
 
+use std::collections::BTreeMap;
+
+use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
 
+use crate::can_bus::CanMade;
 use crate::check::Violation;
 use crate::fault::Made;
 
@@ -52,6 +58,15 @@ pub struct Report {
     pub copies_taken: u64,
     /// The faults made.
     pub made: Made,
+    /// Those made on CAN buses.
+    pub made_on_can: CanMade,
+    /// Copies taken on CAN, by the protocol whose replies cannot be told from copies.
+    pub copies_on: BTreeMap<&'static str, u64>,
+    /// Verbs that were reported as done though the drive missed their frame, by the protocol that
+    /// has no answer for them.
+    pub untold_on: BTreeMap<&'static str, u64>,
+    /// Verbs executed twice because their frame was taken twice.
+    pub repeated: u64,
     /// Supplies cut and given back.
     pub resets: u64,
     /// Cables pulled and plugged.
@@ -77,6 +92,14 @@ impl Report {
         self.requests_collided += other.requests_collided;
         self.copies_taken += other.copies_taken;
         self.made.add(&other.made);
+        self.made_on_can.add(&other.made_on_can);
+        for (protocol, copies) in &other.copies_on {
+            *self.copies_on.entry(protocol).or_default() += copies;
+        }
+        for (protocol, verbs) in &other.untold_on {
+            *self.untold_on.entry(protocol).or_default() += verbs;
+        }
+        self.repeated += other.repeated;
         self.resets += other.resets;
         self.cuts += other.cuts;
         self.violations.extend(other.violations.iter().cloned());
@@ -98,18 +121,18 @@ impl Report {
     }
 }
 
-/// Lives through the world of a seed and tells everything: who asks what and how it ends, what
+/// Lives through the world of a seed and tells everything: what is in it, who asks what and how it ends, what
 /// breaks, and every byte that is heard.
-pub fn replay(seed: u64, tell: &mut dyn FnMut(&str)) -> Report {
-    let mut scene = scene::Scene::new(seed);
+pub fn replay(medium: MediumKind, seed: u64, tell: &mut dyn FnMut(&str)) -> Report {
+    let mut scene = scene::Scene::new(medium, seed);
     scene.keep_diary();
     scene.tell(tell)
 }
 
-/// Lives through the world of a seed. A panic anywhere in it breaks I8.
+/// Lives through the world that a seed makes of serial wires, or of a CAN bus. A panic anywhere in it breaks I8.
 #[must_use]
-pub fn run(seed: u64) -> Report {
-    std::panic::catch_unwind(|| scene::Scene::new(seed).live()).unwrap_or_else(|reason| {
+pub fn run(medium: MediumKind, seed: u64) -> Report {
+    std::panic::catch_unwind(|| scene::Scene::new(medium, seed).live()).unwrap_or_else(|reason| {
         let text = reason.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| reason.downcast_ref::<&str>().copied());
         let what = format!("panic: {}", text.unwrap_or("without words"));

@@ -1,6 +1,6 @@
 //! The world with tiny stations: a caller that asks and an answerer that repeats.
 
-use polepair_core::medium::{Parity, SerialLine, Stream};
+use polepair_core::medium::{MediumKind, Parity, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
 
@@ -219,12 +219,13 @@ fn random_numbers_are_the_published_ones() {
 
 /// The swarm's seeds that every test run lives through; `cargo xtask swarm` goes on from there.
 const SEEDS: u64 = 500;
+const CAN_SEEDS: u64 = 300;
 
 #[test]
 fn seeded_worlds_keep_every_invariant() {
     let mut total = Report::default();
     for seed in 1..=SEEDS {
-        total.add(&swarm::run(seed));
+        total.add(&swarm::run(MediumKind::Serial, seed));
     }
     assert!(total.requests > 100 * SEEDS && total.made.bytes > SEEDS, "{total:?}");
     let told: Vec<_> = total.violations.iter().map(ToString::to_string).collect();
@@ -232,8 +233,21 @@ fn seeded_worlds_keep_every_invariant() {
 }
 
 #[test]
+fn seeded_buses_keep_every_invariant() {
+    let mut total = Report::default();
+    for seed in 1..=CAN_SEEDS {
+        total.add(&swarm::run(MediumKind::Can, seed));
+    }
+    assert!(total.requests > 100 * CAN_SEEDS && total.made_on_can.errors > CAN_SEEDS, "{total:?}");
+    let told: Vec<_> = total.violations.iter().map(ToString::to_string).collect();
+    assert!(told.is_empty(), "{}", told.join("\n"));
+}
+
+#[test]
 fn a_seed_has_one_history() {
     for seed in [3, 8, 44] {
-        assert_eq!(swarm::run(seed), swarm::run(seed));
+        for medium in [MediumKind::Serial, MediumKind::Can] {
+            assert_eq!(swarm::run(medium, seed), swarm::run(medium, seed));
+        }
     }
 }

@@ -19,11 +19,11 @@
 mod can;
 mod outside;
 
-use polepair_core::medium::{CanLine, MediumKind, STREAM_UNIT_MAX, SerialLine};
+use polepair_core::medium::{CanLine, Frame, MediumKind, STREAM_UNIT_MAX, SerialLine};
 use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
-use crate::can_bus::CanBus;
+use crate::can_bus::{CanBus, Mark, Role};
 use crate::fault::{Faults, Made};
 use crate::node::Node;
 use crate::queue::Queue;
@@ -37,6 +37,9 @@ const TRANSMISSIONS_MAX: usize = 64;
 const SAME_INSTANT_MAX: u32 = 1_000;
 /// How long such a node waits.
 const SPIN_PAUSE_NS: u64 = 1_000_000;
+/// How long a node waits that wants to send, while its CAN controller takes nothing more; unless
+/// that has room before.
+const HELD_UP_NS: u64 = 1_000_000;
 
 /// A node of a world.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -72,19 +75,44 @@ pub struct Knowledge {
     pub heard_others: Label,
 }
 
-/// Bytes that somebody heard on a serial wire.
+/// What somebody heard.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Heard {
-    /// When the last of them arrived.
+    /// When it had arrived.
     pub at: Instant,
     /// On which wire.
     pub wire: WireId,
     /// Who; `None` for an outside end.
     pub by: Option<NodeId>,
-    /// The bytes.
-    pub bytes: Vec<u8>,
-    /// What the world knows of them.
-    pub label: Label,
+    /// What it was.
+    pub carried: Carried,
+}
+
+/// Bytes or a frame, and what the world knows of them.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Carried {
+    /// Bytes on a serial wire.
+    Bytes(Vec<u8>, Label),
+    /// A frame on a CAN bus.
+    Frame(Frame, Mark),
+}
+
+impl std::fmt::Display for Carried {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Bytes(bytes, Label { tag, answers, tainted, .. }) => {
+                let changed = if *tainted { " changed" } else { "" };
+                write!(f, "{bytes:02X?} = {tag} to {answers}{changed}")
+            }
+            Self::Frame(frame, mark) => {
+                let strange = if mark.strange { " strange" } else { "" };
+                let copy = if mark.copy { " again" } else { "" };
+                write!(f, "{frame} = {}", mark.tag)?;
+                mark.answers.map_or(Ok(()), |(tag, _)| write!(f, " to {tag}"))?;
+                write!(f, "{strange}{copy}")
+            }
+        }
+    }
 }
 
 /// Drives, hosts and wires under one virtual clock.
@@ -210,19 +238,19 @@ impl World {
     /// Plugs the host's end of `wire` into a node's port. On RS-232 everybody else hears the host
     /// only; an echoing adapter is the host's.
     pub fn plug_host(&mut self, wire: WireId, node: NodeId, port: u8) {
-        self.plug(wire, Party::Node(node.0, port), true);
+        self.plug(wire, Party::Node(node.0, port), Role::Host);
     }
 
     /// Plugs a drive's port into `wire`.
     pub fn plug_drive(&mut self, wire: WireId, node: NodeId, port: u8) {
-        self.plug(wire, Party::Node(node.0, port), false);
+        self.plug(wire, Party::Node(node.0, port), Role::Drive);
     }
 
     /// Takes the host's end of `wire` out of the world.
     pub fn open(&mut self, wire: WireId) -> EndId {
         self.ends.push(Outside::default());
         let end = self.ends.len() - 1;
-        let plug = self.plug(wire, Party::Outside(end), true);
+        let plug = self.plug(wire, Party::Outside(end), Role::Host);
         self.ends[end].place = (wire.0, plug);
         EndId(end)
     }
@@ -244,8 +272,7 @@ impl World {
     /// What the world knows about a node's place on a serial wire.
     #[must_use]
     pub fn knowledge(&self, wire: WireId, node: NodeId) -> Knowledge {
-        let wire = &self.wires[wire.0];
-        let at = wire.plugs.iter().position(|p| matches!(p, Party::Node(n, _) if *n == node.0));
+        let (at, wire) = (self.place_of(wire, node), &self.wires[wire.0]);
         match (&wire.kind, at) {
             (Kind::Serial(serial), Some(at)) => {
                 let plug = &serial.plugs[at];
@@ -356,6 +383,7 @@ enum Due {
     Chunk(usize, Ears),
     Start(usize),
     Frame(usize),
+    Late(usize, usize),
     Recovery(usize, usize),
 }
 
@@ -383,10 +411,15 @@ enum Party {
 }
 
 impl World {
+    /// A node's place on a wire.
+    fn place_of(&self, wire: WireId, node: NodeId) -> Option<usize> {
+        let plugs = &self.wires[wire.0].plugs;
+        plugs.iter().position(|p| matches!(p, Party::Node(n, _) if *n == node.0))
+    }
+
     fn memory(&self, wire: WireId, node: NodeId) -> Option<&Memory> {
-        let wire = &self.wires[wire.0];
-        let at = wire.plugs.iter().position(|p| matches!(p, Party::Node(n, _) if *n == node.0))?;
-        match &wire.kind {
+        let at = self.place_of(wire, node)?;
+        match &self.wires[wire.0].kind {
             Kind::Serial(serial) => Some(&serial.plugs[at].memory),
             Kind::Can(_) => None,
         }
@@ -399,10 +432,10 @@ impl World {
         }
     }
 
-    fn plug(&mut self, wire: WireId, party: Party, head: bool) -> usize {
+    fn plug(&mut self, wire: WireId, party: Party, role: Role) -> usize {
         let at = match &mut self.wires[wire.0].kind {
-            Kind::Serial(serial) => serial.plug(head),
-            Kind::Can(bus) => bus.plug(),
+            Kind::Serial(serial) => serial.plug(role == Role::Host),
+            Kind::Can(bus) => bus.plug(role),
         };
         self.wires[wire.0].plugs.push(party);
         if let Party::Node(node, port) = party {
@@ -425,6 +458,7 @@ impl World {
             Due::Chunk(at, ears) => self.chunk_arrives(at, ears),
             Due::Start(wire) => self.start_frame(wire),
             Due::Frame(wire) => self.frame_arrives(wire),
+            Due::Late(wire, plug) => self.late_arrives(wire, plug),
             Due::Recovery(wire, plug) => self.recover(wire, plug),
         }
     }
@@ -469,8 +503,9 @@ impl World {
                     Party::Node(node, _) => Some(NodeId(node)),
                     Party::Outside(_) => None,
                 };
-                let (at, wire, bytes) = (self.now, WireId(chunk.wire), self.heard.clone());
-                log.push(Heard { at, wire, by, bytes, label });
+                let (at, wire) = (self.now, WireId(chunk.wire));
+                let carried = Carried::Bytes(self.heard.clone(), label);
+                log.push(Heard { at, wire, by, carried });
             }
             self.hand_over(party, broken);
         }
@@ -550,9 +585,12 @@ impl World {
     }
 
     fn arm(&mut self, node: usize) {
-        let slot = &mut self.nodes[node];
-        let Some(wanted) = slot.node.poll_timeout() else { return };
+        let Some(wanted) = self.nodes[node].node.poll_timeout() else { return };
         let mut at = wanted.max(self.now);
+        if at == self.now && self.same_instant > 0 && self.is_held_up(node) {
+            at = self.now.plus_ns(HELD_UP_NS);
+        }
+        let slot = &mut self.nodes[node];
         if self.same_instant >= SAME_INSTANT_MAX && at == self.now {
             at = self.now.plus_ns(SPIN_PAUSE_NS);
             self.spins += 1;

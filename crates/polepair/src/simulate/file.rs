@@ -27,7 +27,7 @@
 //! name = "bus"
 //! kind = "can"
 //! bitrate = 500000                # optional: the factory's; 0 for a bus without bit timing
-//! faults = { error = 1e-3, twice = 0, lose = 0 }   # chances for each frame
+//! faults = { error = 1e-3, twice = 0, lose = 0, late = 0, latest_ms = 100, cut = 0 }   # a frame
 //! ```
 
 use super::{DRIVES_MAX, Description, Wire, drive_of};
@@ -60,7 +60,9 @@ const DRIVE_KEYS: [&str; 10] = [
 ];
 /// Keys that are places of switches, in the order of [`Act::Switch`].
 const SWITCH_KEYS: [&str; 3] = ["home", "limit_high", "limit_low"];
-const CAN_FAULT_KEYS: [&str; 3] = ["error", "twice", "lose"];
+const CAN_FAULT_KEYS: [&str; 6] = ["error", "twice", "lose", "late", "latest_ms", "cut"];
+/// When a late frame comes at the latest, unless it is said, ms.
+const CAN_LATEST_MS: i64 = 100;
 const FAULT_KEYS: [&str; 15] = [
     "seed",
     "flip",
@@ -298,7 +300,16 @@ fn can_faults(node: &Node<'_, '_>) -> Result<CanFaults, FileError> {
         return Ok(CanFaults::default());
     };
     let chance = |key| chance(&table, key);
-    Ok(CanFaults { error: chance("error")?, twice: chance("twice")?, lose: chance("lose")? })
+    let latest = table.between("latest_ms", 0, 10_000)?.unwrap_or(CAN_LATEST_MS);
+    Ok(CanFaults {
+        error: chance("error")?,
+        twice: chance("twice")?,
+        lose: chance("lose")?,
+        late: chance("late")?,
+        latest_ms: latest as u32,
+        cut: chance("cut")?,
+        echo: false,
+    })
 }
 
 fn chance(table: &Node<'_, '_>, key: &str) -> Result<Ppm, FileError> {

@@ -6,7 +6,8 @@ use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
 
-use super::{CanFaults, bits_on_wire, until_they_differ};
+use super::CanFaults;
+use super::bits::{on_wire as bits_on_wire, until_they_differ};
 use crate::node::LoneCan;
 use crate::random::{Ppm, Random};
 use crate::world::{NodeId, WireId, World};

@@ -9,6 +9,7 @@ use polepair_core::time::Instant;
 
 use super::inert::Inert;
 use super::witness::{Found, Witness};
+use crate::can_bus::Standing;
 use crate::check::{Possible, Violation};
 use crate::random::{Ppm, Random};
 use crate::world::{NodeId, World};
@@ -46,6 +47,8 @@ pub struct Open {
     pub what: What,
     pub since: Instant,
     before: Truth,
+    /// What the wire had done by then: see [`Toll`].
+    toll: Toll,
     /// The drive lost its supply, or took a changed request as good, meanwhile.
     pub doubtful: bool,
 }
@@ -56,6 +59,7 @@ pub struct Axis {
     pub index: AxisIndex,
     pub drive: NodeId,
     pub profile: &'static Profile,
+    pub protocol: &'static str,
     pub open: Vec<Open>,
     inert: Vec<(Inert, Possible)>,
     /// Position reported minus position true, while it is known to be constant.
@@ -67,6 +71,26 @@ pub struct Axis {
     pub judged: u32,
     /// The drive may have done something that nobody asked for.
     pub spoiled: bool,
+    /// And may no longer be where it was: at another address or baud rate.
+    pub elsewhere: bool,
+    /// Strangers' frames that its drive may have obeyed so far.
+    pub misled: u64,
+    /// Another drive of the same address is on the wire.
+    pub twinned: bool,
+    toll: Toll,
+    /// Verbs executed twice, because their frame was taken twice: nothing tells it from two.
+    pub repeated: u64,
+    /// Verbs that count as done, though the drive missed their frame: nothing tells the host.
+    pub untold: u64,
+}
+
+/// What a bus did so far to the frames of an axis.
+#[derive(Clone, Copy, Debug, Default)]
+struct Toll {
+    /// Frames of the host that were taken twice.
+    doubled: u64,
+    /// Frames of hosts that the drive did not get.
+    missed: u64,
 }
 
 impl Axis {
@@ -74,6 +98,7 @@ impl Axis {
         index: AxisIndex,
         drive: NodeId,
         profile: &'static Profile,
+        protocol: &'static str,
         inert: &[Inert],
     ) -> Self {
         let inert = inert.iter().map(|i| (*i, Possible::ANY)).collect();
@@ -82,6 +107,7 @@ impl Axis {
             index,
             drive,
             profile,
+            protocol,
             open,
             inert,
             offset: None,
@@ -89,6 +115,12 @@ impl Axis {
             armed: false,
             judged: 0,
             spoiled: false,
+            elsewhere: false,
+            misled: 0,
+            twinned: false,
+            toll: Toll::default(),
+            repeated: 0,
+            untold: 0,
         }
     }
 
@@ -112,9 +144,22 @@ impl Axis {
     }
 
     /// What must hold of drive and host after every event.
-    pub fn after(&mut self, world: &mut World, host: NodeId) -> Option<Violation> {
+    pub fn after(
+        &mut self,
+        world: &mut World,
+        host: NodeId,
+        (own, drives): (Option<&Standing>, Option<Standing>),
+    ) -> Option<Violation> {
         let truth = self.truth(world);
-        let going = self.open.iter().any(|open| is_start(open.what));
+        // What a controller holds cannot be called back.
+        let waits = own.is_some_and(|standing| standing.waits);
+        let going = waits || self.open.iter().any(|open| is_start(open.what));
+        let toll = Toll {
+            doubled: own.map_or(0, |standing| standing.doubled),
+            missed: drives.map_or(0, |standing| standing.missed),
+        };
+        self.witness.doubled(toll.doubled - self.toll.doubled);
+        self.toll = toll;
         let found = self.witness.look(world.now(), truth, going || self.spoiled);
         let found = found.or_else(|| self.jumped(&truth)).or_else(|| {
             let armed = world.look(host, |n, _| n.axes()?.state(self.index).map(|s| s.armed));
@@ -230,7 +275,7 @@ impl Axis {
                 self.witness.asked(world.now(), &before, by.and_then(|c| c.target));
             }
             let since = world.now();
-            self.open.push(Open { ticket, what, since, before, doubtful: false });
+            self.open.push(Open { ticket, what, since, before, toll: self.toll, doubtful: false });
         }
         self.armed = armed;
         taken.is_some()
@@ -268,7 +313,7 @@ impl Axis {
     fn read(&mut self, n: usize, raw: i64, doubtful: bool) -> Result<(), (&'static str, String)> {
         let (inert, possible) = &mut self.inert[n];
         let known = possible.clone();
-        if doubtful {
+        if doubtful || self.twinned {
             // The answer may be older than what made it doubtful.
             *possible = Possible::ANY;
             return Ok(());
@@ -338,14 +383,20 @@ impl Axis {
         }
         let executed = after.unrepeatable.saturating_sub(open.before.unrepeatable);
         let once = verb.is_move() || matches!(verb, Verb::Velocity | Verb::Torque);
-        if executed > 1 && once {
+        let copies = self.toll.doubled - open.toll.doubled;
+        if executed > 1 && once && executed <= 1 + copies {
+            self.repeated += 1;
+        } else if executed > 1 && once {
             return Err(("I2", format!("{} was executed {executed} times", verb.name())));
         }
         let never = matches!(outcome, Outcome::NotDone(Failure::Silent | Failure::Misbehaved));
         if verb == Verb::MoveBy && never && executed != 0 {
             return Err(("I3", format!("move-by was executed, but ended as {outcome:?}")));
         }
-        if verb == Verb::MoveBy && matches!(outcome, Outcome::Done(_)) && executed == 0 {
+        let done = verb == Verb::MoveBy && matches!(outcome, Outcome::Done(_)) && executed == 0;
+        if done && self.toll.missed > open.toll.missed {
+            self.untold += 1;
+        } else if done {
             return Err(("I3", "move-by ended as done, but was not executed".into()));
         }
         Ok(())

@@ -1,12 +1,13 @@
 //! Who asks: one host's user, who reads, writes, moves and stops at random and keeps the books.
 
 use polepair_core::error::{Failure, Outcome};
+use polepair_core::medium::MediumKind;
 use polepair_core::station::{Counters, Ticket};
 use polepair_core::time::Instant;
 
 use super::axis::{Axis, What};
 use super::{RECOVERY_MS, Report};
-use crate::check::{Violation, Watch};
+use crate::check::{CanWatch, Match, Violation, Watch};
 use crate::random::Random;
 use crate::world::{NodeId, WireId, World};
 
@@ -18,9 +19,12 @@ const PATIENCE_MS: u32 = 120_000;
 pub struct Client {
     pub host: NodeId,
     pub wire: WireId,
+    pub medium: MediumKind,
     pub axes: Vec<Axis>,
     pub next_at: Instant,
-    watch: Watch,
+    watch: Judge,
+    /// How often the host's controller went bus-off so far.
+    off: u64,
     random: Random,
     tickets: u32,
     /// Longest time between two questions, µs.
@@ -33,20 +37,46 @@ pub struct Client {
     calm_at: Instant,
 }
 
+/// Why a value may be wrong.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Excuse {
+    /// A second copy was taken for the answer.
+    Copy,
+    /// What nobody sent passed every check.
+    Collision,
+}
+
+/// Who judges the host, by its medium.
+#[derive(Debug)]
+enum Judge {
+    Serial(Box<Watch>),
+    Can(Box<CanWatch>),
+}
+
 impl Client {
     pub fn new(
+        world: &World,
         host: NodeId,
         wire: WireId,
-        protocol: &str,
         axes: Vec<Axis>,
-        mut random: Random,
+        random: &mut Random,
     ) -> Self {
+        let (mut random, medium) = (random.fork(), world.medium(wire));
+        let protocol = axes.first().map_or("", |axis| axis.protocol);
+        let watch = match medium {
+            MediumKind::Serial => Judge::Serial(Box::new(Watch::new(host, wire, protocol))),
+            MediumKind::Can => {
+                Judge::Can(Box::new(CanWatch::new(host, wire, world.bit_rate(wire))))
+            }
+        };
         Self {
             host,
             wire,
+            medium,
             axes,
             next_at: Instant::ZERO,
-            watch: Watch::new(host, wire, protocol),
+            watch,
+            off: 0,
             tickets: 0,
             think_us: random.pick(&[500, 5_000, 50_000]),
             open_max: random.between(1, 6) as usize,
@@ -54,6 +84,13 @@ impl Client {
             calm_at: Instant::FAR,
             random,
         }
+    }
+
+    /// Others are on the wire too, who must get a word in: at most `open_max` questions, one in so
+    /// many µs.
+    pub fn share(&mut self, think_us: u64, open_max: usize) {
+        self.think_us = self.think_us.max(think_us);
+        self.open_max = self.open_max.min(open_max);
     }
 
     /// The faults have ended: from `now` plus the time to recover on everything must work.
@@ -92,9 +129,15 @@ impl Client {
 
     /// Checks everything after an event that touched this host.
     pub fn after(&mut self, world: &mut World, report: &mut Report) {
+        let standing = world.standing(self.wire, self.host);
+        if let Some(standing) = standing.filter(|standing| standing.off > self.off) {
+            self.off = standing.off;
+            self.disarmed();
+        }
         self.notice_spoiling(world, report);
         for axis in &mut self.axes {
-            report.violations_of(axis.after(world, self.host));
+            let standings = (standing.as_ref(), world.standing(self.wire, axis.drive));
+            report.violations_of(axis.after(world, self.host, standings));
         }
         let mut ends = Vec::new();
         while let Some(end) =
@@ -102,37 +145,88 @@ impl Client {
         {
             ends.push(end);
         }
-        let gave_up = ends.iter().any(|(_, outcome)| {
-            matches!(
-                outcome,
-                Outcome::NotDone(Failure::Silent | Failure::Misbehaved)
-                    | Outcome::Unknown(Failure::Silent | Failure::Misbehaved)
-            )
-        });
-        let copies = self.watch.copies_taken;
-        report.violations_of(self.watch.after(world, gave_up));
-        if self.watch.copies_taken > copies {
-            // What came of it is no knowledge, right or wrong.
-            self.axes.iter_mut().for_each(Axis::forget);
-        }
+        self.judge(world, report, &ends);
         for (ticket, outcome) in ends {
             self.ended(world, report, ticket, outcome);
         }
     }
 
-    /// A drive that answers after bytes were changed may have taken them for a request.
+    fn judge(&mut self, world: &mut World, report: &mut Report, ends: &[(Ticket, Outcome)]) {
+        let gave_up: Vec<_> = ends
+            .iter()
+            .filter(|(_, outcome)| {
+                matches!(
+                    outcome,
+                    Outcome::NotDone(Failure::Silent | Failure::Misbehaved)
+                        | Outcome::Unknown(Failure::Silent | Failure::Misbehaved)
+                )
+            })
+            .collect();
+        let copied = match &mut self.watch {
+            Judge::Serial(watch) => {
+                let copies = watch.copies_taken;
+                report.violations_of(watch.after(world, !gave_up.is_empty()));
+                watch.copies_taken > copies
+            }
+            Judge::Can(watch) => {
+                let has = |axis: &&Axis, t| axis.open.iter().any(|open| open.ticket == t);
+                let drive = |t| self.axes.iter().find(|axis| has(axis, t)).map(|axis| axis.drive);
+                let drives: Vec<_> = gave_up.iter().filter_map(|(t, _)| drive(*t)).collect();
+                let believed = (watch.copies_taken, watch.strange_taken);
+                report.violations_of(watch.after(world, &drives));
+                let copied = watch.copies_taken > believed.0;
+                if copied {
+                    let from = watch.last_from;
+                    let place = |a: &Axis| world.standing(self.wire, a.drive).map(|s| s.plug);
+                    let whose = self.axes.iter().find(|axis| place(axis) == Some(from));
+                    let protocol = whose.map_or("a twin", |axis| axis.protocol);
+                    *report.copies_on.entry(protocol).or_default() += 1;
+                }
+                report.wire_collisions += watch.strange_taken - believed.1;
+                copied || watch.strange_taken > believed.1
+            }
+        };
+        if copied {
+            // What came of it is no knowledge, right or wrong.
+            self.axes.iter_mut().for_each(Axis::forget);
+        }
+    }
+
+    /// A drive that answers after bytes were changed may have taken them for a request; and on CAN
+    /// one may have taken a stranger's frame.
     fn notice_spoiling(&mut self, world: &World, report: &mut Report) {
         for axis in &mut self.axes {
-            let sent = world.knowledge(self.wire, axis.drive).sent;
-            if sent.tag == axis.judged {
-                continue;
-            }
-            axis.judged = sent.tag;
-            if sent.tainted && self.watch.misled(world, axis.drive) {
+            let misled = match &self.watch {
+                Judge::Serial(watch) => {
+                    let sent = world.knowledge(self.wire, axis.drive).sent;
+                    let fresh = std::mem::replace(&mut axis.judged, sent.tag) != sent.tag;
+                    fresh && sent.tainted && watch.misled(world, axis.drive)
+                }
+                Judge::Can(_) => {
+                    let misled = world.standing(self.wire, axis.drive).map_or(0, |s| s.misled);
+                    std::mem::replace(&mut axis.misled, misled) != misled
+                }
+            };
+            if misled {
                 report.requests_collided += 1;
-                axis.spoiled = true;
+                (axis.spoiled, axis.elsewhere) = (true, true);
                 axis.forget();
             }
+        }
+    }
+
+    /// Whether a wrong value comes of what no host can tell.
+    fn excuses(&self, world: &World) -> Option<Excuse> {
+        match &self.watch {
+            Judge::Serial(watch) if watch.last_match_copied => Some(Excuse::Copy),
+            Judge::Serial(watch) => {
+                (watch.last_match_tainted && watch.collided(world)).then_some(Excuse::Collision)
+            }
+            Judge::Can(watch) => match watch.last_match {
+                Match::Sound => None,
+                Match::Copied | Match::Unknown => Some(Excuse::Copy),
+                Match::Strange => Some(Excuse::Collision),
+            },
         }
     }
 
@@ -143,6 +237,7 @@ impl Client {
             Outcome::NotDone(_) => report.not_done += 1,
             Outcome::Unknown(_) => report.unknown += 1,
         }
+        let excuse = self.excuses(world);
         let owner = self.axes.iter_mut().find(|a| a.open.iter().any(|o| o.ticket == ticket));
         let at = world.now();
         let Some(axis) = owner else {
@@ -152,14 +247,15 @@ impl Client {
         let open = axis.open.iter().find(|o| o.ticket == ticket).copied();
         if let Err((invariant, what)) = axis.ended(world, self.host, ticket, outcome) {
             let name = axis.profile.name;
-            if self.watch.last_match_copied {
-                axis.forget();
-            } else if self.watch.last_match_tainted && self.watch.collided(world) {
-                report.wire_collisions += 1;
-                axis.forget();
-            } else {
-                let what = format!("{name} {:?}: {what}", axis.index);
-                report.violations_of([Violation { invariant, at, what }]);
+            match excuse {
+                Some(excuse) => {
+                    report.wire_collisions += u64::from(excuse == Excuse::Collision);
+                    axis.forget();
+                }
+                None => {
+                    let what = format!("{name} {:?}: {what}", axis.index);
+                    report.violations_of([Violation { invariant, at, what }]);
+                }
             }
         }
         let must_work = self.sound || open.is_some_and(|o| o.since >= self.calm_at);
@@ -167,7 +263,7 @@ impl Client {
         let cancelled = outcome == Outcome::NotDone(Failure::Cancelled);
         let answered = cancelled || matches!(outcome, Outcome::Done(_));
         let question = matches!(open.map(|o| o.what), Some(What::Read(_) | What::Look(..)));
-        if must_work && question && !answered && !axis.spoiled {
+        if must_work && question && !answered && !axis.elsewhere {
             let what =
                 format!("{} {:?}: {open:?} ended as {outcome:?}", axis.profile.name, axis.index);
             let invariant = if self.sound { "I9" } else { "I11" };
@@ -186,9 +282,15 @@ impl Client {
         let counters: Option<Counters> =
             world.look(self.host, |n, _| n.axes().map(|a| a.counters()));
         report.requests += counters.unwrap_or_default().sent;
-        report.made.add(&world.made(self.wire));
-        report.copies_taken += self.watch.copies_taken;
+        report.copies_taken += match &self.watch {
+            Judge::Serial(watch) => watch.copies_taken,
+            Judge::Can(watch) => watch.copies_taken,
+        };
         for axis in &self.axes {
+            report.repeated += axis.repeated;
+            if axis.untold > 0 {
+                *report.untold_on.entry(axis.protocol).or_default() += axis.untold;
+            }
             report.starts += axis.truth(world).starts;
         }
         for open in self.axes.iter().flat_map(|axis| &axis.open) {

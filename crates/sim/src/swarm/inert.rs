@@ -7,9 +7,10 @@
 use std::collections::HashMap;
 use std::sync::{Mutex, OnceLock};
 
-use polepair_core::axis::Axes;
+use polepair_core::axis::{Axes, Command, Verb};
 use polepair_core::drives::bench::Act;
 use polepair_core::error::Outcome;
+use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::plan::{Compare, Step};
 use polepair_core::profile::{Access, ParameterId, Persistence, Profile};
 use polepair_core::proto::{HostOptions, Wire};
@@ -24,6 +25,16 @@ use crate::world::{NodeId, World};
 const INERT_MAX: usize = 12;
 /// Parameters of a product that are tried.
 const TRIALS_MAX: usize = 60;
+/// What a drive is made to do in a trial.
+const TURNS: [Verb; 7] = [
+    Verb::Enable,
+    Verb::MoveBy,
+    Verb::MoveTo,
+    Verb::Velocity,
+    Verb::Home,
+    Verb::Stop,
+    Verb::Disable,
+];
 /// The only axis of a trial.
 const AXIS: AxisIndex = AxisIndex(0);
 
@@ -37,13 +48,15 @@ pub struct Inert {
     pub wanted: &'static [i64],
 }
 
-type Known = HashMap<(&'static str, &'static str), &'static [Inert]>;
+type Known = HashMap<(&'static str, MediumKind, &'static str), &'static [Inert]>;
 
 /// The inert parameters of a product on a protocol; found once per process.
 pub fn inert(spoken: &Spoken, profile: &'static Profile) -> &'static [Inert] {
     static KNOWN: OnceLock<Mutex<Known>> = OnceLock::new();
     let mut known = KNOWN.get_or_init(Mutex::default).lock().unwrap_or_else(|e| e.into_inner());
-    known.entry((spoken.name, profile.name)).or_insert_with(|| find(spoken, profile).leak())
+    known
+        .entry((spoken.name, spoken.medium, profile.name))
+        .or_insert_with(|| find(spoken, profile).leak())
 }
 
 fn find(spoken: &Spoken, profile: &'static Profile) -> Vec<Inert> {
@@ -84,6 +97,11 @@ fn try_one(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Optio
         desk.write(id, value)?;
         (desk.read(id)? == value).then_some(())?;
     }
+    // A drive may change a flag of it by itself as it moves.
+    let flags = (min..=max).rev().find(|raw| (raw + 1).count_ones() == 1).unwrap_or(max);
+    desk.write(id, flags)?;
+    desk.turn();
+    (desk.read(id)? == flags).then_some(())?;
     desk.write(id, max)?;
     desk.power_cycle();
     desk.read(id)?;
@@ -114,7 +132,10 @@ struct Desk {
 impl Desk {
     fn new(spoken: &Spoken, profile: &'static Profile) -> Option<Self> {
         let mut world = World::new(0);
-        let wire = world.serial(Serial::RS232);
+        let wire = match spoken.medium {
+            MediumKind::Serial => world.serial(Serial::RS232),
+            MediumKind::Can => world.can(CanLine { bit_rate: spoken.baud }),
+        };
         let mut spec = RackDrive::new(profile, spoken.name);
         spec.address = Some(spoken.first_address);
         let drive = spec.build(&mut world, wire, false).ok()?;
@@ -153,6 +174,18 @@ impl Desk {
             }
         }
         None
+    }
+
+    /// Has the drive do whatever it does as it comes from the factory.
+    fn turn(&mut self) {
+        for verb in TURNS {
+            let (target, velocity) = (Some(1.0), Some(1.0));
+            let command = Command { target, velocity, ..Command::new(verb) };
+            self.ask(|axes, now| {
+                axes.arm(AXIS, true);
+                axes.command(now, Ticket(0), AXIS, command).ok()
+            });
+        }
     }
 
     fn power_cycle(&mut self) {

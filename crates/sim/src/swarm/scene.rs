@@ -11,66 +11,102 @@ use super::axis::Axis;
 use super::client::Client;
 use super::inert::{host_options, inert};
 use super::{RECOVERY_MS, Report};
+use crate::can_bus::CanFaults;
 use crate::check::Violation;
 use crate::fault::Faults;
 use crate::host::{self, Spoken};
 use crate::rack::RackDrive;
 use crate::random::{Ppm, Random};
 use crate::serial_line::{Duplex, Serial};
-use crate::world::{Happening, Heard, World};
+use crate::world::{Happening, Heard, NodeId, WireId, World};
 
 /// Links in a world, drives on a link.
 const LINKS_MAX: i64 = 3;
 const DRIVES_MAX: i64 = 3;
 /// When faults begin, and for how long there may be faults, ms.
-const BEGIN_MS: u32 = 500;
+pub(super) const BEGIN_MS: u32 = 500;
 const STORM_MS: i64 = 6_000;
 /// How long everything must work after the time to recover, ms.
 const CALM_MS: u32 = 500;
 /// A late reply comes within so many times the host's patience: what a profile promises at most.
-const LATEST_IN_TIMEOUTS: u32 = 3;
+pub(super) const LATEST_IN_TIMEOUTS: u32 = 3;
 /// What the drive's own pauses and the host's adapter take of that, ms.
-const OWN_MS: u32 = 40;
+pub(super) const OWN_MS: u32 = 40;
 
 /// A world with its users and its calamities.
 pub struct Scene {
-    world: World,
-    clients: Vec<Client>,
+    pub(super) world: World,
+    pub(super) wires: Vec<WireId>,
+    pub(super) clients: Vec<Client>,
     calamities: Vec<(Instant, Calamity)>,
-    calm_at: Instant,
+    pub(super) calm_at: Instant,
     report: Report,
+    /// What is in the world, and what will break in it.
+    contents: Vec<String>,
 }
 
+/// What breaks. The first number is the client whom it hits, or one of those on the bus.
 #[derive(Clone, Copy, Debug)]
-enum Calamity {
-    /// The wire of that client begins to do its worst.
+pub(super) enum Calamity {
+    /// The client's serial wire begins to do its worst.
     Storm(usize, Faults),
-    /// The host's port of that client is set to another baud rate, or to the right one again.
+    /// The client's bus begins to do its worst.
+    Disturb(usize, CanFaults),
+    /// The host's port is set to another baud rate, or to the right one again (F13).
     Baud(usize, u32),
-    /// The cable of that client is pulled, or plugged.
+    /// The cable is pulled, or plugged.
     Cut(usize, bool),
-    /// A drive of that client loses its supply for a moment.
+    /// A drive loses its supply for a moment (F14).
     Reset(usize, usize),
+    /// The host's controller, or that of a drive, goes bus-off (F9).
+    Off(usize, Option<usize>),
+    /// A drive's connector is pulled from the bus, or put in again.
+    Pull(usize, usize, bool),
+    /// A second drive of a drive's address is plugged into the bus, or pulled (F8).
+    Twin(usize, usize, NodeId, bool),
 }
 
 impl Scene {
-    pub fn new(seed: u64) -> Self {
+    pub fn new(medium: MediumKind, seed: u64) -> Self {
         let mut random = Random::new(seed);
         let world = World::new(random.word());
         let calm_at = Instant::ZERO.plus_ms(BEGIN_MS + random.between(1_000, STORM_MS) as u32);
-        let report = Report { seed, ..Report::default() };
-        let calamities = Vec::new();
-        let mut scene = Self { world, clients: Vec::new(), calamities, calm_at, report };
+        let mut scene = Self {
+            world,
+            wires: Vec::new(),
+            clients: Vec::new(),
+            calamities: Vec::new(),
+            calm_at,
+            report: Report { seed, ..Report::default() },
+            contents: Vec::new(),
+        };
+        match medium {
+            MediumKind::Serial => scene.add_links(&mut random),
+            MediumKind::Can => scene.add_bus(&mut random),
+        }
+        scene.calamities.sort_by_key(|(at, _)| *at);
+        scene
+    }
+
+    fn add_links(&mut self, random: &mut Random) {
         let spoken: Vec<_> =
             host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial).collect();
         for _ in 0..random.between(1, LINKS_MAX) {
             if !spoken.is_empty() {
                 let protocol = random.pick(&spoken);
-                scene.add_link(&protocol, &mut random);
+                self.add_link(&protocol, random);
             }
         }
-        scene.calamities.sort_by_key(|(at, _)| *at);
-        scene
+    }
+
+    /// Notes something that is in the world.
+    pub(super) fn note(&mut self, what: String) {
+        self.contents.push(what);
+    }
+
+    /// Notes something that will break.
+    pub(super) fn befalls(&mut self, at: Instant, calamity: Calamity) {
+        self.calamities.push((at, calamity));
     }
 
     /// Writes down what happens.
@@ -87,11 +123,19 @@ impl Scene {
     /// The same, and tells what happens meanwhile, if a diary is kept.
     pub fn tell(mut self, tell: &mut dyn FnMut(&str)) -> Report {
         let end = self.calm_at.plus_ms(RECOVERY_MS + CALM_MS);
+        self.contents.iter().for_each(|line| tell(line));
+        for (at, calamity) in &self.calamities {
+            tell(&format!("at {:.6}: {calamity:?}", at.0 as f64 / 1e9));
+        }
         self.live_until(self.calm_at, tell);
         self.calm();
         self.live_until(end, tell);
         for client in &mut self.clients {
             client.close(&mut self.world, &mut self.report);
+        }
+        for wire in &self.wires {
+            self.report.made.add(&self.world.made(*wire));
+            self.report.made_on_can.add(&self.world.can_made(*wire));
         }
         let spins = self.world.spins();
         if spins > 0 {
@@ -136,11 +180,8 @@ impl Scene {
     fn step(&mut self) {
         let happened = self.world.step();
         for heard in self.world.take_log() {
-            let Heard { at, by, bytes, label, .. } = heard;
-            let changed = if label.tainted { " changed" } else { "" };
-            let (tag, answers) = (label.tag, label.answers);
-            self.report
-                .write(at, || format!("{by:?} hears {bytes:02X?} = {tag} to {answers}{changed}"));
+            let Heard { at, by, carried, .. } = heard;
+            self.report.write(at, || format!("{by:?} hears {carried}"));
         }
         for client in &mut self.clients {
             let touched = match happened {
@@ -171,12 +212,36 @@ impl Scene {
                 world.faults(self.clients[at].wire).into_iter().for_each(|f| f.host_baud = baud);
             }
             Calamity::Cut(at, down) => {
-                let client = &mut self.clients[at];
-                if world.cut(client.wire, down) {
-                    client.disarmed();
+                let wire = self.clients[at].wire;
+                let changes = world.cut(wire, down);
+                for client in self.clients.iter_mut().filter(|client| client.wire == wire) {
+                    if changes {
+                        client.disarmed();
+                    }
+                    client.after(world, report);
                 }
-                client.after(world, report);
                 report.cuts += u64::from(down);
+            }
+            Calamity::Disturb(at, faults) => {
+                let wire = self.clients[at].wire;
+                world.can_faults(wire).into_iter().for_each(|f| *f = faults);
+            }
+            Calamity::Off(at, which) => {
+                let client = &mut self.clients[at];
+                let node = which.map_or(client.host, |which| client.axes[which].drive);
+                world.switch_off(client.wire, node);
+                client.after(world, report);
+            }
+            Calamity::Pull(at, which, away) => {
+                let client = &self.clients[at];
+                world.pull(client.wire, client.axes[which].drive, away);
+            }
+            Calamity::Twin(at, which, twin, there) => {
+                let client = &mut self.clients[at];
+                world.pull(client.wire, twin, !there);
+                let axis = &mut client.axes[which];
+                (axis.spoiled, axis.twinned) = (true, there);
+                axis.forget();
             }
             Calamity::Reset(at, which) => {
                 let axis = &mut self.clients[at].axes[which];
@@ -190,13 +255,21 @@ impl Scene {
 
     /// Every fault ends.
     fn calm(&mut self) {
-        for client in &mut self.clients {
-            self.world.faults(client.wire).into_iter().for_each(|faults| *faults = Faults::NONE);
-            if self.world.cut(client.wire, false) {
-                client.disarmed();
+        for wire in self.wires.clone() {
+            let world = &mut self.world;
+            world.faults(wire).into_iter().for_each(|faults| *faults = Faults::NONE);
+            world.can_faults(wire).into_iter().for_each(|faults| *faults = CanFaults::default());
+            let joined = world.cut(wire, false);
+            for client in self.clients.iter_mut().filter(|client| client.wire == wire) {
+                for axis in client.axes.iter().filter(|_| client.medium == MediumKind::Can) {
+                    world.pull(wire, axis.drive, false);
+                }
+                if joined {
+                    client.disarmed();
+                }
+                client.calm(self.calm_at);
+                client.after(world, &mut self.report);
             }
-            client.calm(self.calm_at);
-            client.after(&mut self.world, &mut self.report);
         }
     }
 
@@ -211,6 +284,7 @@ impl Scene {
         let echo = bus && random.chance(Ppm(300_000));
         let duplex = if bus { Duplex::Half } else { Duplex::Full };
         let wire = self.world.serial(Serial { duplex, timed: true, echo, baud: None });
+        self.wires.push(wire);
         let (mut axes, mut served) = (Vec::new(), Vec::new());
         for n in 0..count {
             // Odd steps leave room for host addresses between the drives'.
@@ -223,7 +297,8 @@ impl Scene {
             let spec = if spec.device(false).is_ok() { spec } else { plain };
             let Ok(drive) = spec.build(&mut self.world, wire, false) else { continue };
             let index = AxisIndex(axes.len() as u8);
-            axes.push(Axis::new(index, drive, profile, inert(spoken, profile)));
+            axes.push(Axis::new(index, drive, profile, spoken.name, inert(spoken, profile)));
+            self.note(format!("{drive:?}: {} on {}, address {address}", profile.name, spoken.name));
             served.push((profile, address));
         }
         let Some(lane) =
@@ -233,7 +308,7 @@ impl Scene {
         };
         let host = self.world.add(lane);
         self.world.plug_host(wire, host, 0);
-        let mut client = Client::new(host, wire, spoken.name, axes, random.fork());
+        let mut client = Client::new(&self.world, host, wire, axes, random);
         client.next_at = Instant::ZERO.plus_ms(random.between(0, 300) as u32);
         self.brew(&mut client, &served, spoken.baud, random);
         self.clients.push(client);

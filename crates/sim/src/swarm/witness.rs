@@ -14,6 +14,8 @@ const OVERSHOOT: (f64, f64) = (0.1, 5.0);
 const RIPPLE: f64 = 0.05;
 /// What rounding may add.
 const ROUNDING: f64 = 1e-6;
+/// A ramp that starts anew from the motor starts so much, rad/s, above its set-point.
+const LEAD: f64 = 0.1;
 /// A motor may leave the way of a move by so much, rad.
 const STRAY_MAX: f64 = 0.3;
 /// Looks at speed and current are so far apart, ms, that the loops have settled between them.
@@ -59,6 +61,12 @@ impl Witness {
         self.asked += 1;
         self.lost = false;
         self.quiet = None;
+    }
+
+    /// So many frames of the host were taken twice: whatever they asked may be done twice.
+    pub fn doubled(&mut self, count: u64) {
+        self.asked += count;
+        self.way = self.way.filter(|_| count == 0);
     }
 
     /// The link was lost: the axis is disarmed.
@@ -149,9 +157,10 @@ impl Witness {
         let (turns, turned) = (truth.velocity.abs(), before.velocity.abs());
         // A drive may start its ramp anew from the motor, as fast as that is.
         let (seconds, slowest) = (now.since(at).as_secs_f64(), asked_before.max(turned));
-        if asked - slowest > acceleration * (seconds + TICK_S) + ROUNDING {
-            let gain = (asked - slowest) / seconds;
-            return Some(("I14", format!("set to {gain:.1} rad/s², held to {acceleration:.1}")));
+        if asked - slowest > acceleration * (seconds + TICK_S) + LEAD {
+            let (gain, ms) = ((asked - slowest) / seconds, seconds * 1e3);
+            let what = format!("set to {gain:.1} rad/s² for {ms:.1} ms, held to {acceleration:.1}");
+            return Some(("I14", what));
         }
         let top = velocity.max(asked).max(asked_before).max(turned);
         if turns > top * (1.0 + OVERSHOOT.0) + OVERSHOOT.1 {

@@ -257,8 +257,15 @@ pub struct CanHost {
     session: Session,
     reply_id: u16,
     bit_rate: u32,
+    /// A request and its reply take at least so long. What comes sooner is the second copy of an
+    /// older reply, which a disturbed last bit makes its sender repeat.
+    soonest_ns: u64,
     eight: bool,
 }
+
+/// Bits of a request and its reply without a single stuff bit: 47 each and seven bytes, less the
+/// pause behind the last.
+const EXCHANGE_BITS: u64 = 2 * (47 + 7 * 8) - 3;
 
 impl CanHost {
     /// A host as `options` say: `host` is the CAN id of replies.
@@ -267,7 +274,10 @@ impl CanHost {
         let reply_id = reply_id(options);
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
         let session = Session::new(reply_id, timeout);
-        Self { session, reply_id, bit_rate: options.bit_rate, eight: false }
+        let bit_rate = options.bit_rate;
+        let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
+        let soonest_ns = tolerated(exchange_ns.checked_div(bit_rate.into()).unwrap_or(0));
+        Self { session, reply_id, bit_rate, soonest_ns, eight: false }
     }
 
     /// Sends eight data bytes, the last one the serial checksum, as the vendor's library does.
@@ -313,7 +323,7 @@ impl Station<Can> for CanHost {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        let request = self.session.transmit(now, (0, 0))?;
+        let request = self.session.transmit(now, (self.soonest_ns, 0))?;
         *out = self.frame(&request);
         Some(1)
     }

@@ -506,6 +506,10 @@ impl Session {
 
     /// Whether what was said answers what was asked, now or a moment ago.
     fn judge(&mut self, now: Instant, said: &Online) -> bool {
+        if self.answers_aside(said) {
+            self.counters.late += 1;
+            return true;
+        }
         let pending = self.pending.filter(|pending| pending.attempts > 0);
         let asked = pending.and_then(|pending| Some((pending, self.question(&pending)?)));
         let Some((pending, question)) = asked else { return self.double(said) };
@@ -521,6 +525,20 @@ impl Session {
         }
         self.answered(now, &pending, question, answer);
         true
+    }
+
+    /// Whether this answers the question that a stop overtook, which was on the wire before the
+    /// stop's own: a drive answers in order, so it proves nothing of the stop. It is asked again.
+    fn answers_aside(&mut self, said: &Online) -> bool {
+        let aside = self.aside.filter(|aside| aside.attempts > 0);
+        let Some(question) = aside.and_then(|aside| self.question(&aside)) else { return false };
+        let to = aside.map_or(IdCode::BROADCAST, |aside| aside.ask.message.to);
+        let fits = said.answers(&question, ANYBODY)
+            && said.answered_by().is_none_or(|from| to.id == 0 || self.same_axis(from, to.id));
+        if let Some(aside) = self.aside.as_mut().filter(|_| fits) {
+            aside.attempts -= 1;
+        }
+        fits
     }
 
     fn gathered(&mut self, now: Instant, from: Option<u8>, answer: Answer) -> bool {

@@ -1,0 +1,87 @@
+//! What goes wrong on a CAN bus, and how often.
+//!
+//! The CRC of a frame and the answer of its receivers leave no damaged frame behind, so these are
+//! losses, delays and repetitions. The numbers are those of the fault model: F1 is a disturbed bit, F2
+//! a cut payload, F3 a frame taken twice, F4 a late one, F5 a lost one, F6 an adapter that hears
+//! itself. What other faults are is done to controllers and drives: F8 two drives of one address, F9 a
+//! controller off the bus and a bus that somebody keeps busy, F14 a drive without supply, F21 a second
+//! program on the bus, F25 a stranger's frame.
+
+use crate::random::{Ppm, Random};
+
+/// Faults of a CAN bus. Chances are per frame, or per frame and receiver.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct CanFaults {
+    /// A disturbed bit: an error frame ends it, and its sender repeats it by itself (F1).
+    pub error: Ppm,
+    /// Disturbed in its last bit, which its sender alone notices: receivers take it, it is
+    /// repeated, and they take it again (F3).
+    pub twice: Ppm,
+    /// A receiver's controller or adapter drops it, while others acknowledge it (F5).
+    pub lose: Ppm,
+    /// An adapter hands a drive's frame to its host late, and whatever comes behind it (F4).
+    pub late: Ppm,
+    /// The latest of those, ms.
+    pub latest_ms: u32,
+    /// The one it is meant for sees a shorter payload (F2), as behind a gateway with a fault: on the
+    /// bus itself the CRC forbids it.
+    pub cut: Ppm,
+    /// A host's adapter hands it its own frames too (F6).
+    pub echo: bool,
+}
+
+/// How many faults were made on a CAN bus, by kind.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct CanMade {
+    /// Frames ended by an error frame.
+    pub errors: u64,
+    /// Frames that met another of their own identifier.
+    pub collided: u64,
+    /// Frames taken twice.
+    pub twice: u64,
+    /// Frames that one receiver did not get.
+    pub lost: u64,
+    /// Frames that a host got late.
+    pub late: u64,
+    /// Frames that one receiver got with a shorter payload.
+    pub cut: u64,
+    /// Controllers that went bus-off.
+    pub off: u64,
+    /// Frames of strangers.
+    pub strange: u64,
+}
+
+impl CanMade {
+    /// Adds another count to this one.
+    pub fn add(&mut self, other: &Self) {
+        self.errors += other.errors;
+        self.collided += other.collided;
+        self.twice += other.twice;
+        self.lost += other.lost;
+        self.late += other.late;
+        self.cut += other.cut;
+        self.off += other.off;
+        self.strange += other.strange;
+    }
+}
+
+impl CanFaults {
+    /// A set drawn from `random`; what is late comes within `latest_ms`. Each kind is on or off by
+    /// the toss of a coin, so that no kind hides behind another.
+    pub fn random(random: &mut Random, latest_ms: u32) -> Self {
+        Self {
+            error: some(random, &[1_000, 10_000, 100_000]),
+            twice: some(random, &[500, 2_000, 20_000]),
+            lose: some(random, &[500, 2_000, 10_000]),
+            late: some(random, &[500, 2_000, 10_000]),
+            latest_ms,
+            cut: some(random, &[500, 2_000, 10_000]),
+            echo: random.chance(Ppm(200_000)),
+        }
+    }
+}
+
+/// Off one time in two, else one of `choices`.
+fn some(random: &mut Random, choices: &[u32]) -> Ppm {
+    if random.chance(Ppm(500_000)) { Ppm(random.pick(choices)) } else { Ppm::NEVER }
+}

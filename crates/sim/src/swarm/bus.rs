@@ -1,0 +1,221 @@
+//! A CAN bus of a swarm's world: drives of several families and protocols, one program or two that
+//! command them, and whoever disturbs.
+
+use std::collections::BTreeMap;
+
+use polepair_core::drives;
+use polepair_core::medium::{CanLine, MediumKind};
+use polepair_core::profile::Profile;
+use polepair_core::proto::HostOptions;
+use polepair_core::station::AxisIndex;
+use polepair_core::time::Instant;
+
+use super::axis::Axis;
+use super::client::Client;
+use super::inert::inert;
+use super::scene::{BEGIN_MS, Calamity, LATEST_IN_TIMEOUTS, OWN_MS, Scene};
+use super::stranger::{Deed, Stranger};
+use crate::can_bus::CanFaults;
+use crate::host::{self, Spoken};
+use crate::node::LoneCan;
+use crate::rack::RackDrive;
+use crate::random::{Ppm, Random};
+use crate::world::{NodeId, WireId};
+
+/// Drives on a bus, and programs that command them.
+const DRIVES_MAX: i64 = 5;
+const PROGRAMS_MAX: i64 = 2;
+/// Several programs ask one question in so many bits, and have so many open at most.
+const SHARE_BITS: u64 = 6_000;
+const SHARE_OPEN_MAX: usize = 2;
+const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
+/// The second program's address, between those of drives. Where drives must be told whom they answer,
+/// both programs' would answer with one identifier, and put each other off the bus.
+const SECOND_HOST: u32 = 28;
+/// How often a bus has no fault at all.
+const SOUND: Ppm = Ppm(125_000);
+/// How often each of the rarer calamities happens.
+const OFTEN: Ppm = Ppm(300_000);
+const SELDOM: Ppm = Ppm(150_000);
+/// Frames of a drive's own at the slowest bit rate with a busy bus before them, ms.
+const QUEUE_MS: u32 = 20;
+
+/// A drive that is to be on a bus.
+struct Wanted {
+    spoken: Spoken,
+    program: usize,
+    host: Option<u32>,
+    spec: RackDrive,
+    drive: NodeId,
+}
+
+impl Scene {
+    /// Adds a bus with all that is on it.
+    pub(super) fn add_bus(&mut self, random: &mut Random) {
+        let bit_rate = random.pick(&BIT_RATES);
+        let wire = self.world.can(CanLine { bit_rate });
+        self.wires.push(wire);
+        self.note(format!("a bus at {} kbit/s", bit_rate / 1_000));
+        let wanted = self.draw_drives(wire, random);
+        let first = self.clients.len();
+        let programs = wanted.iter().map(|wanted| wanted.program).max().map_or(0, |n| n + 1);
+        for program in 0..programs {
+            let own: Vec<_> = wanted.iter().filter(|wanted| wanted.program == program).collect();
+            self.add_program(wire, bit_rate, &own, random);
+        }
+        if programs > 1 {
+            // Whoever has the lower identifiers could else keep the others from the bus for ever.
+            let think_us = SHARE_BITS * 1_000_000 / u64::from(bit_rate);
+            self.clients[first..].iter_mut().for_each(|c| c.share(think_us, SHARE_OPEN_MAX));
+        }
+        let patience = wanted.iter().map(|w| w.spec.profile.reply_timeout_ms).min().unwrap_or(100);
+        let sound = random.chance(SOUND);
+        self.clients[first..].iter_mut().for_each(|client| client.sound = sound);
+        if sound {
+            return self.note("no faults".into());
+        }
+        self.brew_bus(wire, first, patience, random);
+        for at in first..self.clients.len() {
+            self.brew_program(at, random);
+        }
+        if let Some(wanted) = wanted.first().filter(|_| random.chance(SELDOM)) {
+            self.add_twin(wire, wanted, random);
+        }
+    }
+
+    fn draw_drives(&mut self, wire: WireId, random: &mut Random) -> Vec<Wanted> {
+        let speaks = |p: &Spoken| drives::profiles().iter().any(|d| d.protocol == p.profile);
+        let spoken = host::protocols().into_iter();
+        let spoken: Vec<_> = spoken.filter(|p| p.medium == MediumKind::Can && speaks(p)).collect();
+        let programs = random.between(1, PROGRAMS_MAX) as u64;
+        let apart = random.chance(Ppm(500_000));
+        let mut wanted = Vec::new();
+        for n in 0..random.between(1, DRIVES_MAX) as u32 {
+            let spoken = random.pick(&spoken);
+            let speaks = |p: &&Profile| p.protocol == spoken.profile;
+            let products: Vec<_> = drives::profiles().iter().copied().filter(speaks).collect();
+            let mut spec = RackDrive::new(random.pick(&products), spoken.name);
+            // Odd steps leave room for what hosts have between the drives.
+            (spec.address, spec.seed) = (Some(spoken.first_address + 2 * n), random.word());
+            let program = random.below(programs) as usize;
+            let mut host = Some(SECOND_HOST).filter(|_| program > 0);
+            let plain = spec.clone();
+            spec.extra.extend(host.map(|host| ("host".to_owned(), host.to_string())));
+            if spec.device(false).is_err() {
+                (spec, host) = (plain, host.filter(|_| apart));
+            }
+            if let Ok(drive) = spec.build(&mut self.world, wire, false) {
+                let (name, address) = (spec.profile.name, spec.address.unwrap_or(0));
+                self.note(format!("{drive:?}: {name} on {}, address {address}", spoken.name));
+                wanted.push(Wanted { spoken, program, host, spec, drive });
+            }
+        }
+        wanted
+    }
+
+    /// A program that commands these drives: one lane for each protocol.
+    fn add_program(&mut self, wire: WireId, bit_rate: u32, own: &[&Wanted], random: &mut Random) {
+        let mut lanes: BTreeMap<&str, Vec<&Wanted>> = BTreeMap::new();
+        own.iter().for_each(|w| lanes.entry(w.spoken.name).or_default().push(w));
+        let served = |w: &&Wanted| (w.spec.profile, w.spec.address.unwrap_or(0));
+        let axes = lanes.values().flatten().enumerate().map(|(n, w)| {
+            let index = AxisIndex(n as u8);
+            Axis::new(
+                index,
+                w.drive,
+                w.spec.profile,
+                w.spoken.name,
+                inert(&w.spoken, w.spec.profile),
+            )
+        });
+        let axes: Vec<_> = axes.collect();
+        let lanes: Vec<_> = lanes
+            .iter()
+            .map(|(name, own)| {
+                let host = own.first().and_then(|w| w.host);
+                let options = HostOptions { host, ..HostOptions::new(bit_rate) };
+                (*name, options, own.iter().map(served).collect::<Vec<_>>())
+            })
+            .collect();
+        let Some(lane) = host::mux(&lanes).filter(|_| !axes.is_empty()) else { return };
+        let host = self.world.add(lane);
+        self.world.plug_host(wire, host, 0);
+        self.note(format!(
+            "{host:?}: commands {:?}",
+            axes.iter().map(|a| a.drive).collect::<Vec<_>>()
+        ));
+        let client = Client::new(&self.world, host, wire, axes, random);
+        self.clients.push(client);
+    }
+
+    /// Decides what will be wrong with a bus, and when.
+    fn brew_bus(&mut self, wire: WireId, at: usize, patience: u32, random: &mut Random) {
+        let begin = Instant::ZERO.plus_ms(BEGIN_MS);
+        let latest = (LATEST_IN_TIMEOUTS * patience).saturating_sub(OWN_MS + QUEUE_MS);
+        let faults = CanFaults::random(random, latest);
+        self.befalls(begin, Calamity::Disturb(at, faults));
+        for deed in [Deed::Babble, Deed::Load(random.between(150, 2_000) as u32), Deed::Forge] {
+            if random.chance(SELDOM) {
+                let from = self.sometime(random);
+                let longest = if deed == Deed::Babble { i64::from(latest) } else { 3_000 };
+                let until = from.plus_ms(random.between(5, longest) as u32).min(self.calm_at);
+                self.note(format!("from {from:?} until {until:?}: {deed:?}"));
+                let stranger = Stranger::new(deed, (from, until), 0, random.fork());
+                let node = self.world.add(Box::new(LoneCan(stranger)));
+                self.world.plug_stranger(wire, node);
+            }
+        }
+        if random.chance(SELDOM) {
+            let from = self.sometime(random);
+            let until = from.plus_ms(random.between(1, 800) as u32);
+            self.befalls(from, Calamity::Cut(at, true));
+            self.befalls(until, Calamity::Cut(at, false));
+        }
+    }
+
+    /// Decides what will happen to a program and its drives.
+    fn brew_program(&mut self, at: usize, random: &mut Random) {
+        let axes = self.clients[at].axes.len() as u64;
+        for _ in 0..random.below(3) * u64::from(random.chance(OFTEN)) {
+            let when = self.sometime(random);
+            self.befalls(when, Calamity::Off(at, None));
+        }
+        for _ in 0..random.below(3) * u64::from(random.chance(OFTEN)) {
+            let (when, which) = (self.sometime(random), random.below(axes) as usize);
+            self.befalls(when, Calamity::Off(at, Some(which)));
+        }
+        for _ in 0..random.below(3) * u64::from(random.chance(OFTEN)) {
+            let (when, which) = (self.sometime(random), random.below(axes) as usize);
+            self.befalls(when, Calamity::Reset(at, which));
+        }
+        if random.chance(SELDOM) {
+            let (from, which) = (self.sometime(random), random.below(axes) as usize);
+            let until = from.plus_ms(random.between(1, 500) as u32);
+            self.befalls(from, Calamity::Pull(at, which, true));
+            self.befalls(until, Calamity::Pull(at, which, false));
+        }
+    }
+
+    /// For a while there is a second drive of one address (F8).
+    fn add_twin(&mut self, wire: WireId, wanted: &Wanted, random: &mut Random) {
+        let seed = random.word();
+        let spec = RackDrive { seed, ..wanted.spec.clone() };
+        let Ok(twin) = spec.build(&mut self.world, wire, false) else { return };
+        self.world.pull(wire, twin, true);
+        let owner = self.clients.iter().enumerate().find_map(|(at, client)| {
+            let which = client.axes.iter().position(|axis| axis.drive == wanted.drive)?;
+            Some((at, which))
+        });
+        let Some((at, which)) = owner else { return };
+        let from = self.sometime(random);
+        let until = from.plus_ms(random.between(20, 1_500) as u32).min(self.calm_at);
+        self.befalls(from, Calamity::Twin(at, which, twin, true));
+        self.befalls(until, Calamity::Twin(at, which, twin, false));
+    }
+
+    /// Some instant while faults may be.
+    fn sometime(&self, random: &mut Random) -> Instant {
+        let begin = Instant::ZERO.plus_ms(BEGIN_MS);
+        begin.plus_ns(random.below(self.calm_at.since(begin).as_nanos() as u64))
+    }
+}
