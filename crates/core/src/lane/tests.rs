@@ -404,6 +404,11 @@ fn waiting_ends_in_time() {
 
 #[test]
 fn a_dead_link_ends_everything_and_disarms() {
+    // A controller off the bus is one: swarm seed can:44 found it armed.
+    [LineEvent::Down, LineEvent::BusOff].into_iter().for_each(ends_and_disarms);
+}
+
+fn ends_and_disarms(event: LineEvent) {
     let mut bench = Bench::new();
     bench.lane.host.registers[4] = 1;
     bench.lane.read(bench.now, Ticket(1), AXIS, MODE).unwrap();
@@ -412,7 +417,7 @@ fn a_dead_link_ends_everything_and_disarms() {
     bench.turn();
     bench.turn();
     assert!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_some(), "the speed is on its way");
-    bench.lane.handle_line(bench.now, LineEvent::Down);
+    bench.lane.handle_line(bench.now, event);
     let ends = bench.run();
     assert_eq!(ends, [(1, Outcome::Done(1)), (2, Outcome::Unknown(Failure::LinkDown))]);
     assert!(!bench.lane.state(AXIS).unwrap().armed);

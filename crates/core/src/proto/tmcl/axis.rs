@@ -6,7 +6,7 @@
 
 use super::generic::GENERIC;
 use super::host::{CanHost, SerialHost, sender};
-use super::opcode::Opcode;
+use super::opcode::{Opcode, Status};
 use super::session::{Answer, Ask};
 use super::text;
 use super::wire::Request;
@@ -92,6 +92,10 @@ impl Driver for Axis {
     fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
         use crate::profile::Encoding;
         match answer {
+            // Somebody has the module store instructions: this one was not carried out either.
+            Answer::Reply(reply) if reply.status == Status::Loaded && parameter.is_some() => {
+                Err(Failure::Refused { code: reply.status.number().into() })
+            }
             Answer::Reply(reply) | Answer::Event(reply) => {
                 let unsigned =
                     matches!(parameter.map(|parameter| parameter.encoding), Some(Encoding::U32));

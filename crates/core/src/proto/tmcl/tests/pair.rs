@@ -508,6 +508,30 @@ fn the_same_module_on_can() {
     }
 }
 
+/// A reply disturbed in its last bit is heard twice, the second time before the next request can
+/// have left (swarm seed can:9).
+#[test]
+fn a_copy_on_can_that_comes_too_soon_is_no_answer() {
+    let mut host = CanHost::new(&HostOptions::new(250_000));
+    let mut frame = Frame::default();
+    let mut ask = |host: &mut CanHost, now| {
+        host.submit(now, Ticket(1), Ask::of(request(Opcode::Gap, 1, 0))).unwrap();
+        host.poll_transmit(now, &mut frame).unwrap();
+    };
+    let reply = |value| Frame::standard(2, &[1, 100, 6, 0, 0, 0, value]);
+    ask(&mut host, Instant(1));
+    host.handle_input(Instant(1).plus_ms(1), &reply(5));
+    assert!(host.poll_event().is_some());
+    let now = Instant(1).plus_ms(1);
+    ask(&mut host, now);
+    // 130 bits: an error frame and the reply again.
+    host.handle_input(now.plus_ns(130 * 4_000), &reply(5));
+    assert!(host.poll_event().is_none());
+    host.handle_input(now.plus_ns(250 * 4_000), &reply(9));
+    let answer = host.poll_event().map(|(_, answer)| *answer);
+    assert!(matches!(answer, Some(Ok(Answer::Reply(r))) if r.value == 9), "{answer:?}");
+}
+
 /// Loss, delay and repetition without corruption: then no value may ever be wrong. With corruption
 /// a wrong one must have passed every check of the wire.
 #[test]

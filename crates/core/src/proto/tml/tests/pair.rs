@@ -7,9 +7,10 @@ use std::collections::VecDeque;
 use std::vec::Vec;
 
 use crate::error::Failure;
+use crate::medium::Frame;
 use crate::proto::tml::ask::{Answer, Ask, assignment, give_me_data};
 use crate::proto::tml::device::{Firmware, Quirks};
-use crate::proto::tml::host::SerialHost;
+use crate::proto::tml::host::{CanHost, Encapsulation, Extended, SerialHost};
 use crate::proto::tml::online::{Cell, Online};
 use crate::proto::tml::relay::Relay;
 use crate::proto::tml::rules::Wire as Kind;
@@ -405,6 +406,31 @@ fn a_stop_waits_for_nothing_on_rs232() {
     assert_eq!(executed(&line, 0x01C4), 1);
     line.replies = sound();
     assert!(line.end(waiting).is_ok(), "asked again behind it");
+}
+
+/// The question that a stop overtook was on the bus before it: its answer proves nothing of the stop
+/// (swarm seed can:58).
+#[test]
+fn the_answer_to_what_a_stop_overtook_is_no_proof_of_the_stop() {
+    let mut host = CanHost::<Extended>::new(&HostOptions::new(500_000), &[AXIS.into()]);
+    let (now, mut frame) = (Instant(1), Frame::default());
+    let to = IdCode::axis(AXIS);
+    let status = Cell { address: 0x090E, ..Cell::default() };
+    let value = Online::TakeData { sender: to, cell: status, value: 4 };
+    let answer = Message { to: IdCode::axis(254), instruction: value.emit() };
+    let answer = Extended::encode(&answer).unwrap();
+    let question = Message { to, instruction: give_me_data(0x090E, false) };
+    host.submit(now, Ticket(1), Ask::of(question)).unwrap();
+    host.poll_transmit(now, &mut frame).unwrap();
+    host.submit(now, Ticket(2), Ask::of(Message { to, instruction: STOP })).unwrap();
+    while host.poll_transmit(now, &mut frame).is_some() {}
+    host.handle_input(now, &answer);
+    assert_eq!(host.poll_event(), None);
+    host.handle_input(now, &answer);
+    assert_eq!(host.poll_event(), Some(&(To::Ticket(Ticket(2)), Ok(Answer::Taken(0)))));
+    host.poll_transmit(now, &mut frame).expect("the question once more");
+    host.handle_input(now, &answer);
+    assert!(matches!(host.poll_event(), Some((To::Ticket(Ticket(1)), Ok(_)))));
 }
 
 #[test]
