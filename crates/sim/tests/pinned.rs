@@ -1,17 +1,16 @@
-//! Two worlds whose whole history is pinned, one of serial wires and one with a CAN bus: real hosts,
-//! drives of several protocols, motors that turn, wires that fail. Another platform, another build or another day must give these very numbers,
+//! One world whose whole history is pinned: real hosts, drives of two protocols, motors that turn,
+//! wires that fail. Another platform, another build or another day must give these very numbers,
 //! or replays of seeds would be worth nothing. `make test` runs it in debug and in release.
 
 use polepair_core::axis::{Axes, Command, Verb};
 use polepair_core::drives;
 use polepair_core::drives::bench::Truth;
 use polepair_core::error::Outcome;
-use polepair_core::medium::{CanLine, MediumKind};
+use polepair_core::medium::MediumKind;
 use polepair_core::profile::ParameterId;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_sim::can_bus::{CanFaults, CanMade};
 use polepair_sim::fault::{Faults, Made};
 use polepair_sim::host;
 use polepair_sim::rack::RackDrive;
@@ -25,19 +24,6 @@ const STEPS: u32 = 500;
 const STEP_MS: u32 = 40;
 /// What everything adds up to. It changes with these drives and hosts only.
 const PINNED: u64 = 0x2A12_7EB6_56F9_A016;
-
-const PINNED_ON_CAN: u64 = 0;
-
-/// Something of everything.
-const CAN_FAULTS: CanFaults = CanFaults {
-    error: Ppm(20_000),
-    twice: Ppm(2_000),
-    lose: Ppm(5_000),
-    late: Ppm(2_000),
-    latest_ms: 150,
-    cut: Ppm(2_000),
-    echo: true,
-};
 
 /// Something of everything.
 const FAULTS: Faults = Faults {
@@ -78,25 +64,6 @@ impl Place {
         let host = world.add(lane.expect(protocol));
         world.plug_host(wire, host, 0);
         *world.faults(wire).expect("serial") = FAULTS;
-        Self { wire, host, drive }
-    }
-
-    /// A host and a drive of their own on a bus.
-    fn on_bus(
-        world: &mut World,
-        wire: WireId,
-        protocol: &str,
-        product: &str,
-        address: u32,
-    ) -> Self {
-        let profile = drives::profiles().iter().find(|p| p.name == product).expect(product);
-        let mut spec = RackDrive::new(profile, protocol);
-        spec.address = Some(address);
-        let drive = spec.build(world, wire, false).expect(product);
-        let options = HostOptions::new(world.bit_rate(wire));
-        let host = host::mux(&[(protocol, options, vec![(profile, address)])]);
-        let host = world.add(host.expect(protocol));
-        world.plug_host(wire, host, 0);
         Self { wire, host, drive }
     }
 
@@ -159,29 +126,6 @@ fn read(axes: &mut dyn Axes, now: Instant, ticket: Ticket, step: u32) -> bool {
     axes.read(now, ticket, AXIS, signal.parameter).is_ok()
 }
 
-/// Lives through the script and returns the hash over all of it.
-fn lived(mut world: World, places: &[Place]) -> u64 {
-    let mut history = History::default();
-    for step in 1..=STEPS {
-        world.run_until(Instant::ZERO.plus_ms(step * STEP_MS));
-        for place in places {
-            place.tell(&mut world, &mut history);
-            place.ask(&mut world, step);
-        }
-    }
-    for place in places {
-        let truth = place.truth(&mut world);
-        assert!(truth.starts > 5 && truth.position.abs() > 0.1, "{truth:?}");
-        let made = (world.made(place.wire), world.can_made(place.wire));
-        assert_ne!(made, (Made::default(), CanMade::default()));
-        for value in [truth.position, truth.velocity, truth.current, truth.winding] {
-            history.note(value.to_bits());
-        }
-    }
-    history.note(world.history());
-    history.value()
-}
-
 #[test]
 fn a_world_with_motors_and_faults_is_the_same_everywhere() {
     let mut world = World::new(20);
@@ -190,20 +134,22 @@ fn a_world_with_motors_and_faults_is_the_same_everywhere() {
         Place::new(&mut world, "modbus-rtu", "syntron-ts", Serial::RS485),
         Place::new(&mut world, "modbus-ascii", "syntron-ds102", Serial::RS232),
     ];
-    let history = lived(world, &places);
-    assert_eq!(history, PINNED, "{history:#018X}");
-}
-
-#[test]
-fn so_is_a_bus_with_three_protocols() {
-    let mut world = World::new(21);
-    let bus = world.can(CanLine { bit_rate: 500_000 });
-    *world.can_faults(bus).expect("a bus") = CAN_FAULTS;
-    let places = [
-        Place::on_bus(&mut world, bus, "tmcl", "tmcm-171", 1),
-        Place::on_bus(&mut world, bus, "tmlcan", "technosoft-f514l", 3),
-        Place::on_bus(&mut world, bus, "technocan", "technosoft-fa00g", 5),
-    ];
-    let history = lived(world, &places);
-    assert_eq!(history, PINNED_ON_CAN, "{history:#018X}");
+    let mut history = History::default();
+    for step in 1..=STEPS {
+        world.run_until(Instant::ZERO.plus_ms(step * STEP_MS));
+        for place in &places {
+            place.tell(&mut world, &mut history);
+            place.ask(&mut world, step);
+        }
+    }
+    for place in &places {
+        let truth = place.truth(&mut world);
+        assert!(truth.starts > 5 && truth.position.abs() > 0.1, "{truth:?}");
+        assert_ne!(world.made(place.wire), Made::default());
+        for value in [truth.position, truth.velocity, truth.current, truth.winding] {
+            history.note(value.to_bits());
+        }
+    }
+    history.note(world.history());
+    assert_eq!(history.value(), PINNED, "{:#018X}", history.value());
 }
