@@ -263,13 +263,16 @@ impl Connector {
         url: &Url,
         line: &Line,
     ) -> Result<Option<&'static polepair_core::profile::Profile>, Error> {
-        if let Some(file) = url.key("setup") {
+        if let Some((key, file)) =
+            ["setup", "eds"].iter().find_map(|key| Some((key, url.key(key)?)))
+        {
             let profile = crate::profile::load(Path::new(file))?;
             if profile.protocol == line.spoken.profile {
                 return Ok(Some(profile));
             }
-            let what = format!("the set-up {file} is not of a {} drive", line.spoken.name);
-            return Err(Error::usage("E213", what, "choose another profile, or leave setup= out"));
+            let what = format!("{file} is not of a {} drive", line.spoken.name);
+            let hint = format!("choose another file, or leave {key}= out");
+            return Err(Error::usage("E213", what, hint));
         }
         url.key("profile").map(|name| self.named_profile(name, line)).transpose()
     }

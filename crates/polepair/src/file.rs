@@ -53,6 +53,11 @@ impl Place {
         Self { file: name.into(), line: 0, column: 0 }
     }
 
+    /// The file, as it was named.
+    pub(crate) fn file(&self) -> &str {
+        &self.file
+    }
+
     /// The beginning of a line, counted from 1.
     pub(crate) fn line(file: &Arc<str>, line: usize) -> Self {
         Self { file: Arc::clone(file), line: u32::try_from(line).unwrap_or(u32::MAX), column: 1 }

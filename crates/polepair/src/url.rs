@@ -30,7 +30,8 @@ const SERIAL_KEYS: [&str; 12] = [
     "profile", "setup", "timeout", "gap", "host", "echo", "parity", "stop", "wire", "ack", "pause",
     "relay",
 ];
-const CAN_KEYS: [&str; 7] = ["profile", "setup", "timeout", "host", "bitrate", "ack", "heartbeat"];
+const CAN_KEYS: [&str; 8] =
+    ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat"];
 const SIM_KEYS: [&str; 14] = [
     "axes", "seed", "time", "profile", "timeout", "gap", "host", "echo", "baud", "bitrate", "wire",
     "ack", "pause", "relay",

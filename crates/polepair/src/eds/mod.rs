@@ -18,6 +18,7 @@
 
 mod ini;
 mod kind;
+mod profile;
 mod read;
 #[cfg(test)]
 mod tests;
@@ -26,6 +27,8 @@ mod write;
 
 pub use kind::{Access, DataType, ObjectType};
 pub use value::Literal;
+
+pub(crate) use profile::draft;
 
 use crate::file::FileError;
 use std::path::Path;
@@ -167,3 +170,9 @@ pub fn load(path: &Path) -> Result<Eds, FileError> {
 
 /// The largest file, bytes.
 const FILE_MAX: usize = 16 << 20;
+
+/// Whether a file is an EDS or DCF, by its name.
+pub(crate) fn is_sheet(path: &Path) -> bool {
+    let extension = path.extension().map(std::ffi::OsStr::to_ascii_lowercase);
+    extension.is_some_and(|extension| extension == "eds" || extension == "dcf")
+}

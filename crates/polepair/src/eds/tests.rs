@@ -184,3 +184,53 @@ fn mutated_sheets_never_panic_and_what_is_read_can_be_written() {
         }
     }
 }
+
+/// The sheet as a file, while a test lasts.
+fn profile_of(name: &str, text: &str) -> &'static polepair_core::profile::Profile {
+    let folder = std::env::temp_dir().join(format!("polepair-eds-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    let profile = crate::profile::load(&path).unwrap();
+    std::fs::remove_file(path).unwrap();
+    profile
+}
+
+#[test]
+fn a_sheet_of_a_drive_has_the_verbs_that_its_objects_allow() {
+    use polepair_core::axis::Verb;
+    use polepair_core::profile::{Encoding, Persistence};
+    let objects = [(0x6040, 6, "Controlword", 1), (0x6041, 6, "Statusword", 0)];
+    let objects = objects.iter().chain(&[(0x2001, 7, "Gain", 0), (0x2002, 3, "Kick", 1)]);
+    let object = |&(index, kind, name, mapped): &(u16, u8, &str, u8)| {
+        format!(
+            "[{index:04X}]\nParameterName={name}\nDataType={kind}\nAccessType=rw\nPDOMapping={mapped}\n"
+        )
+    };
+    let text = SHEET.to_owned() + &objects.map(object).collect::<String>();
+    let profile = profile_of("Feeder 7.eds", &text);
+    assert_eq!(
+        (profile.name, profile.protocol, profile.title),
+        ("feeder-7", "canopen", "Some Works")
+    );
+    assert!(profile.plan(Verb::Disable).is_some() && profile.plan(Verb::Home).is_none());
+    let find = |name| profile.parameter(profile.find(name).expect(name)).unwrap();
+    assert_eq!(find("statusword").index, 0x6041);
+    let torque = find("target torque");
+    assert_eq!((torque.min, torque.max, torque.default), (-1000, 1000, Some(-2)));
+    let gain = find("2001h");
+    assert_eq!((gain.name, gain.encoding, gain.moves), ("Gain", Encoding::U32, false));
+    assert_eq!((gain.min, gain.max), (0, i64::from(u32::MAX)));
+    assert_eq!(gain.persistence, Persistence::Storable);
+    assert!(find("Kick").moves, "a PDO may carry it to the drive");
+    assert_eq!(find("1400h:1").name, "rpdo 1 identifier");
+}
+
+#[test]
+fn a_sheet_of_another_device_has_its_objects_alone() {
+    let text = SHEET.replace("0x20192", "0x191").replace("Identity object", "Identity");
+    let profile = profile_of("io.DCF", &format!("{text}[3000]\nDataType=9\n"));
+    assert_eq!((profile.name, profile.plans.len()), ("io", 0));
+    assert!(profile.find("3000h").is_none(), "no number");
+    assert!(profile.find("vendor id").is_some());
+}

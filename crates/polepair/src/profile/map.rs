@@ -55,7 +55,6 @@ pub(crate) fn apply_entries(draft: &mut Draft, entries: Vec<Entry<'_>>, place: &
         });
     }
     draft.parameters = parameters;
-    raw_without_scale(draft);
     without_missing(draft);
 }
 
@@ -74,8 +73,9 @@ fn raw_without_scale(draft: &mut Draft) {
     }
 }
 
-/// Drops steps and readings of what this drive does not have.
-fn without_missing(draft: &mut Draft) {
+/// Shows raw what is scaled by what this drive does not have, and drops steps and readings of it.
+pub(crate) fn without_missing(draft: &mut Draft) {
+    raw_without_scale(draft);
     let known: HashSet<String> =
         draft.parameters.iter().flat_map(|p| [folded(&p.name), folded(&p.symbol)]).collect();
     let has = |name: &Named| known.contains(&folded(&name.value));

@@ -23,7 +23,7 @@
 //! # Ok::<(), polepair::FileError>(())
 //! ```
 
-mod draft;
+pub(crate) mod draft;
 mod map;
 mod read;
 mod resolve;
@@ -33,6 +33,10 @@ mod step;
 mod tests;
 
 pub use setup::write_setup;
+
+pub(crate) use map::without_missing;
+pub(crate) use read::encoding_range;
+pub(crate) use setup::name_of;
 
 use crate::file::{FileError, Found};
 use crate::words;
@@ -60,7 +64,8 @@ pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
     kept(&Shelf { folder: None }.draft(file, text, 0)?)
 }
 
-/// Reads a profile file, or the set-up archive of a TML drive (`.t.zip`). `extends` may name another
+/// Reads a profile file, the set-up archive of a TML drive (`.t.zip`), or the data sheet of a CANopen
+/// device (`.eds`, `.dcf`). `extends` may name another
 /// file of its folder, or a profile that is compiled in.
 ///
 /// # Errors
@@ -68,6 +73,9 @@ pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
 pub fn load(path: &Path) -> Result<&'static Profile, FileError> {
     if setup::is_archive(path) {
         return kept(&setup::draft(path)?);
+    }
+    if crate::eds::is_sheet(path) {
+        return kept(&crate::eds::draft(path)?);
     }
     let text = text_of(path)?;
     let folder = path.parent().map(Path::to_path_buf);

@@ -88,9 +88,10 @@ fn alike(entries: &[map::Entry<'_>]) -> Option<&'static Profile> {
 }
 
 /// `My drive.t.zip` → `my-drive`.
-fn name_of(path: &Path) -> String {
+pub(crate) fn name_of(path: &Path) -> String {
     let stem = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     let stem = stem.trim_end_matches(".zip").trim_end_matches(".t");
+    let stem = stem.trim_end_matches(".eds").trim_end_matches(".dcf");
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c);
     let name: String = stem.chars().map(|c| if plain(c) { c } else { '-' }).collect();
     if name.is_empty() { "setup".to_owned() } else { name }

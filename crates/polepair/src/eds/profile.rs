@@ -1,0 +1,156 @@
+//! A profile out of a data sheet: named objects, and for a CiA 402 drive the verbs of the standard.
+
+use super::kind::DataType;
+use super::{Eds, Entry, Object};
+use crate::file::{FileError, Found, Place};
+use crate::profile::draft::{Draft, DraftIdentity, DraftParameter};
+use crate::profile::{encoding_range, name_of, without_missing};
+use crate::words::folded;
+use polepair_core::profile::{Access, Certainty, Encoding, Persistence, Profile};
+use polepair_core::units::Unit;
+use std::collections::HashSet;
+use std::path::Path;
+
+/// What every device's profile starts from, and what a drive's does.
+const PROFILES: (&str, &str) = ("canopen", "cia402");
+/// The parameter whose value tells products apart.
+const PRODUCT: &str = "product code";
+
+/// The draft of the device that a file describes.
+pub(crate) fn draft(path: &Path) -> Result<Draft, FileError> {
+    let eds = super::load(path)?;
+    let place = Place::built_in(&path.display().to_string());
+    let base =
+        base(&eds).ok_or_else(|| place.error("no profile of CANopen devices to build on"))?;
+    let mut draft = Draft::of(base);
+    draft.name = name_of(path);
+    let words = [eds.device_info("VendorName"), eds.device_info("ProductName")];
+    let title: Vec<&str> = words.into_iter().flatten().collect();
+    draft.title = if title.is_empty() { draft.name.clone() } else { title.join(" ") };
+    draft.source = place.file().to_owned();
+    let known = std::mem::take(&mut draft.parameters);
+    let mut names = HashSet::new();
+    for (object, entry, encoding) in numbers(&eds) {
+        let at = |p: &&DraftParameter| (p.index, p.space) == (object.index, entry.sub);
+        let mut parameter = match known.iter().find(at) {
+            Some(parameter) => DraftParameter { place: place.clone(), ..parameter.clone() },
+            None => named(object, entry, &place),
+        };
+        if !names.insert(folded(&parameter.name)) {
+            parameter.name = format!("{} ({})", parameter.name, symbol(object.index, entry.sub));
+        }
+        as_told(&mut parameter, entry, encoding);
+        draft.parameters.push(parameter);
+    }
+    draft.identity = identity(&eds, &draft, &place);
+    draft.place = place;
+    without_missing(&mut draft);
+    Ok(draft)
+}
+
+/// The profile of what the sheet says it is.
+fn base(eds: &Eds) -> Option<&'static Profile> {
+    let kind = eds.entry(0x1000, 0).and_then(|entry| entry.default_at(1)).unwrap_or(0);
+    let is_drive = kind & 0xFFFF == 402 || (kind == 0 && eds.object(0x6040).is_some());
+    let name = if is_drive { PROFILES.1 } else { PROFILES.0 };
+    let generic = crate::registry::protocols().into_iter().map(|spoken| spoken.generic);
+    let mut all = polepair_core::drives::profiles().iter().copied().chain(generic);
+    all.find(|profile| profile.name == name)
+}
+
+/// Entries that hold a number of a length that parameters have; others are reached by the
+/// protocol's own text.
+fn numbers(eds: &Eds) -> impl Iterator<Item = (&Object, &Entry, Encoding)> {
+    let entries =
+        eds.objects.iter().flat_map(|object| object.entries.iter().map(move |e| (object, e)));
+    entries.filter_map(|(object, entry)| Some((object, entry, encoding(entry.data_type)?)))
+}
+
+fn encoding(kind: DataType) -> Option<Encoding> {
+    Some(match kind.0 {
+        0x01 | 0x05 => Encoding::U8,
+        0x02 => Encoding::I8,
+        0x03 => Encoding::I16,
+        0x04 => Encoding::I32,
+        0x06 => Encoding::U16,
+        0x07 => Encoding::U32,
+        _ => return None,
+    })
+}
+
+/// An object of which only the sheet tells. What a PDO may bring to the drive may move it.
+fn named(object: &Object, entry: &Entry, place: &Place) -> DraftParameter {
+    let name = match object.kind.has_subs() {
+        true => format!("{} {}", object.name, entry.name),
+        false => object.name.clone(),
+    };
+    let process = entry.access.writes() && entry.mappable;
+    let is_setting = entry.access.writes() && !process && !(0x1400..0x1C00).contains(&object.index);
+    let (min, max) = encoding_range(Encoding::U32);
+    DraftParameter {
+        place: place.clone(),
+        name,
+        symbol: symbol(object.index, entry.sub),
+        about: String::new(),
+        space: entry.sub,
+        index: object.index,
+        encoding: Encoding::U32,
+        unit: Unit::None,
+        factor: 1.0,
+        times: None,
+        over: None,
+        min,
+        max,
+        default: None,
+        access: Access::ReadWrite,
+        persistence: if is_setting { Persistence::Storable } else { Persistence::Volatile },
+        certainty: Certainty::Documented,
+        moves: process,
+        section: String::new(),
+        values: Vec::new(),
+    }
+}
+
+/// `6040h`, `1018h:1`.
+fn symbol(index: u16, sub: u8) -> String {
+    if sub == 0 { format!("{index:04X}h") } else { format!("{index:04X}h:{sub:X}") }
+}
+
+/// Type, limits, default and access as the sheet has them.
+fn as_told(parameter: &mut DraftParameter, entry: &Entry, encoding: Encoding) {
+    if parameter.encoding != encoding {
+        parameter.encoding = encoding;
+        (parameter.min, parameter.max) = encoding_range(encoding);
+    }
+    // Limits that depend on the node are not limits of the product.
+    let whole = |literal: &Option<super::Literal>| literal.as_ref().and_then(|it| it.integer(0));
+    let limits = (whole(&entry.low), whole(&entry.high));
+    if let (Some(low), Some(high)) = limits
+        && low < high
+    {
+        (parameter.min, parameter.max) = (low, high);
+    }
+    let default = entry.default.as_ref().filter(|it| it.integer(0) == it.integer(1));
+    parameter.default = default.and_then(|it| it.integer(0));
+    let fits = |default: &i64| (parameter.min..=parameter.max).contains(default);
+    parameter.default = parameter.default.filter(fits);
+    parameter.access = match (entry.access.reads(), entry.access.writes()) {
+        (true, false) => Access::Read,
+        (false, _) => Access::Write,
+        (true, true) => Access::ReadWrite,
+    };
+}
+
+/// The product number, where the sheet has one and the device can be asked.
+fn identity(eds: &Eds, draft: &Draft, place: &Place) -> Option<DraftIdentity> {
+    let number = super::value::number(eds.device_info("ProductNumber")?)?.value;
+    let known = draft.parameters.iter().any(|p| p.name == PRODUCT);
+    let parameter = Found { value: PRODUCT.to_owned(), place: place.clone() };
+    (known && number != 0).then(|| DraftIdentity {
+        parameter: Some(parameter),
+        text: String::new(),
+        mask: 0xFFFF_FFFF,
+        equals: number & 0xFFFF_FFFF,
+        firmware: 0,
+    })
+}
