@@ -103,7 +103,7 @@ fn explain_names_fields_and_faults() {
 
 #[test]
 fn verbs_turn_move_and_stop_simulated_drives() {
-    let url = "sim:thruster?time=virtual";
+    let url = "sim:thruster:11?time=virtual";
     let info = ok(&["info", url]);
     assert!(info.contains("Underwater thruster"), "{info}");
     ok(&["spin", url, "600rpm", "--for", "1s"]);
@@ -112,14 +112,14 @@ fn verbs_turn_move_and_stop_simulated_drives() {
     assert_eq!(ok(&["set", url, "command timeout=500ms"]), "command timeout = 500 ms\n");
     let shown = ok(&["spin", url, "600rpm", "--dry-run"]);
     assert!(shown.contains("30B#5643000000000258"), "{shown}");
-    let servo = "sim:thruster-servo?time=virtual";
+    let servo = "sim:thruster-servo:11?time=virtual";
     ok(&["move", servo, "90deg", "--vel", "60rpm"]);
     ok(&["move", servo, "--rel", "10deg"]);
     let shown = ok(&["move", servo, "90deg", "--vel", "60rpm", "--dry-run"]);
     assert!(shown.contains("30B#4C41003C00000384"), "{shown}");
     let shown = ok(&["stop", servo, "--dry-run"]);
     assert!(shown.contains("30B#4C53000000000000"), "{shown}");
-    let actuator = "sim:thruster-actuator?time=virtual";
+    let actuator = "sim:thruster-actuator:11?time=virtual";
     let shown = ok(&["move", actuator, "25mm", "--dry-run"]);
     assert!(shown.contains("30B#4C41001E000000FA"), "{shown}");
     ok(&["move", actuator, "25mm"]);
@@ -136,9 +136,9 @@ fn verbs_turn_move_and_stop_simulated_drives() {
 
 #[test]
 fn a_scan_tells_thrusters_from_servos() {
-    let found = ok(&["scan", "sim:thruster?time=virtual", "--ids", "9-12", "--format", "jsonl"]);
+    let found = ok(&["scan", "sim:thruster:11?time=virtual", "--ids", "9-12", "--format", "jsonl"]);
     assert!(found.lines().count() == 1 && found.contains(r#""profile":"thruster""#), "{found}");
     let found =
-        ok(&["scan", "sim:thruster-servo?time=virtual", "--ids", "11-11", "--format", "jsonl"]);
+        ok(&["scan", "sim:thruster-servo:11?time=virtual", "--ids", "11-11", "--format", "jsonl"]);
     assert!(found.contains(r#""profile":"thruster-servo""#), "{found}");
 }

@@ -80,11 +80,15 @@ impl Drive {
         Response::Value(command.width().write(value))
     }
 
-    /// TC and VC. Output is forbidden until the signal was zero once (zero-point protection).
+    /// TC and VC: zero always, others while the output is neither closed nor forbidden, as it is until
+    /// the signal was zero once (zero-point protection).
     fn output(&mut self, command: Command, value: i64) -> Response {
         if value == 0 {
             self.armed = true;
             self.faults &= !fault::ZERO_POINT;
+            self.way = None;
+            self.rest(command);
+            return Response::Done;
         }
         if self.faults & fault::CLOSED != 0 || self.latched {
             return Response::Refused;
@@ -95,7 +99,6 @@ impl Drive {
         }
         let slow = value.abs() < i64::from(RPM_MIN);
         match command {
-            _ if value == 0 => self.rest(command),
             Command::TC if value.abs() > 100 => return Response::Refused,
             Command::TC => self.shaft.signal(value as f64 / 100.0),
             _ if slow && !self.options.runs_slowly => return Response::Refused,
@@ -106,7 +109,7 @@ impl Drive {
             }
         }
         self.way = None;
-        self.starts += u64::from(value != 0);
+        self.starts += 1;
         Response::Done
     }
 

@@ -28,8 +28,8 @@ pub(super) struct Options {
     pub volts: (f64, f64),
 }
 
-/// The id from the factory: that of the manual's examples. \[I\]
-const ID: u8 = 11;
+/// The id from the factory. \[I\]
+const ID: u8 = 1;
 /// Thresholds of the supply: the manual's examples have 46.6 to 48 V. \[I\]
 const VOLTS: (f64, f64) = (36.0, 60.0);
 

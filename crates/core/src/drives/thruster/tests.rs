@@ -29,8 +29,14 @@ type Data = Vec<u8>;
 impl Rig {
     fn with(profile: &'static Profile, extra: &[(&'static str, &'static str)]) -> Self {
         let wires = &["thruster"];
-        let options =
-            DeviceOptions { address: None, wires, standard: None, untimed: true, seed: 1, extra };
+        let options = DeviceOptions {
+            address: Some(11),
+            wires,
+            standard: None,
+            untimed: true,
+            seed: 1,
+            extra,
+        };
         let device = Thruster::device(profile, &options).expect("known options");
         Self { device, now: Instant::ZERO }
     }

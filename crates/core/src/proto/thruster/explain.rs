@@ -30,8 +30,8 @@ impl Dissector for ThrusterDissector {
         "thruster"
     }
 
-    fn cut(&self, bytes: &[u8], _direction: Option<Direction>, ended: bool) -> Cut {
-        if ended || !bytes.is_empty() { Cut::Skip(bytes.len()) } else { Cut::More }
+    fn cut(&self, bytes: &[u8], _direction: Option<Direction>, _ended: bool) -> Cut {
+        if bytes.is_empty() { Cut::More } else { Cut::Skip(bytes.len()) }
     }
 
     fn claims(&self, id: u32, extended: bool) -> bool {

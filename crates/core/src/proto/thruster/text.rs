@@ -596,7 +596,8 @@ impl<'a> Words<'a> {
             }
             _ => return Err(wrong),
         };
-        let raw = if number.starts_with('-') { size - tenth } else { size + tenth };
+        let tenth = if number.starts_with('-') { -tenth } else { tenth };
+        let raw = size.saturating_add(tenth);
         Some(raw).filter(|raw| (least..=most).contains(raw)).ok_or(wrong)
     }
 

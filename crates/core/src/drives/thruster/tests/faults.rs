@@ -103,7 +103,8 @@ fn a_jammed_propeller_trips_until_it_is_cleared() {
     assert!(!rig.truth().enabled);
     assert_eq!(rig.device.notice(), Some("stalled: output off"));
     rig.refused("54 43 00 00 00 00 00 05");
-    rig.refused("54 43 00 00 00 00 00 00");
+    rig.ok("54 43 00 00 00 00 00 00");
+    rig.refused("56 43 00 00 00 00 01 F4");
     assert_eq!(rig.word("EF"), fault::STALL);
     rig.act(Act::Jam(false));
     rig.wait(5000);
