@@ -897,7 +897,7 @@ const THRUSTER_ACTUATOR_PARAMETERS_ROWS: [Parameter; 21] = [
     },
 ];
 
-static THRUSTER_ACTUATOR_SIGNALS: [SignalSource; 6] = [
+static THRUSTER_ACTUATOR_SIGNALS: [SignalSource; 7] = [
     SignalSource {
         signal: Signal::Position,
         parameter: ParameterId(14),
@@ -938,6 +938,13 @@ static THRUSTER_ACTUATOR_SIGNALS: [SignalSource; 6] = [
         parameter: ParameterId(7),
         mask: -1,
         equals: None,
+        values: &[],
+    },
+    SignalSource {
+        signal: Signal::Enabled,
+        parameter: ParameterId(7),
+        mask: 0x847,
+        equals: Some(0),
         values: &[],
     },
 ];
