@@ -137,8 +137,8 @@ fn verbs_turn_move_and_stop_simulated_drives() {
 #[test]
 fn a_scan_tells_thrusters_from_servos() {
     let found = ok(&["scan", "sim:thruster:11?time=virtual", "--ids", "9-12", "--format", "jsonl"]);
-    assert!(found.lines().count() == 1 && found.contains(r#""profile":"thruster""#), "{found}");
+    assert!(found.lines().count() == 1 && found.contains(r#""drive":"thruster""#), "{found}");
     let found =
         ok(&["scan", "sim:thruster-servo:11?time=virtual", "--ids", "11-11", "--format", "jsonl"]);
-    assert!(found.contains(r#""profile":"thruster-servo""#), "{found}");
+    assert!(found.contains(r#""drive":"thruster-servo""#), "{found}");
 }

@@ -444,7 +444,7 @@ static THRUSTER_PLANS: [Plan; 7] = [
         source: "manual section 3, zero-point protection: TC 0 first",
         steps: &[
             Step::Send { function: 0x0, index: 0x5443, operand: Operand::Is(0), like: None },
-            Step::NoFault { read: ParameterId(7), mask: -1 },
+            Step::NoFault { read: ParameterId(7), mask: 0xcc7 },
         ],
         undo: &[],
     },
@@ -471,7 +471,7 @@ static THRUSTER_PLANS: [Plan; 7] = [
         source: "manual section 2.1: CF",
         steps: &[
             Step::Send { function: 0x1, index: 0x4346, operand: Operand::Is(0), like: None },
-            Step::NoFault { read: ParameterId(7), mask: -1 },
+            Step::NoFault { read: ParameterId(7), mask: 0xcc7 },
         ],
         undo: &[],
     },
@@ -953,7 +953,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
     Plan {
         verb: Verb::Enable,
         source: "manual section 4: position commands need no zero signal",
-        steps: &[Step::NoFault { read: ParameterId(7), mask: -1 }],
+        steps: &[Step::NoFault { read: ParameterId(7), mask: 0x8c7 }],
         undo: &[],
     },
     Plan {
@@ -979,7 +979,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
         source: "manual section 2.1: CF",
         steps: &[
             Step::Send { function: 0x1, index: 0x4346, operand: Operand::Is(0), like: None },
-            Step::NoFault { read: ParameterId(7), mask: -1 },
+            Step::NoFault { read: ParameterId(7), mask: 0xcc7 },
         ],
         undo: &[],
     },
@@ -1015,7 +1015,13 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
         verb: Verb::MoveTo,
         source: "manual section 4.1: LA, at 30 rpm unless a speed is given",
         steps: &[
-            Step::NoFault { read: ParameterId(7), mask: -1 },
+            Step::NoFault { read: ParameterId(7), mask: 0x8c7 },
+            Step::Send {
+                function: 0x4,
+                index: 0x5141,
+                operand: Operand::Given(Argument::Velocity),
+                like: Some(ParameterId(2)),
+            },
             Step::Send {
                 function: 0x2,
                 index: 0x1e,
@@ -1029,7 +1035,13 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
         verb: Verb::MoveBy,
         source: "manual section 4.2: LR, at 30 rpm unless a speed is given; never sent again, for each one adds",
         steps: &[
-            Step::NoFault { read: ParameterId(7), mask: -1 },
+            Step::NoFault { read: ParameterId(7), mask: 0x8c7 },
+            Step::Send {
+                function: 0x4,
+                index: 0x5141,
+                operand: Operand::Given(Argument::Velocity),
+                like: Some(ParameterId(2)),
+            },
             Step::Send {
                 function: 0x3,
                 index: 0x1e,
@@ -1049,7 +1061,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
                 test: Test { mask: -1, compare: Compare::Within, value: 0 },
                 within_ms: 600000,
             },
-            Step::NoFault { read: ParameterId(7), mask: -1 },
+            Step::NoFault { read: ParameterId(7), mask: 0x8c7 },
         ],
         undo: &[],
     },

@@ -4,7 +4,7 @@
 //! SP and RP; `internal high` and `internal low`, its halves, to be read.
 //! [`Send`](crate::plan::Step::Send): function 0 sends the command `index` with the value, function 1
 //! without; 2 and 3 are LA and LR to or by the value, as fast as the caller says, else with `index`
-//! rpm.
+//! rpm; 4 asks the query `index`, so that a step can name, and have checked, what LA and LR carry.
 
 use super::generic::GENERIC;
 use super::host::CanHost;
@@ -165,6 +165,7 @@ impl Driver for Axis {
             1 => self.ask(Request::plain(command), None),
             2 => self.positioning(Command::LA, None, index, value),
             3 => self.positioning(Command::LR, None, index, value),
+            4 => self.ask(Request::plain(command), Some(Class::Idempotent)),
             _ => Err(Unsupported::NoPlan),
         }
     }

@@ -152,13 +152,13 @@ fn limits_hold_before_a_byte_is_sent() {
         |told| matches!(told, Err(Unsupported::OutOfRange { .. } | Unsupported::Forbidden(_)));
     assert!(refused(pair.command(turning(201.0))));
     assert!(refused(pair.command(moving(Verb::MoveTo, 180.0, None))));
+    assert!(refused(pair.command(moving(Verb::MoveTo, 90.0, Some(201.0)))));
     assert!(refused(pair.write("command timeout", 60_001)));
     assert!(refused(pair.raw("LR 10 rpm -437.0 deg")), "EE EE");
     assert!(refused(pair.raw("VC 29 rpm")));
     assert!(pair.sent.is_empty());
     let impossible = |told| matches!(told, Ok(Outcome::NotDone(Failure::Impossible(_))));
     assert!(impossible(pair.command(moving(Verb::MoveBy, -437.0, None))), "EE EE");
-    assert!(impossible(pair.command(moving(Verb::MoveTo, 90.0, Some(201.0)))));
     assert!(impossible(pair.write("command timeout", 99)));
     let moved = pair.sent.iter().any(|f| matches!(f.data, [b'L' | b'V' | b'T', ..]));
     assert!(!moved, "{:?}", pair.sent);
