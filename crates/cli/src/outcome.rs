@@ -1,7 +1,7 @@
 //! The library's errors as the user sees them. One place, so that every verb says the same.
 
 use polepair::Error;
-use polepair_core::profile::{Fault, Profile};
+pub use polepair::faults;
 use polepair_link::LinkError;
 
 use crate::problem::{Exit, Problem};
@@ -28,16 +28,6 @@ fn why(error: &Error) -> &'static str {
         (Exit::Usage, _) => "Nothing was sent.",
         _ => "",
     }
-}
-
-/// The fault of that code; where a drive tells faults as bits, every bit that is set.
-pub fn faults(profile: &'static Profile, code: u32) -> Vec<&'static Fault> {
-    if let Some(fault) = profile.faults.iter().find(|fault| fault.code == code) {
-        return vec![fault];
-    }
-    let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
-    let set = |fault: &&Fault| bits && fault.code & code != 0;
-    profile.faults.iter().filter(set).collect()
 }
 
 /// With a capital and a full stop.

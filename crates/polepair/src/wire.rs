@@ -55,6 +55,14 @@ impl SharedLink {
         }
     }
 
+    /// The same link with a tap on its bytes; frames of a bus are not tapped.
+    pub(crate) fn watched(&self, tap: impl Tap<Stream> + 'static) -> Self {
+        match self {
+            Self::Serial(link) => Self::Serial(Shared::new(Box::new(link.clone()), Some(tap))),
+            Self::Can(link) => Self::Can(link.clone()),
+        }
+    }
+
     pub(crate) fn describe(&self) -> String {
         match self {
             Self::Serial(link) => link.describe(),

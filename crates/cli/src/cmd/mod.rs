@@ -4,6 +4,7 @@ mod completions;
 mod config;
 mod decode;
 mod demo;
+mod doctor;
 mod encode;
 mod explain;
 mod get;
@@ -57,6 +58,8 @@ pub enum Verb {
     Encode(encode::Encode),
     /// Say what a fault, a status, an exception or a frame means
     Explain(explain::Explain),
+    /// Look for what is wrong, from the cable up
+    Doctor(doctor::Doctor),
     /// Find the drives on a link
     Scan(scan::Scan),
     /// Show who a drive is, what it does, and its faults in words
@@ -112,6 +115,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Decode(verb) => verb.run(),
         Verb::Encode(verb) => verb.run(),
         Verb::Explain(verb) => verb.run(),
+        Verb::Doctor(verb) => verb.run(),
         Verb::Scan(verb) => verb.run(),
         Verb::Info(verb) => verb.run(),
         Verb::Get(verb) => verb.run(),

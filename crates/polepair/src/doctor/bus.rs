@@ -1,0 +1,109 @@
+//! A CAN bus: bit rate, errors, who is heard.
+
+use super::{Check, HEARD_MAX};
+use crate::connect::Line;
+use crate::error::{Error, Exit};
+use crate::registry::{self, Listener};
+use crate::url::{Target, Url};
+use crate::wire::Shared;
+use polepair_core::medium::{Can, Frame, MediumKind};
+use polepair_core::station::LineEvent;
+use polepair_link::{Link as _, Received};
+
+/// How long a bus is listened to.
+const LISTEN_MS: u32 = 500;
+/// Speakers that are named at most.
+const SHOWN_MAX: usize = 12;
+const TERMINATION: &str = "termination: 120 ohm at both ends, 60 between CAN-H and CAN-L with power \
+                           off; one bit rate for all; power off before plugging a drive's connector";
+
+/// What was heard in a while.
+#[derive(Default)]
+struct Heard {
+    frames: Vec<Frame>,
+    off: bool,
+}
+
+/// Listens without sending.
+pub(super) fn listen(
+    link: &Shared<Can>,
+    line: &Line,
+    url: &Url,
+    hear: &mut dyn FnMut(Check),
+) -> Result<(), Error> {
+    let rate = bit_rate(line, url);
+    hear(match rate {
+        0 => Check::ok("bit rate", "this bus has no bit timing"),
+        rate => Check::ok("bit rate", format!("{rate} bit/s")),
+    });
+    let before = link.losses();
+    let heard = frames(link)?;
+    let losses = link.losses();
+    let errors = losses.errors - before.errors;
+    hear(match (heard.off, errors, heard.frames.len()) {
+        (true, ..) => {
+            Check::wrong("errors", Exit::Corrupt, "the controller went bus-off", TERMINATION)
+        }
+        (false, 1.., _) => {
+            let said = format!("{errors} error frames in {LISTEN_MS} ms");
+            Check::wrong("errors", Exit::Corrupt, said, TERMINATION)
+        }
+        (false, 0, 0) => Check::look("traffic", format!("silent for {LISTEN_MS} ms"), TERMINATION),
+        (false, 0, count) => Check::ok("traffic", format!("{count} frames without an error")),
+    });
+    for (who, count) in speakers(line, &heard.frames).into_iter().take(SHOWN_MAX) {
+        hear(Check::ok("heard", format!("{who}: {count} frames")));
+    }
+    Ok(())
+}
+
+/// The bus' bit rate as far as anybody here knows it.
+fn bit_rate(line: &Line, url: &Url) -> u32 {
+    #[cfg(target_os = "linux")]
+    if let Target::Socketcan { interface } = &url.target {
+        let known = polepair_link::socketcan::interfaces();
+        let known = known.into_iter().find(|one| one.name == *interface);
+        return known.and_then(|one| one.bit_rate).unwrap_or(0);
+    }
+    match url.target {
+        Target::Udp { .. } => 0,
+        _ => line.options.bit_rate,
+    }
+}
+
+fn frames(link: &Shared<Can>) -> Result<Heard, Error> {
+    let until = link.now().plus_ms(LISTEN_MS);
+    let (mut heard, mut frame) = (Heard::default(), Frame::default());
+    for _ in 0..HEARD_MAX {
+        match link.receive(&mut frame, until)? {
+            Received::TimedOut => break,
+            Received::Bytes { .. } => heard.frames.push(frame),
+            Received::Line { event: LineEvent::BusOff, .. } => heard.off = true,
+            Received::Line { .. } | Received::Woken => {}
+        }
+    }
+    Ok(heard)
+}
+
+/// Who sent, by the first protocol that knows: that of the string goes first.
+fn speakers(line: &Line, frames: &[Frame]) -> Vec<(String, usize)> {
+    let on_can = registry::protocols().into_iter().filter(|p| p.medium == MediumKind::Can);
+    let mut names: Vec<&str> = on_can.map(|protocol| protocol.name).collect();
+    names.sort_by_key(|name| *name != line.spoken.name);
+    let listeners: Vec<_> =
+        names.iter().map(|name| (*name, Listener::new(name, line.options))).collect();
+    let mut found: Vec<(String, usize)> = Vec::new();
+    for frame in frames {
+        let sender = |(name, listener): &(&str, Listener)| {
+            listener.sender(frame).map(|number| format!("{name} {number}"))
+        };
+        let who = listeners.iter().find_map(sender);
+        let who = who.unwrap_or_else(|| format!("id {:X}, nobody known", frame.id));
+        match found.iter_mut().find(|(other, _)| *other == who) {
+            Some((_, count)) => *count += 1,
+            None => found.push((who, 1)),
+        }
+    }
+    found.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    found
+}

@@ -1,0 +1,211 @@
+//! A serial line: noise, baud rate, echo.
+
+use super::{Check, HEARD_MAX, Options};
+use crate::connect::{Connector, Line};
+use crate::error::{Error, Exit};
+use crate::identify::{Probe, Prober};
+use crate::url::{Target, Url};
+use crate::wire::Shared;
+use polepair_core::explain::Dissector;
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::proto;
+use polepair_core::station::LineEvent;
+use polepair_core::time::Instant;
+use polepair_link::tap::{Direction, Tap};
+use polepair_link::{Link as _, Received};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// How long a line is listened to at each baud rate.
+const LISTEN_MS: u32 = 300;
+/// The baud rates that drives have, the usual ones first.
+const RATES: [u32; 9] = [9_600, 115_200, 19_200, 38_400, 57_600, 230_400, 4_800, 2_400, 256_000];
+
+/// Listens without sending, and says what the silence or the noise means.
+pub(super) fn listen(
+    link: &Shared<Stream>,
+    line: &Line,
+    hear: &mut dyn FnMut(Check),
+) -> Result<(), Error> {
+    let baud = line.options.baud;
+    let (bytes, breaks) = hear_bytes(link)?;
+    let dissector = proto::dissector(line.spoken.name);
+    let good = dissector.map_or(0, |dissector| in_frames(dissector, &bytes));
+    hear(match (bytes.len(), breaks) {
+        (0, 0) => Check::ok("noise", format!("silent for {LISTEN_MS} ms, as it should be")),
+        (0, breaks) => {
+            let said = format!("{breaks} breaks or framing errors, and no bytes");
+            Check::wrong("noise", Exit::Corrupt, said, "A and B swapped, or no bias on the pair")
+        }
+        (all, _) if good * 2 > all => {
+            let said = format!("{all} bytes came unasked, {good} of them in whole frames");
+            let remedy = "another host asks here, or a drive reports by itself: one host a line";
+            Check::look("noise", said, remedy)
+        }
+        (all, _) => {
+            let said = format!("{all} bytes came unasked, {good} of them in whole frames");
+            Check::wrong("noise", Exit::Corrupt, said, better_rate(link, line, dissector)?)
+        }
+    });
+    if baud > 0 {
+        hear(Check::ok("rate", format!("{baud} baud, as the string or the factory has it")));
+    }
+    Ok(())
+}
+
+/// Listens at other baud rates, and says which one gives frames.
+fn better_rate(
+    link: &Shared<Stream>,
+    line: &Line,
+    dissector: Option<&'static dyn Dissector>,
+) -> Result<String, Error> {
+    let mut best = (0, 0);
+    for &rate in RATES.iter().filter(|rate| line.options.baud > 0 && **rate != line.options.baud) {
+        link.set_line(SerialLine::n81(rate))?;
+        let (bytes, _) = hear_bytes(link)?;
+        let good = dissector.map_or(0, |dissector| in_frames(dissector, &bytes));
+        if good * 2 > bytes.len() && good > best.0 {
+            best = (good, rate);
+        }
+    }
+    link.set_line(SerialLine::n81(line.options.baud))?;
+    Ok(match best {
+        (0, _) => "noise or another protocol: shield, common ground, terminators, no other host \
+                   on the line"
+            .to_owned(),
+        (_, rate) => format!("at {rate} baud whole frames come: write `:{rate}` behind the port"),
+    })
+}
+
+/// What arrives within a while, and how many breaks.
+fn hear_bytes(link: &Shared<Stream>) -> Result<(Vec<u8>, usize), Error> {
+    let until = link.now().plus_ms(LISTEN_MS);
+    let (mut bytes, mut breaks, mut buffer) = (Vec::new(), 0, [0; 256]);
+    for _ in 0..HEARD_MAX {
+        match link.receive(&mut buffer, until)? {
+            Received::TimedOut => break,
+            Received::Bytes { len, .. } => bytes.extend_from_slice(&buffer[..len]),
+            Received::Line { event: LineEvent::Break, .. } => breaks += 1,
+            Received::Line { .. } | Received::Woken => {}
+        }
+    }
+    Ok((bytes, breaks))
+}
+
+/// How many of the bytes are in frames whose check agrees.
+fn in_frames(dissector: &dyn Dissector, mut bytes: &[u8]) -> usize {
+    let mut good = 0;
+    while !bytes.is_empty() {
+        let whole = dissector.whole(bytes, None).filter(|len| *len > 0);
+        good += whole.unwrap_or(0);
+        bytes = &bytes[whole.unwrap_or(1).min(bytes.len())..];
+    }
+    good
+}
+
+/// What was sent and heard, to tell whether the adapter hears itself.
+#[derive(Clone, Default)]
+pub(super) struct Echo(Arc<Mutex<(Vec<u8>, Vec<u8>)>>);
+
+impl Tap<Stream> for Echo {
+    fn unit(&mut self, _: Instant, direction: Direction, bytes: &[u8]) {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (sent, heard) = &mut *kept;
+        match direction {
+            Direction::ToDrive if sent.is_empty() => sent.extend_from_slice(bytes),
+            Direction::ToHost if !sent.is_empty() && heard.len() < sent.len() => {
+                heard.extend_from_slice(bytes);
+            }
+            Direction::ToDrive | Direction::ToHost => {}
+        }
+    }
+}
+
+impl Echo {
+    /// Watches the line from now on.
+    pub(super) fn on(line: &mut Line) -> Self {
+        let echo = Self::default();
+        line.link = line.link.watched(echo.clone());
+        echo
+    }
+
+    /// Whether own bytes come back; `None` where nothing came at all.
+    fn heard(&self) -> Option<bool> {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (sent, heard) = &*kept;
+        (!heard.is_empty()).then(|| !sent.is_empty() && heard.starts_with(sent))
+    }
+
+    /// Whether the host counts on another kind of adapter than this one.
+    pub(super) fn unlike_expected(&self, line: &Line) -> bool {
+        self.heard().is_some_and(|echo| echo != line.options.echo)
+    }
+
+    pub(super) fn judge(&self, line: &Line) -> Check {
+        match (self.heard(), line.options.echo) {
+            (None, _) => {
+                let remedy = "to test the adapter alone, unplug the drive and join TX and RX: own \
+                              bytes must come back";
+                Check::look("echo", "nothing came back, so it cannot be told", remedy)
+            }
+            (Some(false), false) => Check::ok("echo", "own bytes do not come back"),
+            (Some(true), true) => Check::ok("echo", "own bytes come back, and are expected"),
+            (Some(true), false) => {
+                let remedy = "add `echo=yes` to the string, or switch the adapter's echo off";
+                Check::wrong("echo", Exit::Negative, "own bytes come back", remedy)
+            }
+            (Some(false), true) => {
+                let remedy = "leave `echo=yes` out of the string";
+                Check::wrong("echo", Exit::Negative, "own bytes do not come back", remedy)
+            }
+        }
+    }
+}
+
+/// Asks by reads at other baud rates, if that is wanted.
+pub(super) fn other_rates(
+    connector: &Connector,
+    url: &Url,
+    options: Options,
+) -> Result<Check, Error> {
+    let Target::Serial { path, baud } = &url.target else {
+        return Ok(Check::ok("other rates", "the far end has the baud rate"));
+    };
+    if !options.try_bauds {
+        let said = "asked at one baud rate only";
+        return Ok(Check::look("other rates", said, "--try-bauds asks at the others, by reads"));
+    }
+    let mut tried = Vec::new();
+    for &rate in RATES.iter().filter(|rate| Some(**rate) != *baud) {
+        let mut other = url.clone();
+        other.target = Target::Serial { path: path.clone(), baud: Some(rate) };
+        // An adapter that cannot do a rate says so here.
+        let Ok((lines, _)) = connector.lines(&other) else { continue };
+        for line in &lines {
+            let number = line.numbers.first().copied().unwrap_or(*line.spoken.addresses.start());
+            let probe = Prober::new(line, &connector.config).looking().probe(number)?;
+            if matches!(probe, Probe::Found { .. }) {
+                let said = format!("axis {number} answers at {rate} baud");
+                let remedy = format!("write `:{rate}` behind the port");
+                return Ok(Check::wrong("other rates", Exit::NoReply, said, remedy));
+            }
+        }
+        tried.push(rate);
+    }
+    let said = format!("nobody answers at {} baud either", super::listed(&tried));
+    Ok(Check::wrong("other rates", Exit::NoReply, said, "power, wiring and address remain"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::in_frames;
+    use polepair_core::proto;
+
+    #[test]
+    fn frames_are_told_from_noise() {
+        let Some(tmcl) = proto::dissector("tmcl") else { return };
+        let frame = [0x01, 0x01, 0, 0, 0, 0, 0x01, 0x5E, 0x61];
+        let noisy = [&[0xFF, 0x00][..], &frame, &[0x55], &frame].concat();
+        assert_eq!(in_frames(tmcl, &noisy), 18);
+        assert_eq!(in_frames(tmcl, &[0x55; 40]), 0);
+    }
+}

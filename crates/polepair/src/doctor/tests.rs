@@ -1,0 +1,50 @@
+use super::{Check, Grade, Options, link};
+use crate::Connector;
+use crate::error::Exit;
+
+fn checks(url: &str) -> Vec<Check> {
+    let mut checks = Vec::new();
+    link(&Connector::default(), url, Options::default(), &mut |check| checks.push(check))
+        .expect("a string that can be read");
+    checks
+}
+
+fn about<'a>(checks: &'a [Check], about: &str) -> &'a Check {
+    checks.iter().find(|check| check.about == about).unwrap_or_else(|| panic!("{checks:?}"))
+}
+
+#[test]
+fn a_sound_line_is_sound() {
+    let found = checks("sim:tmcl?time=virtual");
+    assert!(found.iter().all(|check| check.grade != Grade::Wrong), "{found:?}");
+    assert!(about(&found, "echo").found.contains("do not come back"));
+    assert!(about(&found, "axis 1").found.contains("answers"));
+}
+
+#[test]
+fn an_echo_is_told_and_overcome() {
+    let mut found = Vec::new();
+    let connector = Connector::default();
+    let url = connector.url("sim:tmcl?time=virtual&echo=yes").expect("a string");
+    let (mut lines, _simulation) = connector.lines(&url).expect("a line");
+    // The string forgets to say what the adapter does.
+    lines[0].options.echo = false;
+    let hear = &mut |check| found.push(check);
+    super::examine(&connector, &url, &mut lines[0], &mut false, hear).expect("a line");
+    assert_eq!(about(&found, "echo").grade, Grade::Wrong, "{found:?}");
+    assert!(about(&found, "echo").remedy.contains("echo=yes"));
+    assert!(found.iter().any(|check| check.found.contains("answers:")), "{found:?}");
+}
+
+#[test]
+fn a_port_that_is_not_there_is_told_with_its_exit_code() {
+    let found = checks("tmcl+serial:///dev/no-such-port");
+    assert_eq!((found.len(), found[0].exit), (1, Exit::Adapter), "{found:?}");
+}
+
+#[test]
+fn a_bus_is_listened_to() {
+    let found = checks("sim:tmcl+can?time=virtual");
+    assert!(about(&found, "bit rate").found.contains("bit/s"), "{found:?}");
+    assert!(about(&found, "traffic").remedy.contains("120 ohm"));
+}
