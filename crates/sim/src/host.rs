@@ -48,11 +48,14 @@ pub fn lane(
     maker.made.and_then(node)
 }
 
+/// A lane of a program: the protocol's word, the host's settings, the axes.
+pub type LaneOf<'a> = (&'a str, HostOptions, Vec<(&'static Profile, u32)>);
+
 /// A program on a CAN bus: one lane for each protocol that it speaks, as one set of axes, those of
 /// the first lane first. `None` when some protocol is unknown on CAN.
 #[must_use]
-pub fn mux(lanes: &[(&str, HostOptions, Vec<(&'static Profile, u32)>)]) -> Option<Box<dyn Node>> {
-    let lane = |(protocol, options, axes): &(&str, HostOptions, Vec<_>)| {
+pub fn mux(lanes: &[LaneOf<'_>]) -> Option<Box<dyn Node>> {
+    let lane = |(protocol, options, axes): &LaneOf<'_>| {
         let mut maker =
             Maker { protocol, medium: MediumKind::Can, options: *options, axes, made: None };
         proto::visit(&mut maker);

@@ -213,7 +213,7 @@ impl World {
     pub fn can(&mut self, line: CanLine) -> WireId {
         self.wires.push(Wire {
             plugs: Vec::new(),
-            kind: Kind::Can(CanBus::new(line, self.random.fork())),
+            kind: Kind::Can(Box::new(CanBus::new(line, self.random.fork()))),
         });
         WireId(self.wires.len() - 1)
     }
@@ -401,7 +401,7 @@ struct Wire {
 
 enum Kind {
     Serial(Box<SerialWire>),
-    Can(CanBus),
+    Can(Box<CanBus>),
 }
 
 #[derive(Clone, Copy, Debug)]

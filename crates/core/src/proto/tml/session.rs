@@ -12,6 +12,7 @@
 
 mod doubt;
 mod gather;
+mod overtake;
 mod recovery;
 
 use super::ask::{self, Answer, Ask, MASTERID, SRL, With, assigned, assignment, give_me_data};
@@ -615,44 +616,6 @@ impl Session {
             let message = Message { to: IdCode::axis(axis), instruction };
             self.start(now, None, Ask::of(message));
         }
-    }
-
-    /// A stop, while something is outstanding. Where both may speak at once it does not wait for
-    /// answers; on RS-485 it must, or they would collide. An acknowledgement that is on its way is
-    /// waited for, because it names nothing: it could be taken for the stop's.
-    fn overtake(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
-        let Some(pending) = self.pending.filter(|pending| pending.ask.class != Class::Stop) else {
-            return Err(ask);
-        };
-        if self.stop.is_some() {
-            return Err(ask);
-        }
-        self.stop = Some((ticket, ask));
-        match pending.phase {
-            Phase::Ready(_) => self.give_way(now),
-            Phase::Answer(_) if self.place.wire != Wire::Rs485 => self.give_way(now),
-            Phase::Sync(sent, _) => self.phase(Phase::SyncDue(sent)),
-            _ => {}
-        }
-        Ok(())
-    }
-
-    /// The stop that waits takes the line. A question is asked again when the stop is through.
-    fn give_way(&mut self, now: Instant) {
-        let (Some((ticket, ask)), Some(pending)) = (self.stop.take(), self.pending.take()) else {
-            return;
-        };
-        self.gather.clear();
-        match (pending.ticket, self.question(&pending)) {
-            (None, _) => self.doubts.again(pending.ask.message.to.id),
-            (Some(_), Some(_)) => self.aside = Some(pending),
-            (Some(waiting), None) => {
-                let sent = pending.attempts > 0 || pending.stage != Stage::Itself;
-                let failure = if sent { Failure::Silent } else { Failure::Cancelled };
-                self.push(To::Ticket(waiting), Err(failure));
-            }
-        }
-        self.start(now, Some(ticket), ask);
     }
 
     fn event(&mut self, from: u8, said: &Online) {
