@@ -160,12 +160,12 @@ pub(crate) fn draft(
             Some(name) => base(&name)?,
             None => blank(&node)?,
         };
+        shift(&mut draft, &node)?;
         head(&mut draft, &node)?;
         let file = Reader { dialect: dialect_of(&node, &draft.protocol)? };
         if let Some(map) = node.text("map")? {
             map::apply(&mut draft, &map)?;
         }
-        shift(&mut draft, &node)?;
         for name in node.texts("remove")? {
             remove(&mut draft, &name)?;
         }

@@ -40,7 +40,8 @@ impl Family for SyntronTs {
     type Device = device::Device;
 
     fn profiles() -> &'static [&'static Profile] {
-        static USUAL_FIRST: [&Profile; 2] = [&profile::SYNTRON_TS, &profile::SYNTRON_DS102];
+        static USUAL_FIRST: [&Profile; 3] =
+            [&profile::SYNTRON_TS, &profile::SYNTRON_DS102, &profile::SYNTRON_TS_CANOPEN];
         &USUAL_FIRST
     }
 

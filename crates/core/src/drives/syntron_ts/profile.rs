@@ -25733,7 +25733,12 @@ pub static SYNTRON_TS_CANOPEN: Profile = Profile {
     faults: &SYNTRON_DS102_FAULTS,
     signals: &SYNTRON_TS_CANOPEN_SIGNALS,
     plans: &SYNTRON_TS_CANOPEN_PLANS,
-    identity: None,
+    identity: Some(Identity {
+        ask: Ask::Parameter(ParameterId(14)),
+        mask: 0xffffffe0,
+        equals: 0x2680,
+        firmware: 0x0,
+    }),
     ram: Some(RamMode { parameter: ParameterId(15), ram: 1, flash: 0 }),
     reach: &[
         ParameterId(11),
