@@ -2432,8 +2432,8 @@ static CIA402_SIGNALS: [SignalSource; 12] = [
     SignalSource {
         signal: Signal::Moving,
         parameter: ParameterId(80),
-        mask: 0x400,
-        equals: Some(0),
+        mask: 0x427,
+        equals: Some(39),
         values: &[],
     },
     SignalSource {

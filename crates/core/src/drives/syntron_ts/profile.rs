@@ -25313,8 +25313,8 @@ static SYNTRON_TS_CANOPEN_SIGNALS: [SignalSource; 10] = [
     SignalSource {
         signal: Signal::Moving,
         parameter: ParameterId(821),
-        mask: 0x400,
-        equals: Some(0),
+        mask: 0x427,
+        equals: Some(39),
         values: &[],
     },
     SignalSource {
@@ -25532,6 +25532,7 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Send { function: 0x0, index: 0x1, operand: Operand::Is(0), like: None },
             Step::Write(ParameterId(840), Operand::Argument(Argument::Target)),
+            Step::Write(ParameterId(842), Operand::Is(3000)),
             Step::Write(ParameterId(842), Operand::Given(Argument::Velocity)),
             Step::Write(ParameterId(822), Operand::Is(1)),
             Step::Until {
@@ -25595,6 +25596,7 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Send { function: 0x0, index: 0x1, operand: Operand::Is(0), like: None },
             Step::Write(ParameterId(840), Operand::Argument(Argument::Target)),
+            Step::Write(ParameterId(842), Operand::Is(3000)),
             Step::Write(ParameterId(842), Operand::Given(Argument::Velocity)),
             Step::Write(ParameterId(822), Operand::Is(1)),
             Step::Until {
