@@ -304,7 +304,10 @@ fn spoken(word: &str, medium: MediumKind) -> Result<Spoken, Error> {
 
 /// Opens what the string names. The link is set as the protocol's host wants it.
 fn open(url: &Url, spoken: &Spoken, options: &HostOptions) -> Result<AnyLink, Error> {
-    let bus = CanLine { bit_rate: options.bit_rate };
+    // A serial adapter must be told; the other buses have their bit rate already, or none.
+    let usual = matches!(url.target, Target::Slcan { .. } | Target::SlcanTcp { .. });
+    let usual = if usual { spoken.baud } else { 0 };
+    let bus = CanLine { bit_rate: rate(url, "bitrate")?.unwrap_or(usual) };
     Ok(match &url.target {
         Target::Serial { path, baud } => {
             let line = line_of(url, spoken, *options, baud.unwrap_or(spoken.baud))?;
@@ -420,9 +423,11 @@ fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Error> {
     let rate = rate(url, "bitrate")?;
     let (baud, bit_rate) = match &url.target {
         Target::Serial { path, .. } if is_pty(path) => (0, 0),
+        // Behind these there may be no bus, and so no least time for a frame.
+        Target::Slcan { path, .. } if is_pty(path) => (0, 0),
+        Target::SlcanTcp { .. } => (0, 0),
         Target::Serial { baud, .. } => (baud.unwrap_or(spoken.baud), 0),
-        // An adapter must be told; the other buses have their bit rate already, or none.
-        Target::Slcan { .. } | Target::SlcanTcp { .. } => (0, rate.unwrap_or(spoken.baud)),
+        Target::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
         _ => (0, rate.unwrap_or(0)),
     };
     let mut options = HostOptions { bit_rate, ..options(url, baud)? };

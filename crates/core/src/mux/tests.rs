@@ -55,12 +55,6 @@ fn device(can_id: i32, reply_id: i32) -> Device {
 fn run(mux: &mut Mux, devices: &mut [Device], from: Instant, ms: u32) -> Vec<(Ticket, Outcome)> {
     let (mut now, mut ends) = (from, Vec::new());
     while now < from.plus_ms(ms) {
-        let mut frame = Frame::default();
-        while mux.poll_transmit(now, &mut frame).is_some() {
-            for device in &mut *devices {
-                Station::<Can>::handle_input(device, now, &frame);
-            }
-        }
         for device in &mut *devices {
             device.handle_timeout(now);
             let mut frame = Frame::default();
@@ -69,8 +63,14 @@ fn run(mux: &mut Mux, devices: &mut [Device], from: Instant, ms: u32) -> Vec<(Ti
             }
         }
         mux.handle_timeout(now);
+        let mut frame = Frame::default();
+        while mux.poll_transmit(now, &mut frame).is_some() {
+            for device in &mut *devices {
+                Station::<Can>::handle_input(device, now, &frame);
+            }
+        }
         ends.extend(core::iter::from_fn(|| mux.poll_outcome()));
-        now = now.plus_ns(200_000);
+        now = now.plus_ms(1);
     }
     ends
 }
