@@ -325,8 +325,12 @@ impl Station<Can> for Host {
         if frame.extended || frame.id > 0x7FF {
             return;
         }
+        // What happens most, ahead of everything else.
+        let node = frame.id as u8 & NODE_MAX;
+        if frame.id as u16 & !u16::from(NODE_MAX) == cob::SDO_REPLY && !frame.remote && node != 0 {
+            return self.replied(now, node, frame);
+        }
         match Cob::of(frame.id as u16) {
-            Cob::SdoReply(node) if !frame.remote => self.replied(now, node, frame),
             Cob::Tpdo(number, node) if !frame.remote => {
                 let data = u64::from_le_bytes(frame.data);
                 self.tell(node, Answer::Process(number, data, frame.len));
