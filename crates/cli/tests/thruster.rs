@@ -119,7 +119,7 @@ fn verbs_turn_move_and_stop_simulated_drives() {
     assert!(shown.contains("30B#4C41003C00000384"), "{shown}");
     let shown = ok(&["stop", servo, "--dry-run"]);
     assert!(shown.contains("30B#4C53000000000000"), "{shown}");
-    let actuator = "sim:thruster-actuator:11?time=virtual";
+    let actuator = "sim:thruster-actuator:11?time=virtual&profile=thruster-actuator";
     let shown = ok(&["move", actuator, "25mm", "--dry-run"]);
     assert!(shown.contains("30B#4C41001E000000FA"), "{shown}");
     ok(&["move", actuator, "25mm"]);

@@ -1219,7 +1219,7 @@ pub static THRUSTER_SERVO: Profile = Profile {
     reach: &[ParameterId(12), ParameterId(13)],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9) },
     reply_timeout_ms: 50,
-    caution: "The servo moves at once, as far as its safe range lets it, and its output is off after a stop: what it holds may fall. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. How fast a move is unless you say: 30 rpm.",
+    caution: "The servo moves at once, as far as its safe range lets it, and its output is off after a stop: what it holds may fall. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. How fast a move is unless you say: 30 rpm. An actuator answers as a servo does: for one say profile=thruster-actuator.",
 };
 
 /// Every profile of this file, by name.
