@@ -153,8 +153,8 @@ fn mistakes_name_file_line_column_and_the_nearest_word() {
         (
             "\"modbus\"",
             "\"modbsu\"",
-            "bad.toml:3:12: no profile protocol `modbsu`: tmcl or modbus or tml or thruster; \
-          did you mean `modbus`?",
+            "bad.toml:3:12: no profile protocol `modbsu`: tmcl or modbus or canopen or tml or \
+          thruster; did you mean `modbus`?",
         ),
         ("\"rpm\"", "\"rmp\"", "bad.toml:14:8: `rmp` is none of"),
         (
