@@ -84,13 +84,13 @@ pub fn profiles() -> &'static [&'static Profile] {
         &tmcm17x::profile::TMCM_170,
         &syntron_ts::profile::SYNTRON_TS,
         &syntron_ts::profile::SYNTRON_DS102,
+        &cia402::profile::CIA402,
         &syntron_ts::profile::SYNTRON_TS_CANOPEN,
         &technosoft::profile::TECHNOSOFT_F514L,
         &technosoft::profile::TECHNOSOFT_FA00G,
         &thruster::profile::THRUSTER,
         &thruster::profile::THRUSTER_SERVO,
         &thruster::profile::THRUSTER_ACTUATOR,
-        &cia402::profile::CIA402,
     ];
     &ALL
 }

@@ -228,6 +228,9 @@ impl Drive {
     }
 
     fn control(&mut self, word: u16) {
+        if word == self.axis.control_word() {
+            return;
+        }
         let starved = self.fault == Fault::UNDERVOLTAGE && !self.shaft.has_voltage();
         let clear = !starved && self.shaft.lasting().is_none();
         let before = self.axis.state();
@@ -248,7 +251,7 @@ impl Drive {
     /// Positions in user units, from where 0 is.
     #[inline]
     fn coordinate(&self, position: f64) -> i32 {
-        self.objects.user(position - self.axis.origin())
+        self.objects.position(position - self.axis.origin())
     }
 
     fn increments(&self, position: f64) -> i32 {
@@ -263,18 +266,22 @@ impl Drive {
         match tag {
             read::STATUS => self.axis.status(shaft.has_voltage()).into(),
             read::POSITION => self.coordinate(shaft.position()).into(),
-            read::VELOCITY | read::SENSOR_VELOCITY => self.objects.user(shaft.velocity()).into(),
+            read::VELOCITY | read::SENSOR_VELOCITY => {
+                self.objects.velocity(shaft.velocity()).into()
+            }
             read::TORQUE | read::CURRENT => rounded(shaft.torque() * 1000.0),
             read::ERROR_CODE => self.fault.0.into(),
             read::MODE => self.axis.mode().into(),
             read::POSITION_DEMAND => self.coordinate(demand.position).into(),
             read::INCREMENTS => self.increments(shaft.position()).into(),
-            read::VELOCITY_DEMAND => self.objects.user(demand.velocity).into(),
+            read::VELOCITY_DEMAND => self.objects.velocity(demand.velocity).into(),
             read::TORQUE_DEMAND => rounded(self.axis.torque_demand() * 1000.0),
             read::RATED_CURRENT => rounded(RATED_CURRENT * 1000.0),
             read::RATED_TORQUE => rounded(shaft.rated_torque() * 1000.0),
             read::VOLTAGE => rounded(shaft.supply * 1000.0),
-            read::FOLLOWING_ERROR => self.objects.user(demand.position - shaft.position()).into(),
+            read::FOLLOWING_ERROR => {
+                self.objects.position(demand.position - shaft.position()).into()
+            }
             read::DEMAND_INCREMENTS => self.increments(demand.position).into(),
             read::INPUTS => self.inputs(),
             read::TEMPERATURE => rounded(shaft.temperature()),
@@ -363,7 +370,7 @@ impl Firmware for Drive {
 
     fn length(&mut self, tag: u16) -> u32 {
         match tag {
-            read::SCRATCH => self.files.len(),
+            read::SCRATCH => self.files.length(),
             _ => self.objects.value(kept::STREAM_LENGTH).cast_unsigned(),
         }
     }

@@ -22,7 +22,7 @@ impl Default for Files {
 impl Files {
     /// Bytes that are kept.
     #[must_use]
-    pub const fn len(&self) -> u32 {
+    pub const fn length(&self) -> u32 {
         self.len
     }
 

@@ -21,69 +21,108 @@ pub const SCRATCH_MAX: usize = 1024;
 /// Bytes that the stream object takes and gives at most.
 pub const STREAM_MAX: u32 = 16 << 20;
 
-/// Declares tags one after the other.
-macro_rules! tags {
-    ($($name:ident: $about:literal,)*) => {
-        #[allow(non_camel_case_types)]
-        enum Number { $($name,)* Count }
-        $(#[doc = $about] pub const $name: u16 = Number::$name as u16;)*
-        /// How many of them there are.
-        pub const COUNT: usize = Number::Count as usize;
-    };
-}
-
 /// Tags of the values that are kept as written.
 pub mod kept {
-    tags! {
-        CONTROL: "Controlword.",
-        MODE: "Mode of operation.",
-        TARGET_POSITION: "Target position.",
-        TARGET_VELOCITY: "Target velocity.",
-        TARGET_TORQUE: "Target torque.",
-        PROFILE_VELOCITY: "Profile velocity.",
-        ACCELERATION: "Profile acceleration.",
-        DECELERATION: "Profile deceleration.",
-        QUICK_STOP: "Quick stop deceleration.",
-        TORQUE_SLOPE: "Torque slope.",
-        VELOCITY_OFFSET: "Velocity offset.",
-        TORQUE_OFFSET: "Torque offset.",
-        PERIOD: "Interpolation time, units.",
-        PERIOD_EXPONENT: "Interpolation time, power of ten of the unit.",
-        MAX_PROFILE_VELOCITY: "Max profile velocity.",
-        MAX_MOTOR_SPEED: "Max motor speed, rpm.",
-        MAX_TORQUE: "Max torque.",
-        POSITION_MIN: "Least position.",
-        POSITION_MAX: "Greatest position.",
-        FOLLOWING_WINDOW: "Following error window.",
-        FOLLOWING_TIME: "Following error time.",
-        POSITION_WINDOW: "Position window.",
-        POSITION_TIME: "Position window time.",
-        VELOCITY_WINDOW: "Velocity window.",
-        VELOCITY_TIME: "Velocity window time.",
-        STANDSTILL: "Velocity threshold.",
-        STANDSTILL_TIME: "Velocity threshold time.",
-        ABORT_OPTION: "Abort connection option.",
-        QUICK_STOP_OPTION: "Quick stop option.",
-        SHUTDOWN_OPTION: "Shutdown option.",
-        DISABLE_OPTION: "Disable operation option.",
-        HALT_OPTION: "Halt option.",
-        FAULT_OPTION: "Fault reaction option.",
-        HOMING_METHOD: "Homing method.",
-        HOMING_FAST: "Homing speed to the switch.",
-        HOMING_SLOW: "Homing speed to the zero.",
-        HOMING_ACCELERATION: "Homing acceleration.",
-        HOME_OFFSET: "Home offset.",
-        PROFILE_TYPE: "Motion profile type.",
-        TORQUE_PROFILE_TYPE: "Torque profile type.",
-        GEAR_MOTOR: "Gear ratio, motor turns.",
-        GEAR_SHAFT: "Gear ratio, shaft turns.",
-        FEED: "Feed.",
-        FEED_TURNS: "Shaft turns of the feed.",
-        POSITIONING: "Positioning option.",
-        OUTPUTS: "Digital outputs.",
-        OUTPUT_MASK: "Mask of the digital outputs.",
-        STREAM_LENGTH: "Bytes that the stream gives.",
-    }
+    /// Controlword.
+    pub const CONTROL: u16 = 0;
+    /// Mode of operation.
+    pub const MODE: u16 = 1;
+    /// Target position.
+    pub const TARGET_POSITION: u16 = 2;
+    /// Target velocity.
+    pub const TARGET_VELOCITY: u16 = 3;
+    /// Target torque.
+    pub const TARGET_TORQUE: u16 = 4;
+    /// Profile velocity.
+    pub const PROFILE_VELOCITY: u16 = 5;
+    /// Profile acceleration.
+    pub const ACCELERATION: u16 = 6;
+    /// Profile deceleration.
+    pub const DECELERATION: u16 = 7;
+    /// Quick stop deceleration.
+    pub const QUICK_STOP: u16 = 8;
+    /// Torque slope.
+    pub const TORQUE_SLOPE: u16 = 9;
+    /// Velocity offset.
+    pub const VELOCITY_OFFSET: u16 = 10;
+    /// Torque offset.
+    pub const TORQUE_OFFSET: u16 = 11;
+    /// Interpolation time, units.
+    pub const PERIOD: u16 = 12;
+    /// Interpolation time, power of ten of the unit.
+    pub const PERIOD_EXPONENT: u16 = 13;
+    /// Max profile velocity.
+    pub const MAX_PROFILE_VELOCITY: u16 = 14;
+    /// Max motor speed, rpm.
+    pub const MAX_MOTOR_SPEED: u16 = 15;
+    /// Max torque.
+    pub const MAX_TORQUE: u16 = 16;
+    /// Least position.
+    pub const POSITION_MIN: u16 = 17;
+    /// Greatest position.
+    pub const POSITION_MAX: u16 = 18;
+    /// Following error window.
+    pub const FOLLOWING_WINDOW: u16 = 19;
+    /// Following error time.
+    pub const FOLLOWING_TIME: u16 = 20;
+    /// Position window.
+    pub const POSITION_WINDOW: u16 = 21;
+    /// Position window time.
+    pub const POSITION_TIME: u16 = 22;
+    /// Velocity window.
+    pub const VELOCITY_WINDOW: u16 = 23;
+    /// Velocity window time.
+    pub const VELOCITY_TIME: u16 = 24;
+    /// Velocity threshold.
+    pub const STANDSTILL: u16 = 25;
+    /// Velocity threshold time.
+    pub const STANDSTILL_TIME: u16 = 26;
+    /// Abort connection option.
+    pub const ABORT_OPTION: u16 = 27;
+    /// Quick stop option.
+    pub const QUICK_STOP_OPTION: u16 = 28;
+    /// Shutdown option.
+    pub const SHUTDOWN_OPTION: u16 = 29;
+    /// Disable operation option.
+    pub const DISABLE_OPTION: u16 = 30;
+    /// Halt option.
+    pub const HALT_OPTION: u16 = 31;
+    /// Fault reaction option.
+    pub const FAULT_OPTION: u16 = 32;
+    /// Homing method.
+    pub const HOMING_METHOD: u16 = 33;
+    /// Homing speed to the switch.
+    pub const HOMING_FAST: u16 = 34;
+    /// Homing speed to the zero.
+    pub const HOMING_SLOW: u16 = 35;
+    /// Homing acceleration.
+    pub const HOMING_ACCELERATION: u16 = 36;
+    /// Home offset.
+    pub const HOME_OFFSET: u16 = 37;
+    /// Motion profile type.
+    pub const PROFILE_TYPE: u16 = 38;
+    /// Torque profile type.
+    pub const TORQUE_PROFILE_TYPE: u16 = 39;
+    /// Gear ratio, motor turns.
+    pub const GEAR_MOTOR: u16 = 40;
+    /// Gear ratio, shaft turns.
+    pub const GEAR_SHAFT: u16 = 41;
+    /// Feed.
+    pub const FEED: u16 = 42;
+    /// Shaft turns of the feed.
+    pub const FEED_TURNS: u16 = 43;
+    /// Polarity: bit 7 of positions, bit 6 of speeds.
+    pub const POLARITY: u16 = 44;
+    /// Positioning option.
+    pub const POSITIONING: u16 = 45;
+    /// Digital outputs.
+    pub const OUTPUTS: u16 = 46;
+    /// Mask of the digital outputs.
+    pub const OUTPUT_MASK: u16 = 47;
+    /// Bytes that the stream gives.
+    pub const STREAM_LENGTH: u16 = 48;
+    /// How many of them there are.
+    pub const COUNT: usize = 49;
 }
 
 /// The first so many of [`kept`] are commands, not settings.
@@ -153,7 +192,7 @@ const fn e(i: u16, s: u8, kind: Type, a: Access, tag: u16, name: &'static str) -
 }
 
 /// Everything that is not the protocol's.
-const APPLICATION: [Entry; 84] = {
+const APPLICATION: [Entry; 85] = {
     use kept as k;
     use read as r;
     let (u8, i8) = (Type::U8, Type::I8);
@@ -213,6 +252,7 @@ const APPLICATION: [Entry; 84] = {
         e(0x607D, 0, u8, FIXED, OWN, "software position limit: highest sub-index").worth(2),
         e(0x607D, 1, i32, RW, k::POSITION_MIN, "min position limit"),
         e(0x607D, 2, i32, RW, k::POSITION_MAX, "max position limit"),
+        e(0x607E, 0, u8, RW, k::POLARITY, "polarity"),
         e(0x607F, 0, u32, RW, k::MAX_PROFILE_VELOCITY, "max profile velocity")
             .worth(100 * INCREMENTS)
             .within(0, unsigned),
@@ -279,12 +319,18 @@ const fn number(index: u16, sub: u8, value: i64) -> (u16, u8, Worth) {
     (index, sub, Worth::Number(value))
 }
 
-/// Mappings as CiA 402 has them from the factory; of those that are sent only the first is on.
-const WORTHS: [(u16, u8, Worth); 29] = [
+/// Mappings as CiA 402 has them from the factory. Only the statusword is on, by change and every
+/// 100 ms: python canopen's drive node takes what came twice for periodic, its own frames on UDP
+/// among them, so what it is to send must be switched on by whoever wants it.
+const WORTHS: [(u16, u8, Worth); 34] = [
     number(0x1018, 1, 0x0000_FFFF),
     number(0x1018, 2, 0x0000_0402),
     number(0x1018, 3, 0x0001_0000),
     number(0x1018, 4, 1),
+    (0x1400, 1, Worth::PlusNode(1 << 31 | 0x200)),
+    (0x1401, 1, Worth::PlusNode(1 << 31 | 0x300)),
+    (0x1402, 1, Worth::PlusNode(1 << 31 | 0x400)),
+    (0x1403, 1, Worth::PlusNode(1 << 31 | 0x500)),
     number(0x1600, 0, 1),
     number(0x1600, 1, 0x6040_0010),
     number(0x1601, 0, 2),
@@ -296,6 +342,7 @@ const WORTHS: [(u16, u8, Worth); 29] = [
     number(0x1603, 0, 2),
     number(0x1603, 1, 0x6040_0010),
     number(0x1603, 2, 0x60FF_0020),
+    number(0x1800, 5, 100),
     (0x1801, 1, Worth::PlusNode(1 << 31 | 0x280)),
     (0x1802, 1, Worth::PlusNode(1 << 31 | 0x380)),
     (0x1803, 1, Worth::PlusNode(1 << 31 | 0x480)),
@@ -339,13 +386,17 @@ pub struct Objects {
     values: [i32; kept::COUNT],
     /// rad of the motor in a user unit.
     unit: f64,
+    /// The same of a position and of a speed, with the sign of 607Eh.
+    position: f64,
+    velocity: f64,
 }
 
 impl Objects {
     /// As from the factory.
     #[must_use]
     pub fn factory() -> Self {
-        let mut objects = Self { values: [0; kept::COUNT], unit: 1.0 };
+        let mut objects =
+            Self { values: [0; kept::COUNT], unit: 1.0, position: 1.0, velocity: 1.0 };
         for entry in DICTIONARY.entries() {
             if let Some(value) = objects.values.get_mut(usize::from(entry.tag)) {
                 *value = entry.factory(0) as i32;
@@ -368,7 +419,7 @@ impl Objects {
         if let Some(place) = self.values.get_mut(usize::from(tag)) {
             *place = value;
         }
-        if (kept::GEAR_MOTOR..=kept::FEED_TURNS).contains(&tag) {
+        if (kept::GEAR_MOTOR..=kept::POLARITY).contains(&tag) {
             self.take_factors();
         }
     }
@@ -386,6 +437,8 @@ impl Objects {
         let gear = ratio(kept::GEAR_MOTOR, kept::GEAR_SHAFT);
         let feed = ratio(kept::FEED, kept::FEED_TURNS);
         self.unit = TAU * gear / feed;
+        let turned = |bit: i32| if self.value(kept::POLARITY) & bit != 0 { -1.0 } else { 1.0 };
+        (self.position, self.velocity) = (self.unit * turned(0x80), self.unit * turned(0x40));
     }
 
     #[inline]
@@ -411,11 +464,18 @@ impl Objects {
         Window { width: self.width(width), ms: self.value(ms).cast_unsigned() & 0xFFFF }
     }
 
-    /// rad of the motor in user units.
+    /// A position, or a way, in user units.
     #[inline]
     #[must_use]
-    pub fn user(&self, rad: f64) -> i32 {
-        libm::round(rad / self.unit) as i64 as i32
+    pub fn position(&self, rad: f64) -> i32 {
+        libm::round(rad / self.position) as i64 as i32
+    }
+
+    /// A speed in user units.
+    #[inline]
+    #[must_use]
+    pub fn velocity(&self, rad_per_s: f64) -> i32 {
+        libm::round(rad_per_s / self.velocity) as i64 as i32
     }
 
     fn braking(&self, tag: u16) -> Braking {
@@ -436,7 +496,7 @@ impl Settings for Objects {
 
     #[inline]
     fn target_position(&self) -> f64 {
-        self.angle(kept::TARGET_POSITION)
+        self.real(kept::TARGET_POSITION) * self.position
     }
 
     fn profile(&self) -> Limits {
@@ -451,7 +511,7 @@ impl Settings for Objects {
 
     #[inline]
     fn target_velocity(&self) -> f64 {
-        self.angle(kept::TARGET_VELOCITY)
+        self.real(kept::TARGET_VELOCITY) * self.velocity
     }
 
     fn target_torque(&self) -> f64 {
@@ -472,7 +532,7 @@ impl Settings for Objects {
             fast: self.angle(kept::HOMING_FAST),
             slow: self.angle(kept::HOMING_SLOW),
             acceleration: self.angle(kept::HOMING_ACCELERATION),
-            offset: self.angle(kept::HOME_OFFSET),
+            offset: self.real(kept::HOME_OFFSET) * self.position,
         }
     }
 
@@ -505,11 +565,12 @@ impl Settings for Objects {
     fn position_limits(&self) -> Option<(f64, f64)> {
         let (least, greatest) = (kept::POSITION_MIN, kept::POSITION_MAX);
         let are_set = self.value(least) < self.value(greatest);
-        are_set.then(|| (self.angle(least), self.angle(greatest)))
+        let (one, other) = (self.real(least) * self.position, self.real(greatest) * self.position);
+        are_set.then(|| (one.min(other), one.max(other)))
     }
 
     fn offsets(&self) -> (f64, f64) {
-        (self.angle(kept::VELOCITY_OFFSET), self.real(kept::TORQUE_OFFSET) / 1000.0)
+        (self.real(kept::VELOCITY_OFFSET) * self.velocity, self.real(kept::TORQUE_OFFSET) / 1000.0)
     }
 
     fn cycle_ms(&self) -> u32 {

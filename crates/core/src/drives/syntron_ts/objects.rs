@@ -204,21 +204,14 @@ const MISSING: [u16; 8] = [0x1003, 0x1007, 0x100C, 0x100D, 0x1010, 0x1011, 0x101
 /// Their entries.
 const MISSING_ENTRIES: usize = 5 + 1 + 1 + 1 + 4 + 4 + 1 + 3;
 
-/// The maker has no number that is known `[I]`; mappings as the manual's examples have them (§3.5.4,
-/// §3.6.2).
-const WORTHS: [(u16, u8, Worth); 20] = [
+/// The maker has no number that is known `[I]`. Nor are the factory's mappings `[I]`: nothing is
+/// received, as every recipe maps what it needs; statusword, by change and every 100 ms, position and
+/// speed are sent.
+const WORTHS: [(u16, u8, Worth); 12] = [
     number(0x1018, 3, 2),
     number(0x1018, 4, 1),
-    number(0x1600, 0, 1),
-    number(0x1600, 1, 0x6040_0010),
-    number(0x1601, 0, 2),
-    number(0x1601, 1, 0x6083_0020),
-    number(0x1601, 2, 0x6084_0020),
-    number(0x1602, 0, 1),
-    number(0x1602, 1, 0x60FF_0020),
-    number(0x1603, 0, 1),
-    number(0x1603, 1, 0x6081_0020),
     number(0x1800, 2, 255),
+    number(0x1800, 5, 800),
     number(0x1801, 2, 254),
     number(0x1802, 2, 254),
     number(0x1803, 2, 254),

@@ -195,6 +195,8 @@ pub struct CanEnd<const N: usize = 4> {
     sync: sync::Sync,
     /// Identifiers of the PDOs that are received; [`pdo::NONE`] for one that is not there.
     heard: [u32; N],
+    /// Those that came and wait for SYNC, a bit each.
+    waiting: u32,
     due: Instant,
     sends: pdo::Sends<N>,
     takes: [pdo::Take; N],
@@ -219,6 +221,7 @@ impl<const N: usize> CanEnd<N> {
             state: nmt::State::BootUp,
             sync: sync::Sync::default(),
             heard: [pdo::NONE; N],
+            waiting: 0,
             due: Instant::FAR,
             sends: pdo::Sends::new(),
             takes: [pdo::Take::default(); N],

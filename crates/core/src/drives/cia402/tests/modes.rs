@@ -223,6 +223,28 @@ fn units_go_by_gear_and_feed() {
 }
 
 #[test]
+fn polarity_turns_positions_and_speeds_round() {
+    let mut desk = Desk::enabled(1);
+    desk.write(0x607E, 0, 0x80);
+    desk.write(0x607D, 1, -5_000);
+    desk.write(0x607D, 2, 90_000);
+    desk.point(20_000, 0);
+    desk.until(10, 1000);
+    desk.is_at(20_000);
+    assert!((desk.truth().position / TAU + 2.0).abs() < 0.01);
+    assert!(desk.read(0x6063, 0) < 0, "increments are the motor's own");
+    desk.point(-20_000, 0);
+    desk.until(10, 1000);
+    desk.is_at(-5_000);
+    let mut desk = Desk::enabled(3);
+    desk.write(0x607E, 0, 0x40);
+    desk.write(0x60FF, 0, 30_000);
+    desk.pass(300);
+    assert!((desk.turns() + 3.0).abs() < 0.05);
+    assert!((desk.read(0x606C, 0) - 30_000).abs() < 300);
+}
+
+#[test]
 fn limit_switches_stop_the_motor_and_let_it_back() {
     for mode in [1, 3, 8, 9] {
         let mut desk = Desk::enabled(mode);

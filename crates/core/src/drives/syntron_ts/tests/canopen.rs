@@ -198,7 +198,8 @@ fn the_position_recipe_moves_so_many_pulses() {
 #[test]
 fn thirty_two_set_points_wait_and_the_next_is_lost() {
     let mut bus = Bus::new();
-    bus.play(&["000 01 02", "602 2F 60 60 00 01 00 00 00", "502 60 EA 00 00"]);
+    bus.play(&["000 01 02", "602 2F 60 60 00 01 00 00 00"]);
+    bus.play(&MAPPING);
     bus.play(&ENABLE);
     bus.write(0x6081, 30_000).unwrap();
     bus.write(0x607A, 500).unwrap();

@@ -69,7 +69,8 @@ fn the_homing_plan_is_that_of_the_manual() {
 
 #[test]
 fn no_plan_sets_going_without_leaving_flash_alone_first() {
-    for profile in SyntronTs::profiles() {
+    // On CANopen the plans write objects that no flash keeps.
+    for profile in SyntronTs::profiles().iter().filter(|profile| profile.protocol == "modbus") {
         for plan in profile.plans.iter().filter(|plan| !plan.verb.is_stop()) {
             let found = writes(profile, plan);
             let first = found.first().map(|(symbol, _)| *symbol);

@@ -83,8 +83,8 @@ impl Layout {
 pub(super) struct Take {
     layout: Layout,
     by_sync: bool,
-    /// What came and waits for SYNC: data and bits.
-    waiting: Option<(u64, u8)>,
+    /// What came last and may wait for SYNC: data and bits.
+    latest: (u64, u8),
     /// By when the next one must have come, once one has.
     pub(super) missed_at: Instant,
 }
@@ -92,7 +92,7 @@ pub(super) struct Take {
 impl Default for Take {
     fn default() -> Self {
         let layout = Layout::default();
-        Self { layout, by_sync: false, waiting: None, missed_at: Instant::FAR }
+        Self { layout, by_sync: false, latest: (0, 0), missed_at: Instant::FAR }
     }
 }
 
@@ -178,6 +178,7 @@ impl<const N: usize> CanEnd<N> {
         let exists = pdo.is_valid() && pdo.count > 0;
         self.heard[n] = if exists { CobId(pdo.cob).id() } else { NONE };
         let layout = Layout::of(pdo, firmware.dictionary());
+        self.waiting &= !(1 << n);
         self.takes[n] = Take { layout, by_sync: pdo.kind <= 240, ..Take::default() };
     }
 
@@ -206,11 +207,11 @@ impl<const N: usize> CanEnd<N> {
 
     /// Operational begins.
     pub(super) fn start_pdos(&mut self, now: Instant, firmware: &mut impl Firmware) {
+        self.waiting = 0;
         for n in 0..N {
             if self.sends.all[n].id != NONE {
                 self.start_pdo(now, n, firmware);
             }
-            self.takes[n].waiting = None;
         }
     }
 
@@ -350,7 +351,8 @@ impl<const N: usize> CanEnd<N> {
         let take = &mut self.takes[n];
         if take.by_sync {
             if now <= self.sync.open_until {
-                take.waiting = Some((data, bits));
+                take.latest = (data, bits);
+                self.waiting |= 1 << n;
             }
             return;
         }
@@ -368,10 +370,9 @@ impl<const N: usize> CanEnd<N> {
     /// What waited for SYNC is taken.
     #[inline]
     pub(super) fn take_waiting(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        for take in &mut self.takes {
-            if let Some((data, bits)) = take.waiting.take() {
-                take.layout.unpack(now, data, bits, firmware);
-            }
+        for n in bits(core::mem::take(&mut self.waiting)) {
+            let (data, bits) = self.takes[n].latest;
+            self.takes[n].layout.unpack(now, data, bits, firmware);
         }
     }
 

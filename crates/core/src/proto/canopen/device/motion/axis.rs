@@ -209,6 +209,19 @@ impl<const N: usize> Axis<N> {
         if scene.settings.mode() != self.mode {
             self.take_mode(scene);
         }
+        let settings = scene.settings;
+        // A new target is not reached by what was reached before.
+        let left = match self.mode {
+            modes::PROFILE_VELOCITY => {
+                let distance = scene.shaft.velocity() - settings.target_velocity();
+                distance.abs() > settings.velocity_window().width
+            }
+            modes::PROFILE_TORQUE => self.torque != settings.target_torque(),
+            _ => false,
+        };
+        if left {
+            self.set(REACHED, false);
+        }
     }
 
     /// The controlword was written. `clear` says that no cause of a fault lasts. Returns whether a

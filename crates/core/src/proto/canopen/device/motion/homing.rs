@@ -151,7 +151,7 @@ impl Homing {
         }
         match way {
             Way::Here => self.phase = Phase::Rest { zero: scene.shaft.position() },
-            Way::Index(toward) => self.to_index(toward, scene),
+            Way::Index(toward) => self.seek_index(toward, scene),
             Way::Stop { toward, .. } => {
                 self.phase = Phase::Stop { ticks: 0 };
                 self.turn(toward, settings.fast, scene);
@@ -209,7 +209,7 @@ impl Homing {
                 return self.round(self.settings.slow, scene);
             }
             let zero = scene.edge_at(signal == Signal::Home);
-            if index { self.to_index(toward, scene) } else { self.rest(zero, scene) }
+            if index { self.seek_index(toward, scene) } else { self.rest(zero, scene) }
         } else if scene.blocked(self.toward) && !limits(signal, self.toward) {
             let speed = if slow { self.settings.slow } else { self.settings.fast };
             return self.round(speed, scene);
@@ -225,10 +225,14 @@ impl Homing {
             return;
         }
         scene.shaft.hold();
-        if index { self.to_index(-toward, scene) } else { self.rest(scene.shaft.position(), scene) }
+        if index {
+            self.seek_index(-toward, scene)
+        } else {
+            self.rest(scene.shaft.position(), scene)
+        }
     }
 
-    fn to_index<S: Shaft, T: Settings>(&mut self, toward: f64, scene: &mut Scene<'_, S, T>) {
+    fn seek_index<S: Shaft, T: Settings>(&mut self, toward: f64, scene: &mut Scene<'_, S, T>) {
         self.phase = Phase::Index;
         self.turn(toward, self.settings.slow, scene);
     }

@@ -271,3 +271,32 @@ fn a_stopped_node_serves_nobody() {
     desk.hear(frame(0, &[128, 5]));
     assert_eq!(desk.read(0x2000, 0), Ok(0));
 }
+
+#[test]
+fn a_transfer_that_was_left_is_forgotten() {
+    let mut desk = Desk::new();
+    desk.toy.file = content(100);
+    desk.ask(Request::Read(FILE));
+    desk.ask(Request::ReadSegment(false));
+    // The client died here; the next one begins anew.
+    assert_eq!(desk.read(0x2000, 0), Ok(0));
+    let over = Reply::Abort(Object::default(), Abort::SPECIFIER);
+    assert_eq!(desk.ask(Request::ReadSegment(true)), over);
+    assert_eq!(upload(&mut desk, FILE), content(100));
+    assert_eq!(download(&mut desk, FILE, &content(20), Some(30)), Err(Abort::TOO_SHORT));
+    assert_eq!(download(&mut desk, FILE, &content(40), Some(30)), Err(Abort::TOO_LONG));
+}
+
+#[test]
+fn every_entry_is_found_and_nothing_else() {
+    let entries = DICTIONARY.entries();
+    for entry in entries {
+        let found = DICTIONARY.find(entry.index(), entry.sub());
+        assert_eq!(found.map(Entry::key), Some(entry.key()));
+    }
+    let found = (0..=u16::MAX).flat_map(|index| DICTIONARY.object(index)).count();
+    assert_eq!(found, entries.len());
+    let by_key = (0x1000..0x2100).flat_map(|index| (0..=255).map(move |sub| (index, sub)));
+    let found = by_key.filter(|(index, sub)| DICTIONARY.find(*index, *sub).is_some()).count();
+    assert_eq!(found, entries.len());
+}
