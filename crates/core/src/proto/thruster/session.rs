@@ -116,7 +116,7 @@ impl Pending {
         }
     }
 
-    fn to_stage(&mut self, stage: Stage) {
+    fn turn_to(&mut self, stage: Stage) {
         (self.stage, self.attempts, self.sent, self.ambiguous) = (stage, 0, false, 0);
     }
 }
@@ -195,7 +195,7 @@ impl Session {
             && request.command.is_output()
             && node.form == Form::Silent
         {
-            pending.to_stage(Stage::Proof);
+            pending.turn_to(Stage::Proof);
         }
         Some((id, request))
     }
@@ -359,7 +359,7 @@ impl Session {
             }
             Stage::Asking if !query && !echo => {
                 self.counters.answered += 1;
-                pending.to_stage(Stage::Reason);
+                pending.turn_to(Stage::Reason);
                 pending.at = now;
             }
             Stage::Asking => {

@@ -255,7 +255,7 @@ fn wrong_length(len: usize) -> WireError {
     let found = len as u16;
     match found {
         0..4 => WireError::Short { need: 4, found },
-        ..8 => WireError::Short { need: 8, found },
+        4..8 => WireError::Short { need: 8, found },
         _ => WireError::Long { need: 8, found },
     }
 }

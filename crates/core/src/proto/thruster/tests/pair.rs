@@ -230,7 +230,8 @@ fn requests_have_the_class_that_fits_them() {
 
 #[test]
 fn a_lost_or_late_reply_gives_no_wrong_value_and_no_error() {
-    let all: [(&str, fn() -> Fault, fn() -> Fault); 6] = [
+    type Disturbed = fn() -> Fault;
+    let all: [(&str, Disturbed, Disturbed); 6] = [
         ("sound", sound, sound),
         ("request lost", || on(3, &[]), sound),
         ("reply lost", sound, || on(3, &[])),
