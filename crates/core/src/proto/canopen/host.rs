@@ -169,6 +169,25 @@ impl Host {
 
     #[inline]
     fn replied(&mut self, now: Instant, node: u8, frame: &Frame) {
+        // What comes before the question is out answers an older one.
+        if self.waiting >> node & 1 == 0 {
+            self.counters.late += 1;
+            return;
+        }
+        let channel = &mut self.channels[usize::from(node)];
+        if let Some(answer) = channel.at_once(frame.data) {
+            let ticket = channel.ticket;
+            self.waiting &= !(1 << node);
+            self.counters.answered += 1;
+            self.network.learn(node, &answer);
+            self.events.push(To::Ticket(ticket), Ok(answer));
+            return;
+        }
+        self.went_on(now, node, frame);
+    }
+
+    /// A reply that is not all there is to it.
+    fn went_on(&mut self, now: Instant, node: u8, frame: &Frame) {
         let channel = &mut self.channels[usize::from(node)];
         let long = channel.long.and_then(|at| self.longs.get_mut(usize::from(at)));
         let deadline = now.plus_ns(self.timeout_ns);
@@ -244,6 +263,7 @@ impl Host {
         })
     }
 
+    #[inline]
     fn submit_channel(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
         let node = ask.node().filter(|node| (1..=NODE_MAX).contains(node)).ok_or(ask)?;
         if !self.channels[usize::from(node)].is_idle() && !self.gives_way(now, node, &ask) {

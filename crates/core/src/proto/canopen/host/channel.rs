@@ -97,6 +97,7 @@ pub struct Channel {
 const NOTHING: Object = Object::new(0, 0);
 
 /// The frame that begins what is asked.
+#[inline]
 pub fn first(ask: &Ask) -> Option<Request> {
     Some(match *ask {
         Ask::Read { object, .. } | Ask::Upload { object, block: false, .. } => {

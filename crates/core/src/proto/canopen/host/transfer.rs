@@ -11,8 +11,31 @@ use crate::time::Instant;
 const SHORT: u32 = 8;
 
 impl Channel {
-    /// Takes what the node says; `deadline` is when it must say more.
+    /// What happens most, ahead of everything else: one frame is the whole answer.
     #[inline]
+    pub fn at_once(&mut self, data: [u8; 8]) -> Option<Answer> {
+        if self.stage != Stage::Begin {
+            return None;
+        }
+        let answer = match (Reply::of(data), &self.ask) {
+            (Reply::Value(named, Short { bits, len }), Ask::Read { object, .. })
+                if named == *object =>
+            {
+                Answer::Value { object: named, bits: bits.into(), len: len.into() }
+            }
+            (Reply::Written(named, _), Ask::Write { object, bits, len: 0..=4, .. })
+                if named == *object =>
+            {
+                Answer::Written { object: named, bits: *bits }
+            }
+            _ => return None,
+        };
+        self.doubt = None;
+        self.end();
+        Some(answer)
+    }
+
+    /// Takes what the node says; `deadline` is when it must say more.
     pub fn reply(
         &mut self,
         deadline: Instant,
@@ -25,29 +48,7 @@ impl Channel {
             self.deadline = deadline;
             return (self.block_came(BlockSegment::of(data), arrived, long), Sort::Answer);
         }
-        let reply = Reply::of(data);
-        // What happens most, ahead of everything else.
-        if self.stage == Stage::Begin {
-            match (reply, &self.ask) {
-                (Reply::Value(named, Short { bits, len }), Ask::Read { object, .. })
-                    if named == *object =>
-                {
-                    let (object, bits) = (named, u64::from(bits));
-                    self.doubt = None;
-                    let value = Answer::Value { object, bits, len: len.into() };
-                    return (Step::End(Ok(value)), Sort::Answer);
-                }
-                (Reply::Written(named, _), Ask::Write { object, bits, len: 0..=4, .. })
-                    if named == *object =>
-                {
-                    let written = Answer::Written { object: named, bits: *bits };
-                    self.doubt = None;
-                    return (Step::End(Ok(written)), Sort::Answer);
-                }
-                _ => {}
-            }
-        }
-        match self.step(deadline, reply, long) {
+        match self.step(deadline, Reply::of(data), long) {
             Some(step) => (step, Sort::Answer),
             None => (Step::Wait, Sort::Late),
         }

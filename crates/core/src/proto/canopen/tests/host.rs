@@ -611,3 +611,14 @@ fn a_stop_does_not_wait_for_an_answer_that_never_comes() {
     b.hear("582#6040600000000000");
     assert_eq!(b.one(), Ok(Answer::Written { object: CONTROL, bits: 2 }));
 }
+
+#[test]
+fn what_comes_before_the_question_is_out_is_no_answer() {
+    let mut b = Bench::new();
+    b.ask(1, read(2, STATUS));
+    b.hear("582#4B41600037000000");
+    assert_eq!((b.events(), b.host.counters().late), (Vec::new(), 1));
+    assert_eq!(b.said(), ["602#4041600000000000"]);
+    b.hear("582#4B41600050000000");
+    assert_eq!(b.one(), Ok(Answer::Value { object: STATUS, bits: 0x50, len: 2 }));
+}
