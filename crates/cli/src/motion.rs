@@ -180,22 +180,36 @@ struct Started {
     enabled_here: bool,
 }
 
+/// Powers every axis first, then starts all of them back to back.
 fn begin(
     commands: &[(Axis, Command)],
     deadline: Instant,
     started: &mut Vec<Started>,
 ) -> Result<()> {
-    for (axis, command) in commands {
+    for (axis, _) in commands {
         let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
         axis.arm(true);
         started.push(Started { axis: axis.clone(), enabled_here: !enabled });
         if !enabled {
             verb_if_any(axis, Verb::Enable)?;
         }
-        let left = deadline.since(clock::now());
-        axis.run_within(*command, left).map_err(outcome::error)?;
+    }
+    // Each is on its way before the first is waited for; one that is refused ends all.
+    let begun = commands.iter().map(|(axis, command)| axis.start(*command));
+    let begun: Vec<_> = begun.collect::<std::result::Result<_, _>>().map_err(outcome::error)?;
+    for (mut running, (axis, command)) in begun.into_iter().zip(commands) {
+        if running.wait(deadline.since(clock::now())).map_err(outcome::error)?.is_none() {
+            return Err(late(axis, command));
+        }
     }
     Ok(())
+}
+
+fn late(axis: &Axis, command: &Command) -> Problem {
+    let what = format!("{}: {} did not end in time.", axis.label(), command.verb.name());
+    Problem::new(Exit::Negative, "E101", what)
+        .why("The drive took the command, but what was waited for did not come.")
+        .hint("give it more time: --timeout")
 }
 
 /// Waits, and shows what the drive does where a person looks.
@@ -257,19 +271,27 @@ fn arrive(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     Ok(())
 }
 
-/// Stops what was started and takes the power off that was put on.
+/// Stops what was started, all at once, and takes the power off that was put on.
 fn finish(started: &[Started], arrived: bool) -> Result<()> {
+    let stop = |one: &Started| {
+        let plan = one.axis.profile().plan(Verb::Stop).filter(|_| !arrived);
+        plan.map(|_| one.axis.start(Command::new(Verb::Stop)))
+    };
+    // Every stop is sent before the first is waited for.
+    let stops: Vec<_> = started.iter().map(stop).collect();
     let mut ended = Ok(());
-    for Started { axis, enabled_here } in started.iter().rev() {
-        let stopped = if arrived { Ok(None) } else { verb_if_any(axis, Verb::Stop) };
+    for (Started { axis, enabled_here }, stop) in started.iter().zip(stops) {
+        let stopped = stop.map_or(Ok(()), |stop| {
+            stop.and_then(|mut stop| stop.finish().map(drop)).map_err(outcome::error)
+        });
         let rested = match &stopped {
-            Ok(_) if *enabled_here && !arrived => rest(axis),
+            Ok(()) if *enabled_here && !arrived => rest(axis),
             _ => Ok(()),
         };
         // Also after a stop that failed: a motor without power at least does not drive.
         let off = if *enabled_here { verb_if_any(axis, Verb::Disable) } else { Ok(None) };
         axis.arm(false);
-        ended = ended.and(stopped.map(drop)).and(rested).and(off.map(drop));
+        ended = ended.and(stopped).and(rested).and(off.map(drop));
     }
     ended
 }

@@ -19,11 +19,13 @@ use crate::simulate::{self, Description, Pace, Simulation};
 use crate::url::{Number, Target, Url};
 use crate::wire::{AnyLink, SharedLink};
 use crate::words;
-use polepair_core::medium::{Can, CanLine, Frame, MediumKind, Parity, SerialLine, Stream};
+use polepair_core::medium::{Can, CanLine, Frame, Parity, SerialLine, Stream};
+use polepair_core::mux::Mux;
+use polepair_core::profile::Profile;
 use polepair_core::proto::{self, HostOptions};
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
-use polepair_link::{Connection, Direction, Interrupter, Tap, clock};
+use polepair_link::{Connection, Direction, Interrupter, Link as _, Tap, clock};
 use polepair_sim::rack::RackDrive;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -118,9 +120,10 @@ impl Connector {
         let url = self.url(text)?;
         let Target::Sim { what } = &url.target else { return Ok(vec![url.spoken()?.name]) };
         let mut words = Vec::new();
-        for wire in describe(&url, what, 1)?.wires {
-            if !words.contains(&wire.protocol) {
-                words.push(wire.protocol);
+        let description = describe(&url, what, 1)?;
+        for spoken in (0..description.wires.len()).flat_map(|n| description.spoken_on(n)) {
+            if !words.contains(&spoken.name) {
+                words.push(spoken.name);
             }
         }
         Ok(words)
@@ -134,10 +137,12 @@ impl Connector {
         let url = self.url(text)?;
         let (lines, simulation) = self.lines(&url)?;
         let mut axes = Vec::new();
-        for line in &lines {
-            axes.extend(self.axes(&url, line, simulation.as_ref())?);
+        for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
+            axes.extend(self.axes(&url, lines, simulation.as_ref())?);
         }
-        Ok(Link { url, axes, simulation })
+        let link = Link { url, axes, simulation };
+        link.url.names.iter().try_for_each(|name| link.named(name).map(drop))?;
+        Ok(link)
     }
 
     /// Opens what the string names, without asking anybody anything.
@@ -148,8 +153,9 @@ impl Connector {
                 // What a relay brings its host to needs no host of its own.
                 let own = |n: &usize| simulation.description().relay_to(*n).is_none();
                 let lines = (0..simulation.links()).filter(own);
-                let lines = lines.map(|n| self.sim_line(url, &simulation, n));
-                Ok((lines.collect::<Result<_, _>>()?, Some(simulation)))
+                let lines = lines.map(|n| self.sim_lines(url, &simulation, n));
+                let lines: Vec<Vec<Line>> = lines.collect::<Result<_, _>>()?;
+                Ok((lines.into_iter().flatten().collect(), Some(simulation)))
             }
             _ => Ok((vec![self.wire_line(url)?], None)),
         }
@@ -165,48 +171,109 @@ impl Connector {
             if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
         let names = vec![String::new(); numbers.len()];
         let link = SharedLink::new(link, self.tap.clone());
-        Ok(Line { link, spoken, options, numbers, relay: url.axes.first().copied(), names })
+        let relay = url.axes.first().copied();
+        Ok(Line { wire: 0, link, spoken, options, numbers, relay, names })
     }
 
-    fn sim_line(&self, url: &Url, simulation: &Simulation, n: usize) -> Result<Line, Error> {
+    /// A line for each protocol that is spoken on a link.
+    fn sim_lines(&self, url: &Url, simulation: &Simulation, n: usize) -> Result<Vec<Line>, Error> {
+        let link = SharedLink::new(simulation.open(n)?, self.tap.clone());
+        let mut spoken = simulation.description().spoken_on(n);
+        // Who has no groups is not meant by one, unless nobody has.
+        if url.axes.iter().any(|axis| Number(*axis).is_group())
+            && spoken.iter().any(|spoken| spoken.groups > 0)
+        {
+            spoken.retain(|spoken| spoken.groups > 0);
+        }
+        let line = |spoken| self.sim_line(url, simulation, n, spoken, link.clone());
+        spoken.into_iter().map(line).collect()
+    }
+
+    fn sim_line(
+        &self,
+        url: &Url,
+        simulation: &Simulation,
+        n: usize,
+        spoken: Spoken,
+        link: SharedLink,
+    ) -> Result<Line, Error> {
         let description = simulation.description();
         let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
-        let spoken = spoken(wire.protocol, rack.wire.medium())?;
         let first = *spoken.addresses.start();
         let address = |drive: &RackDrive| drive.address.unwrap_or(first);
-        let mut all: Vec<(u32, String)> =
-            rack.drives.iter().map(address).zip(wire.names.iter().cloned()).collect();
+        let own = rack.drives.iter().zip(wire.names.iter().cloned());
+        let own = own.filter(|(drive, _)| simulate::speaks(drive, &spoken));
+        let mut all: Vec<(u32, String)> = own.map(|(drive, name)| (address(drive), name)).collect();
+        let here = all.len();
         for behind in description.behind(n) {
             let drives = description.rack.links[behind].drives.iter().map(address);
             all.extend(drives.zip(description.wires[behind].names.iter().cloned()));
         }
         let groups = url.axes.iter().filter(|axis| Number(**axis).is_group());
         groups.clone().try_for_each(|axis| spoken.check(*axis))?;
-        let wanted = |(number, _): &(u32, String)| url.axes.is_empty() || url.axes.contains(number);
+        let every = url.axes.is_empty() && url.names.is_empty();
+        let wanted = |(number, name): &(u32, String)| {
+            every || url.axes.contains(number) || url.names.contains(name)
+        };
         let addresses: Vec<u32> = all.iter().map(|(number, _)| *number).collect();
         let groups = groups.map(|axis| (*axis, String::new()));
         let (numbers, names) = all.into_iter().filter(wanted).chain(groups).unzip();
         let mut options = options(url, wire.baud)?;
         options.bit_rate = wire.baud;
         options.wire = options.wire.or(description.standard(n));
-        options.host = options.host.or_else(|| spoken.other_host(&addresses));
-        let link = simulation.open(n)?;
-        if let AnyLink::Serial(link) = &link
+        // Behind a relay are axes that the host must not be taken for either.
+        let beside = description.host(n, &spoken);
+        options.host = options.host.or(beside).or_else(|| spoken.other_host(&addresses));
+        if let SharedLink::Serial(link) = &link
             && let Some(lane) = registry::lane::<Stream>(spoken.name, options, &[])
         {
             link.set_line(lane.line())?;
         }
-        let link = SharedLink::new(link, self.tap.clone());
-        let relay = addresses.first().copied().filter(|_| addresses.len() > rack.drives.len());
-        Ok(Line { link, spoken, options, numbers, relay, names })
+        let relay = addresses.first().copied().filter(|_| addresses.len() > here);
+        Ok(Line { wire: n, link, spoken, options, numbers, relay, names })
     }
 
+    /// The axes of one wire, on one connection: a line for each protocol that is spoken on it.
     fn axes(
         &self,
         url: &Url,
-        line: &Line,
+        lines: &[Line],
         simulation: Option<&Simulation>,
     ) -> Result<Vec<Axis>, Error> {
+        let found: Vec<Vec<(&'static Profile, Identified)>> =
+            lines.iter().map(|line| self.identified(url, line)).collect::<Result<_, _>>()?;
+        let profiles: Vec<Vec<(&'static Profile, u32)>> = lines
+            .iter()
+            .zip(&found)
+            .map(|(line, found)| found.iter().map(|one| one.0).zip(line.numbers.iter().copied()))
+            .map(Iterator::collect)
+            .collect();
+        let connection = Line::connection_of(lines, &profiles)?;
+        let mut axes = Vec::new();
+        for (line, found) in lines.iter().zip(found) {
+            for (n, (profile, identified)) in found.into_iter().enumerate() {
+                axes.push(Axis {
+                    connection: connection.clone(),
+                    index: AxisIndex(u8::try_from(axes.len()).unwrap_or(u8::MAX)),
+                    number: line.numbers[n],
+                    name: line.names[n].clone(),
+                    protocol: line.spoken.name,
+                    medium: line.spoken.medium,
+                    profile,
+                    identified,
+                    simulation: simulation.cloned(),
+                });
+            }
+        }
+        Ok(axes)
+    }
+
+    /// What each axis of a line is: as the string says, or by asking.
+    fn identified(
+        &self,
+        url: &Url,
+        line: &Line,
+    ) -> Result<Vec<(&'static Profile, Identified)>, Error> {
         let named = self.chosen_profile(url, line)?;
         let mut found = Vec::new();
         for &number in &line.numbers {
@@ -222,21 +289,7 @@ impl Connector {
             let groups = found.iter_mut().filter(|(_, how)| *how == Identified::Group);
             groups.for_each(|(of_group, _)| *of_group = profile);
         }
-        let profiles: Vec<_> =
-            found.iter().zip(&line.numbers).map(|((profile, _), n)| (*profile, *n)).collect();
-        let connection = line.connection(&profiles)?;
-        let axis = |(n, (_, identified)): (usize, (_, Identified))| Axis {
-            connection: connection.clone(),
-            index: AxisIndex(u8::try_from(n).unwrap_or(u8::MAX)),
-            number: line.numbers[n],
-            name: line.names[n].clone(),
-            protocol: line.spoken.name,
-            medium: line.spoken.medium,
-            profile: profiles[n].0,
-            identified,
-            simulation: simulation.cloned(),
-        };
-        Ok(found.into_iter().enumerate().map(axis).collect())
+        Ok(found)
     }
 
     /// Axes by number on one line, whatever others it has. One host at a time.
@@ -262,7 +315,7 @@ impl Connector {
         &self,
         url: &Url,
         line: &Line,
-    ) -> Result<Option<&'static polepair_core::profile::Profile>, Error> {
+    ) -> Result<Option<&'static Profile>, Error> {
         if let Some((key, file)) =
             ["setup", "eds"].iter().find_map(|key| Some((key, url.key(key)?)))
         {
@@ -277,13 +330,8 @@ impl Connector {
         url.key("profile").map(|name| self.named_profile(name, line)).transpose()
     }
 
-    fn named_profile(
-        &self,
-        name: &str,
-        line: &Line,
-    ) -> Result<&'static polepair_core::profile::Profile, Error> {
-        let speaks =
-            |p: &&'static polepair_core::profile::Profile| p.protocol == line.spoken.profile;
+    fn named_profile(&self, name: &str, line: &Line) -> Result<&'static Profile, Error> {
+        let speaks = |p: &&'static Profile| p.protocol == line.spoken.profile;
         let mut fitting = self.config.all_profiles().filter(speaks);
         let generic = line.spoken.generic;
         let found = fitting.find(|p| p.name == name || p.family == name);
@@ -295,11 +343,6 @@ impl Connector {
         let what = format!("no profile `{name}` speaks {}{near}", line.spoken.name);
         Err(Error::usage("E213", what, format!("known are {}", known.join(", "))))
     }
-}
-
-fn spoken(word: &str, medium: MediumKind) -> Result<Spoken, Error> {
-    registry::protocol(word, medium)
-        .ok_or_else(|| Error::usage("E203", format!("no protocol is called `{word}`"), ""))
 }
 
 /// Opens what the string names. The link is set as the protocol's host wants it.
@@ -499,8 +542,10 @@ fn is_pty(path: &str) -> bool {
     real.is_ok_and(|real| real.starts_with("/dev/pts") || real.starts_with("/dev/ttys"))
 }
 
-/// One opened wire and what is to be found on it.
+/// One protocol on an opened wire, and what is to be found there.
 pub(crate) struct Line {
+    /// Which wire: lines of one share it.
+    wire: usize,
     pub(crate) link: SharedLink,
     pub(crate) spoken: Spoken,
     pub(crate) options: HostOptions,
@@ -515,7 +560,7 @@ impl Line {
     /// none of them: so many are before them. One at a time.
     pub(crate) fn probe(
         &self,
-        axes: &[(&'static polepair_core::profile::Profile, u32)],
+        axes: &[(&'static Profile, u32)],
         probing: bool,
     ) -> Result<(Connection, usize), Error> {
         let relay = self.relay.filter(|relay| axes.iter().all(|(_, number)| number != relay));
@@ -526,17 +571,33 @@ impl Line {
     }
 
     /// A host with these axes on the wire. One at a time.
-    pub(crate) fn connection(
-        &self,
-        axes: &[(&'static polepair_core::profile::Profile, u32)],
-    ) -> Result<Connection, Error> {
+    pub(crate) fn connection(&self, axes: &[(&'static Profile, u32)]) -> Result<Connection, Error> {
         self.connection_with(self.options, axes)
+    }
+
+    /// One connection for all that is spoken on a wire, axes of the first line first.
+    fn connection_of(
+        lines: &[Self],
+        axes: &[Vec<(&'static Profile, u32)>],
+    ) -> Result<Connection, Error> {
+        let [first, _, ..] = lines else { return lines[0].connection(&axes[0]) };
+        let no = |what: &str| Error::usage("E203", what, "");
+        let SharedLink::Can(link) = &first.link else {
+            return Err(no("a serial line carries one protocol"));
+        };
+        let lane = |(line, axes): (&Self, &Vec<_>)| {
+            registry::lane::<Can>(line.spoken.name, line.options, axes)
+        };
+        let lanes: Option<Vec<_>> = lines.iter().zip(axes).map(lane).collect();
+        let mux = Mux::new(lanes.ok_or_else(|| no("the protocol has no host"))?);
+        let mux = mux.ok_or_else(|| no("these drives cannot share a bus: too many axes"))?;
+        Ok(Connection::new::<Can>(Box::new(link.clone()), Box::new(mux)))
     }
 
     fn connection_with(
         &self,
         options: HostOptions,
-        axes: &[(&'static polepair_core::profile::Profile, u32)],
+        axes: &[(&'static Profile, u32)],
     ) -> Result<Connection, Error> {
         let missing = || Error::usage("E203", "the protocol has no host", "");
         let name = self.spoken.name;

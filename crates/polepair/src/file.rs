@@ -269,6 +269,17 @@ impl<'t, 'a> Node<'t, 'a> {
     }
 
     /// A table whose keys are `known`; any keys when `known` is empty.
+    /// Whole numbers from 0 to `most`; none without the key.
+    pub(crate) fn whole_numbers(&self, key: &str, most: u32) -> Result<Vec<u32>, FileError> {
+        let Some((value, array)) = self.array(key)? else { return Ok(Vec::new()) };
+        let number = |item: &Spanned<DeValue<'a>>| {
+            let number = integer(item.get_ref()).and_then(|n| u32::try_from(n).ok());
+            let wanted = format!("a list of whole numbers from 0 to {most}");
+            number.filter(|n| *n <= most).ok_or_else(|| self.wrong(key, value, &wanted))
+        };
+        array.iter().map(number).collect()
+    }
+
     pub(crate) fn table(
         &self,
         key: &str,

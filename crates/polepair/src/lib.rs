@@ -17,6 +17,7 @@
 
 pub mod amount;
 pub mod axis;
+mod bus;
 pub mod config;
 pub mod connect;
 pub mod doctor;
@@ -39,6 +40,7 @@ mod words;
 
 pub use amount::{Amount, Value};
 pub use axis::{Armed, Axis, Running};
+pub use bus::Load;
 pub use connect::{AnyTap, Connector, Link, connect};
 pub use error::Error;
 pub use faults::faults;

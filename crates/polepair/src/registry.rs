@@ -1,5 +1,6 @@
 //! The core's lists of protocols and families, asked by word and medium.
 
+use crate::bus::Seat;
 use crate::error::Error;
 use crate::url::Number;
 use polepair_core::axis::AnyLane;
@@ -37,6 +38,10 @@ pub(crate) struct Spoken {
     pub(crate) baud: u32,
     /// What an axis is called when nothing else is known.
     pub(crate) generic: &'static Profile,
+    /// On CAN, whether what has that address has this identifier, of 29 bits or not.
+    pub(crate) uses: fn(u32, u32, bool) -> bool,
+    /// Why no drive may have that address.
+    forbids: fn(u32) -> Option<&'static str>,
 }
 
 impl Spoken {
@@ -48,10 +53,28 @@ impl Spoken {
         drives.contains(&usual).then(free)?
     }
 
+    /// The host's address on a bus that `others` share: the usual one, or the last that nobody has.
+    pub(crate) fn host_beside(&self, drives: &[u32], others: &[Seat]) -> Option<u32> {
+        let usual = self.host?;
+        let seat = |address| Seat { spoken: self.clone(), address };
+        let free = |address: &u32| {
+            !drives.contains(address)
+                && !others.iter().any(|other| other.meets(&seat(*address)).is_some())
+        };
+        if free(&usual) { None } else { self.every.clone().rev().find(free) }
+    }
+
     /// Refuses an address that no drive can have, and groups that the protocol has not.
     pub(crate) fn check(&self, address: u32) -> Result<(), Error> {
         if address & GROUP != 0 {
             return self.check_groups(address);
+        }
+        if let Some(why) = (self.forbids)(address) {
+            return Err(Error::usage(
+                "E212",
+                format!("no drive can have the address {address}"),
+                why,
+            ));
         }
         if self.every.contains(&address) {
             return Ok(());
@@ -158,6 +181,8 @@ impl proto::Visitor for Lister {
             host: P::HOST,
             baud: P::BAUD,
             generic: P::generic(),
+            uses: P::uses,
+            forbids: P::forbids,
         });
     }
 }

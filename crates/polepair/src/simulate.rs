@@ -14,8 +14,9 @@ mod end;
 mod file;
 mod line;
 
+use crate::bus::{Load, Seat};
 use crate::error::Error;
-use crate::registry;
+use crate::registry::{self, Spoken};
 use crate::wire::AnyLink;
 use crate::words;
 use end::Shared;
@@ -70,6 +71,8 @@ pub struct Wire {
     pub shared: bool,
     /// What each drive is called; empty for no name.
     pub names: Vec<String>,
+    /// What its drives are said to make of the bus' time.
+    pub load: Load,
 }
 
 /// A rack from words such as `tmcl`, `tmcl:1,2`, `tmcm-171:3` or `tmcl+can`: each word is a link.
@@ -184,20 +187,45 @@ impl Description {
             baud: protocol.baud,
             shared: false,
             names: vec![String::new(); drives.len()],
+            load: Load::default(),
         });
         self.rack.links.push(RackLink { name: name.to_owned(), wire, drives });
         self.settle_host(self.wires.len() - 1);
     }
 
-    /// The address that drives of a link answer to, where one of them has the one that hosts have
-    /// from the factory.
-    #[must_use]
-    pub fn host(&self, link: usize) -> Option<u32> {
-        let spoken = self.spoken(link)?;
-        let first = *spoken.addresses.start();
-        let drives = &self.rack.links[link].drives;
-        let addresses: Vec<u32> = drives.iter().map(|d| d.address.unwrap_or(first)).collect();
-        spoken.other_host(&addresses)
+    /// The address that drives of a link answer to in one protocol, where one of them, or of another
+    /// protocol on the bus, has the one that hosts have from the factory.
+    pub(crate) fn host(&self, link: usize, spoken: &Spoken) -> Option<u32> {
+        let (own, others): (Vec<Seat>, Vec<Seat>) =
+            self.seats(link).into_iter().partition(|seat| seat.spoken.name == spoken.name);
+        let addresses: Vec<u32> = own.iter().map(|seat| seat.address).collect();
+        spoken.host_beside(&addresses, &others)
+    }
+
+    /// Each drive of a link with its protocol and address.
+    pub(crate) fn seats(&self, link: usize) -> Vec<Seat> {
+        let rack = &self.rack.links[link];
+        let seat = |drive: &RackDrive| {
+            let spoken = registry::protocol(drive.wires.first()?, rack.wire.medium())?;
+            let address = drive.address.unwrap_or(*spoken.addresses.start());
+            Some(Seat { spoken, address })
+        };
+        rack.drives.iter().filter_map(seat).collect()
+    }
+
+    /// The protocols that are spoken on a link, in the order of its drives.
+    pub(crate) fn spoken_on(&self, link: usize) -> Vec<Spoken> {
+        let mut all: Vec<Spoken> = Vec::new();
+        for Seat { spoken, .. } in self.seats(link) {
+            if all.iter().all(|other| other.name != spoken.name) {
+                all.push(spoken);
+            }
+        }
+        // A bus on which a relay alone sits.
+        if all.is_empty() {
+            all.extend(self.spoken(link));
+        }
+        all
     }
 
     /// The standard that a link's line follows, where its protocol makes a difference.
@@ -210,40 +238,49 @@ impl Description {
         registry::protocol(self.wires[link].protocol, self.rack.links[link].wire.medium())
     }
 
-    /// The connection string of a link, to be opened at `place`: `serial:///dev/pts/3`.
+    /// The connection strings of a link, to be opened at `place` (`serial:///dev/pts/3`): one for
+    /// each protocol on it.
     #[must_use]
-    pub fn url(&self, link: usize, place: &str) -> String {
-        let protocol = self.wires[link].protocol;
-        let first = self.spoken(link).map_or(1, |spoken| *spoken.addresses.start());
+    pub fn urls(&self, link: usize, place: &str) -> Vec<String> {
+        self.spoken_on(link).iter().map(|spoken| self.url_of(link, spoken, place)).collect()
+    }
+
+    fn url_of(&self, link: usize, spoken: &Spoken, place: &str) -> String {
+        let first = *spoken.addresses.start();
         let address = |drive: &RackDrive| drive.address.unwrap_or(first).to_string();
         let behind = self.behind(link).flat_map(|other| &self.rack.links[other].drives);
-        let drives = self.rack.links[link].drives.iter().chain(behind);
+        let own = self.rack.links[link].drives.iter().filter(|drive| speaks(drive, spoken));
+        let drives = own.chain(behind);
         let rs485 = self.standard(link) == Some(proto::Wire::Rs485);
         let wire = rs485.then(|| "wire=rs485".to_owned());
-        let host = self.host(link).map(|host| format!("host={host}"));
+        let host = self.host(link, spoken).map(|host| format!("host={host}"));
         // An adapter is told the bit rate; any other bus has it.
-        let rate = (self.wires[link].baud, self.spoken(link).map_or(0, |spoken| spoken.baud));
-        let told = place.starts_with("slcan") && rate.0 != rate.1;
-        let bit_rate = told.then(|| format!("bitrate={}", rate.0));
+        let rate = self.wires[link].baud;
+        let told = place.starts_with("slcan") && rate != spoken.baud;
+        let bit_rate = told.then(|| format!("bitrate={rate}"));
         let keys: Vec<String> = wire.into_iter().chain(bit_rate).chain(host).collect();
         let mark = if keys.is_empty() { "" } else { "?" };
         let addresses: Vec<String> = drives.map(address).collect();
-        format!("{protocol}+{place}{mark}{}#{}", keys.join("&"), addresses.join(","))
+        format!("{}+{place}{mark}{}#{}", spoken.name, keys.join("&"), addresses.join(","))
     }
 
     /// Has the drives of a link answer to a host that none of them can be mistaken for.
     pub(crate) fn settle_host(&mut self, link: usize) {
-        let Some(host) = self.host(link) else { return };
-        for drive in &mut self.rack.links[link].drives {
-            drive.extra.push(("host".to_owned(), host.to_string()));
+        for spoken in self.spoken_on(link) {
+            let Some(host) = self.host(link, &spoken) else { continue };
+            let drives = self.rack.links[link].drives.iter_mut();
+            for drive in drives.filter(|drive| speaks(drive, &spoken)) {
+                drive.extra.push(("host".to_owned(), host.to_string()));
+            }
         }
     }
 
     /// Has every drive on a wire whose hosts have addresses answer to this one.
     pub(crate) fn answer_to(&mut self, host: &str) {
         for link in 0..self.wires.len() {
-            if self.spoken(link).is_some_and(|spoken| spoken.host.is_some()) {
-                for drive in &mut self.rack.links[link].drives {
+            for spoken in self.spoken_on(link).iter().filter(|spoken| spoken.host.is_some()) {
+                let drives = self.rack.links[link].drives.iter_mut();
+                for drive in drives.filter(|drive| speaks(drive, spoken)) {
                     drive.extra.push(("host".to_owned(), host.to_owned()));
                 }
             }
@@ -303,6 +340,11 @@ impl Description {
             }
         }
     }
+}
+
+/// Whether a drive speaks that protocol on the link that it is listed on.
+pub(crate) fn speaks(drive: &RackDrive, spoken: &Spoken) -> bool {
+    drive.wires.first().is_some_and(|word| word == spoken.name)
 }
 
 /// A running simulation in this process. Clones are the same one. Its links may be used from

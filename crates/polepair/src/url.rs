@@ -48,6 +48,8 @@ pub struct Url {
     pub keys: Vec<(String, String)>,
     /// The axes named, in order, as [`Number`] has them; empty when none is.
     pub axes: Vec<u32>,
+    /// Axes named by a word, as racks call them.
+    pub names: Vec<String>,
 }
 
 /// The number of an axis as connection strings write it: an address, or groups of drives where it
@@ -206,11 +208,14 @@ impl FromStr for Url {
     fn from_str(text: &str) -> Result<Self, Error> {
         let (rest, fragment) = cut(text, '#');
         let (head, query) = cut(rest, '?');
-        let axes = axes(fragment.unwrap_or_default())?;
         let keys = keys(query.unwrap_or_default())?;
         let url = match head.strip_prefix("sim:") {
-            Some(what) => sim(what.strip_prefix("//").unwrap_or(what), keys, axes)?,
-            None => wire(head, keys, axes)?,
+            Some(what) => {
+                let (names, numbers) = named(fragment.unwrap_or_default());
+                let axes = axes(&numbers)?;
+                Url { names, ..sim(what.strip_prefix("//").unwrap_or(what), keys, axes)? }
+            }
+            None => wire(head, keys, axes(fragment.unwrap_or_default())?)?,
         };
         url.check_keys()?;
         Ok(url)
@@ -226,7 +231,7 @@ fn sim(what: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, E
         return Err(wrong("`sim:` names no drive".into(), "write `sim:tmcl` or `sim:rack.toml`"));
     }
     let target = Target::Sim { what: decoded(what)? };
-    Ok(Url { protocol: String::new(), target, keys, axes })
+    Ok(Url { protocol: String::new(), target, keys, axes, names: Vec::new() })
 }
 
 fn wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, Error> {
@@ -262,7 +267,7 @@ fn wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, 
             return Err(wrong(what, &format!("it can be {}", LINKS.join(", "))));
         }
     };
-    let url = Url { protocol: protocol.to_owned(), target, keys, axes };
+    let url = Url { protocol: protocol.to_owned(), target, keys, axes, names: Vec::new() };
     url.spoken().map(|_| url)
 }
 
@@ -328,6 +333,19 @@ fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
         keys.push((decoded(key)?, decoded(value.unwrap_or_default())?));
     }
     Ok(keys)
+}
+
+/// The names of a fragment, and what else it has: `x,y,3` are two names and a number. A word that
+/// begins like a group is one.
+fn named(fragment: &str) -> (Vec<String>, String) {
+    let group = |piece: &str| {
+        let rest = piece.strip_prefix('g').and_then(|rest| rest.chars().next());
+        rest.is_some_and(|c| c == '*' || c.is_ascii_digit())
+    };
+    let is_name =
+        |piece: &&str| piece.trim().starts_with(char::is_alphabetic) && !group(piece.trim());
+    let (names, numbers): (Vec<&str>, Vec<&str>) = fragment.split(',').partition(is_name);
+    (names.iter().map(|name| name.trim().to_owned()).collect(), numbers.join(","))
 }
 
 /// `1,2`, `1-4`, `g3`, `g1+2`, `g*`.
@@ -453,8 +471,9 @@ impl fmt::Display for Url {
             let mark = if n == 0 { '?' } else { '&' };
             write!(f, "{mark}{}={}", encoded(key, "=&"), encoded(value, "=&"))?;
         }
-        for (n, axis) in self.axes.iter().enumerate() {
-            write!(f, "{}{}", if n == 0 { '#' } else { ',' }, Number(*axis))?;
+        let numbers = self.axes.iter().map(|axis| Number(*axis).to_string());
+        for (n, axis) in numbers.chain(self.names.iter().cloned()).enumerate() {
+            write!(f, "{}{axis}", if n == 0 { '#' } else { ',' })?;
         }
         Ok(())
     }

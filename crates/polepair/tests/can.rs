@@ -198,7 +198,7 @@ fn words_choose_the_medium() {
     let media: Vec<_> = rack.rack.links.iter().map(|link| link.wire.medium()).collect();
     let [serial, can] = [MediumKind::Serial, MediumKind::Can];
     assert_eq!(media, [serial, can, can, can]);
-    assert_eq!(rack.url(1, "udp://239.74.163.2:43113"), "tmcl+udp://239.74.163.2:43113#1");
+    assert_eq!(rack.urls(1, "udp://239.74.163.2:43113"), ["tmcl+udp://239.74.163.2:43113#1"]);
     for word in ["modbus-rtu+can", "tmcl+udp", "technocan+serial"] {
         assert_eq!(rack_of_words(&[word], 1).unwrap_err().code(), "E203", "{word}");
     }

@@ -134,7 +134,7 @@ impl Actor {
             return Err(Problem::usage("E244", "the demo's rack has no link."));
         };
         let pty = Pty::open(None).map_err(|error| outcome::link_error(&error))?;
-        let url = description.url(0, &format!("serial://{}", pty.path()));
+        let url = description.urls(0, &format!("serial://{}", pty.path())).remove(0);
         let url = url.split('#').next().unwrap_or(&url).to_owned();
         let served = line.clone().serve(Box::new(pty));
         say(&format!("scanning {url}"));

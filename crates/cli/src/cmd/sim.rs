@@ -75,7 +75,9 @@ impl Sim {
             let bus = CanLine { bit_rate: description.wires[link].baud };
             let (wire, place) = ends.open(description.rack.links[link].wire.medium(), bus)?;
             served.push(self.serve(line, wire));
-            out.line(&format!("ready {}", description.url(link, &place)));
+            for url in description.urls(link, &place) {
+                out.line(&format!("ready {url}"));
+            }
         }
         ends.all_used()?;
         let stops: Vec<_> = served.iter().map(Served::stop).collect();

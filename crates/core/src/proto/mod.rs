@@ -143,6 +143,17 @@ pub trait Protocol {
         Answer = <Self::Host as Host<Self::Medium>>::Answer,
     > + Send
     + 'static;
+    /// On CAN, whether a drive or host of that address, or what concerns all of them, has this
+    /// identifier: another protocol on the bus must not have it.
+    fn uses(address: u32, id: u32, extended: bool) -> bool {
+        let _ = (address, id, extended);
+        false
+    }
+    /// Why no drive may have that address, where it is one of [`EVERY_ADDRESS`](Self::EVERY_ADDRESS).
+    fn forbids(address: u32) -> Option<&'static str> {
+        let _ = address;
+        None
+    }
     /// On CAN, the one question that every drive answers; `None` where each address must be asked
     /// by itself.
     fn discover(options: &HostOptions) -> Option<Frame> {

@@ -20,6 +20,9 @@
 //! home = 3.1                      # rad: where a reference switch closes
 //! limit_low = -6.3                # rad: where the limit switches close
 //! limit_high = 6.3
+//! protocol = "technocan"          # on a CAN bus of several protocols, where the profile has two
+//! cycle = 100                     # on CAN: how often a second it is commanded, for the load
+//! frames = [8, 8]                 # bytes of each frame of a cycle; without it one there, one back
 //! on = ["left", "bus"]            # a drive on two links: this one and another of the other kind
 //! options = { variant = "position" }   # what the family knows beyond these
 //!
@@ -31,6 +34,7 @@
 //! ```
 
 use super::{DRIVES_MAX, Description, Wire, drive_of};
+use crate::bus::{self, Load};
 use crate::error::Error;
 use crate::file::{FileError, Node, Text};
 use crate::profile::text_of;
@@ -46,9 +50,12 @@ use std::path::Path;
 
 const LINK_KEYS: [&str; 9] =
     ["name", "kind", "protocol", "baud", "bitrate", "duplex", "echo", "faults", "drive"];
-const DRIVE_KEYS: [&str; 10] = [
+const DRIVE_KEYS: [&str; 13] = [
     "name",
     "profile",
+    "protocol",
+    "cycle",
+    "frames",
     "address",
     "on",
     "load",
@@ -105,6 +112,7 @@ pub fn rack_of_text(file: &str, text: &str, seed: u64) -> Result<Description, Er
         }
         for (n, link) in links.iter().enumerate() {
             second_links(link, n, &mut description)?;
+            shared(link, n, &mut description)?;
             description.settle_host(n);
         }
         if description.wires.is_empty() {
@@ -113,6 +121,30 @@ pub fn rack_of_text(file: &str, text: &str, seed: u64) -> Result<Description, Er
         Ok(description)
     });
     Ok(description?)
+}
+
+/// Refuses a CAN bus on which two have one identifier, or that has no time for its drives.
+fn shared(node: &Node<'_, '_>, n: usize, description: &mut Description) -> Result<(), FileError> {
+    let RackWire::Can(line) = description.rack.links[n].wire else { return Ok(()) };
+    if description.spoken_on(n).len() > 1 && !node.has("bitrate") {
+        return Err(node.place().error("drives of several protocols: say the bus' `bitrate`"));
+    }
+    let seats = description.seats(n);
+    if let Some(why) = bus::clash(&seats) {
+        return Err(node.place().error(why));
+    }
+    let mut load = Load::default();
+    for (drive, seat) in node.tables("drive", &DRIVE_KEYS)?.iter().zip(&seats) {
+        let Some(rate) = drive.real("cycle")? else { continue };
+        let lengths: Vec<u32> = drive.whole_numbers("frames", 8)?;
+        let extended = (seat.spoken.uses)(seat.address, 0, true);
+        load.add(line.bit_rate, extended, rate.value, &lengths);
+    }
+    if let Some(why) = load.refused().filter(|_| line.bit_rate > 0) {
+        return Err(node.place().error(why));
+    }
+    description.wires[n].load = load;
+    Ok(())
 }
 
 fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire), FileError> {
@@ -169,7 +201,8 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
         MediumKind::Can => (Faults::NONE, can_faults(node)?),
     };
     let baud = asked.unwrap_or(protocol.baud);
-    let wire_of = Wire { protocol: protocol.name, faults, can_faults, baud, shared, names };
+    let load = Load::default();
+    let wire_of = Wire { protocol: protocol.name, faults, can_faults, baud, shared, names, load };
     Ok((RackLink { name, wire, drives }, wire_of))
 }
 
@@ -269,7 +302,17 @@ fn drive_of_table(
     if kind.is_some_and(|kind| kind != spoken.medium) {
         return Err(place.error(format!("`{}` has no connector for this link", profile.name)));
     }
-    let wire = protocol.get_or_insert(spoken);
+    let own = match node.text("protocol")? {
+        Some(word) => Some(word.check(|word| protocol_of(&word, Some(spoken.medium)))?),
+        None => None,
+    };
+    let first = protocol.get_or_insert_with(|| own.clone().unwrap_or_else(|| spoken.clone()));
+    // A bus carries several protocols, a serial line one.
+    let wire = match own {
+        Some(own) if first.medium == MediumKind::Can => own,
+        None if first.medium == MediumKind::Can && first.profile != profile.protocol => spoken,
+        _ => first.clone(),
+    };
     if wire.profile != profile.protocol {
         let reason = format!("`{}` does not speak {}", profile.name, wire.name);
         return Err(place.error(reason));

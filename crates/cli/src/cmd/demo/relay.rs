@@ -49,7 +49,7 @@ pub(super) fn play() -> Result<Option<String>> {
         return Err(Problem::usage("E244", "the demo's rack has no link."));
     };
     let pty = Pty::open(None).map_err(|error| outcome::link_error(&error))?;
-    let url = description.url(0, &format!("serial://{}", pty.path()));
+    let url = description.urls(0, &format!("serial://{}", pty.path())).remove(0);
     let _served = line.serve(Box::new(pty));
     say("== Two axes on CAN behind a relay ==");
     say(&format!("  opening {url}: axis 255 is the relay, 1 and 2 are on its bus"));

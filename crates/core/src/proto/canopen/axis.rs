@@ -217,6 +217,14 @@ impl Protocol for Canopen {
         Axis::new(profile, address)
     }
 
+    /// The pre-defined connection set of CiA 301, and what LSS and NMT have for everybody.
+    fn uses(address: u32, id: u32, extended: bool) -> bool {
+        let everybody = matches!(id, 0x000 | 0x080 | 0x100 | 0x7E4 | 0x7E5);
+        // EMCY, four PDOs each way, SDO each way, heartbeat.
+        let of_node = matches!(id >> 7, 1 | 3..=12 | 14) && id & 0x7F == address;
+        !extended && (everybody || of_node)
+    }
+
     fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
         sender(options, frame)
     }

@@ -248,6 +248,11 @@ impl Protocol for Thruster {
         CanHost::new(options)
     }
 
+    fn uses(address: u32, id: u32, extended: bool) -> bool {
+        let named = node(id).filter(|_| !extended);
+        named.is_some_and(|(Ok(node) | Err(node))| u32::from(node) == address)
+    }
+
     /// Only what no mapped value is likely to be: a report of SR, or a value of a known command.
     fn sender(_options: &HostOptions, frame: &Frame) -> Option<u32> {
         let Some(Err(id)) = node(frame.id).filter(|_| !frame.extended && !frame.remote) else {

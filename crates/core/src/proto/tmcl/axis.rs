@@ -189,6 +189,10 @@ impl Protocol for TmclCan {
         CanHost::new(options)
     }
 
+    fn uses(address: u32, id: u32, extended: bool) -> bool {
+        !extended && id == address
+    }
+
     fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
         sender(options, frame)
     }

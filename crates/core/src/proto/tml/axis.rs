@@ -10,6 +10,7 @@ use super::instruction::{Scope, assemble};
 use super::online::{Online, PtPoint, PvtPoint};
 use super::program;
 use super::session::discovery;
+use super::technocan::Class as Service;
 use super::wire::{IdCode, Instruction, Message, low_first};
 use crate::axis::{Driver, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
@@ -372,6 +373,10 @@ impl Protocol for TmlCan {
         CanHost::new(options, axes)
     }
 
+    fn uses(_address: u32, _id: u32, extended: bool) -> bool {
+        extended
+    }
+
     fn discover(options: &HostOptions) -> Option<Frame> {
         discover::<Extended>(options)
     }
@@ -398,6 +403,19 @@ impl Protocol for TechnoCan {
 
     fn host(options: &HostOptions, axes: &[u32]) -> Self::Host {
         CanHost::new(options, axes)
+    }
+
+    /// Messages to groups have identifiers of every class: all are taken wherever one axis is.
+    fn uses(_address: u32, id: u32, extended: bool) -> bool {
+        !extended && Service::of_id(id).is_some()
+    }
+
+    fn forbids(address: u32) -> Option<&'static str> {
+        let free = !address.is_multiple_of(32);
+        (!free).then_some(
+            "TechnoCAN takes an axis ID by its last five bits, and a multiple of 32 leaves none: its \
+             identifiers are others' (0x100 is CANopen's TIME)",
+        )
     }
 
     fn discover(options: &HostOptions) -> Option<Frame> {

@@ -1,0 +1,98 @@
+//! What drives of several protocols must agree on to share a CAN bus: identifiers, and bits.
+
+use crate::registry::Spoken;
+use polepair_sim::can_bus::bits;
+
+/// The share of its bits that a bus may be planned for. Beyond it the frames of low priority wait
+/// for too long, and an error frame is not made up for.
+pub(crate) const LOAD_MAX: f64 = 0.8;
+/// Identifiers of 11 bits, and one of 29 that stands for all of them.
+const STANDARD_IDS: u32 = 0x800;
+/// What a drive is sent and answers where nothing is said: one full frame each.
+const EXCHANGE: [u32; 2] = [8, 8];
+
+/// An address on a bus, and what is spoken with it.
+#[derive(Clone, Debug)]
+pub(crate) struct Seat {
+    pub(crate) spoken: Spoken,
+    pub(crate) address: u32,
+}
+
+impl Seat {
+    /// An identifier that both have, of 29 bits or not.
+    pub(crate) fn meets(&self, other: &Self) -> Option<(u32, bool)> {
+        if self.spoken.name == other.spoken.name {
+            return (self.address == other.address).then_some((self.address, false));
+        }
+        let both = |id, extended| {
+            (self.spoken.uses)(self.address, id, extended)
+                && (other.spoken.uses)(other.address, id, extended)
+        };
+        let extended = both(0, true).then_some((0, true));
+        (0..STANDARD_IDS).find(|id| both(*id, false)).map(|id| (id, false)).or(extended)
+    }
+
+    fn named(&self) -> String {
+        format!("{} {}", self.spoken.name, self.address)
+    }
+}
+
+/// Why these cannot be on one bus, if they cannot.
+pub(crate) fn clash(seats: &[Seat]) -> Option<String> {
+    seats.iter().enumerate().find_map(|(n, seat)| {
+        if let Err(why) = seat.spoken.check(seat.address) {
+            return Some(format!("{}: {why}: {}", seat.named(), why.hint()));
+        }
+        let (other, met) = seats[..n].iter().find_map(|o| Some((o, o.meets(seat)?)))?;
+        Some(match met {
+            _ if other.spoken.name == seat.spoken.name => {
+                format!("{} is there twice: give each drive its own address", seat.named())
+            }
+            (_, true) => {
+                format!("{} and {} both use the 29-bit identifiers", other.named(), seat.named())
+            }
+            (id, false) => format!(
+                "{} and {} both use the identifier {id:X}h: give one of them another address",
+                other.named(),
+                seat.named()
+            ),
+        })
+    })
+}
+
+/// What drives make of a bus' time.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Load {
+    /// Share of the bits without a single stuff bit, 0 to 1.
+    pub least: f64,
+    /// The same with as many stuff bits as there can be.
+    pub most: f64,
+}
+
+impl Load {
+    /// Adds frames of so many bytes each, so many times a second; without lengths a full frame there
+    /// and one back.
+    pub(crate) fn add(&mut self, bit_rate: u32, extended: bool, rate: f64, lengths: &[u32]) {
+        let lengths = if lengths.is_empty() { &EXCHANGE } else { lengths };
+        let share = |bits: u32| rate * f64::from(bits) / f64::from(bit_rate.max(1));
+        self.least += share(lengths.iter().map(|bytes| bits::nominal(extended, *bytes)).sum());
+        self.most += share(lengths.iter().map(|bytes| bits::at_most(extended, *bytes)).sum());
+    }
+
+    /// The sum, where it is too much.
+    pub(crate) fn refused(self) -> Option<String> {
+        let most = LOAD_MAX * 100.0;
+        (self.most > LOAD_MAX).then(|| {
+            format!("its drives take {self} of the bus; at most {most:.0} % can be planned for")
+        })
+    }
+}
+
+impl std::fmt::Display for Load {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.1} to {:.1} %", self.least * 100.0, self.most * 100.0)
+    }
+}
+
+#[cfg(test)]
+mod tests;
