@@ -37,6 +37,18 @@ impl Seat {
     }
 }
 
+/// The 11-bit identifiers that some drive of these protocols could have, whoever is there.
+pub(crate) fn claimed(seats: &[Seat]) -> Vec<bool> {
+    let could =
+        |seat: &Seat, id| seat.spoken.every.clone().any(|a| (seat.spoken.uses)(a, id, false));
+    (0..STANDARD_IDS).map(|id| seats.iter().any(|seat| could(seat, id))).collect()
+}
+
+/// Whether an address has one of those identifiers.
+pub(crate) fn claims(claimed: &[bool], uses: fn(u32, u32, bool) -> bool, address: u32) -> bool {
+    (0..STANDARD_IDS).zip(claimed).any(|(id, claimed)| *claimed && uses(address, id, false))
+}
+
 /// Why these cannot be on one bus, if they cannot.
 pub(crate) fn clash(seats: &[Seat]) -> Option<String> {
     seats.iter().enumerate().find_map(|(n, seat)| {

@@ -1,6 +1,6 @@
 //! The core's lists of protocols and families, asked by word and medium.
 
-use crate::bus::Seat;
+use crate::bus::{self, Seat};
 use crate::error::Error;
 use crate::url::Number;
 use polepair_core::axis::AnyLane;
@@ -58,10 +58,17 @@ impl Spoken {
         let usual = self.host?;
         let seat = |address| Seat { spoken: self.clone(), address };
         let free = |address: &u32| {
-            !drives.contains(address)
-                && !others.iter().any(|other| other.meets(&seat(*address)).is_some())
+            let meets = |other: &Seat| other.meets(&seat(*address)).is_some();
+            !drives.contains(address) && !others.iter().any(meets)
         };
-        if free(&usual) { None } else { self.every.clone().rev().find(free) }
+        if free(&usual) {
+            return None;
+        }
+        // Better one that no drive of the others could have: their hosts hear those too.
+        let claimed = bus::claimed(others);
+        let quiet = |address: &u32| free(address) && !bus::claims(&claimed, self.uses, *address);
+        let every = || self.every.clone().rev();
+        every().find(quiet).or_else(|| every().find(free))
     }
 
     /// Refuses an address that no drive can have, and groups that the protocol has not.

@@ -48,7 +48,7 @@ fn axes_are_named_by_words() {
 #[test]
 fn all_turn_on_one_wire() {
     let link = open("#spindle,x,y,gripper,port,starboard");
-    let speeds = [20.0, 10.0, -10.0, 15.0, 0.2, -0.2];
+    let speeds = [20.0, 10.0, -10.0, 15.0, 40.0, -40.0];
     for axis in link.axes() {
         axis.arm(true);
         if axis.profile().plan(Verb::Enable).is_some() {
