@@ -297,7 +297,7 @@ impl Decoder {
         let context = Context {
             direction: speaker,
             request: request.map(|request| request.bytes),
-            profile: self.profile.or(usual),
+            profile: rule.and_then(|rule| spoken(self.profile, rule)).or(usual),
             ..Context::default()
         };
         self.explained.clear();
@@ -332,14 +332,12 @@ impl Decoder {
             profile: self.profile,
             id: Some(frame.id),
             extended: frame.extended,
+            remote: frame.remote,
             ..Context::default()
         };
         self.explained.clear();
-        let rule = if frame.remote {
-            None
-        } else {
-            explain_frame(rules, self.judged, frame, &context, conversation, &mut self.explained)
-        };
+        let rule =
+            explain_frame(rules, self.judged, frame, &context, conversation, &mut self.explained);
         out(&Event {
             time: line.time,
             link: name,
@@ -385,6 +383,12 @@ fn wrong(error: Option<WireError>, piece: &Piece) -> Option<Wrong> {
     })
 }
 
+/// The profile, if it is one of the protocol's that a rule names.
+fn spoken(profile: Option<&'static Profile>, rule: &Rule) -> Option<&'static Profile> {
+    let language = rule.dissector.language();
+    profile.filter(|profile| profile.protocol == language || language.starts_with(profile.protocol))
+}
+
 /// Lets the first rule that holds for the frame explain it, as what it asks or answers.
 fn explain_frame<'r>(
     rules: &'r [Rule],
@@ -401,7 +405,7 @@ fn explain_frame<'r>(
         let context = Context {
             request: request.map(|request| request.bytes),
             request_id: request.and_then(|request| request.id),
-            profile: context.profile.or_else(|| drives::usual(rule.dissector)),
+            profile: spoken(context.profile, rule).or_else(|| drives::usual(rule.dissector)),
             ..*context
         };
         explained.clear();
@@ -410,16 +414,23 @@ fn explain_frame<'r>(
             conversation.ask(&raw);
         }
     };
-    let claims = |rule: &&Rule| rule.dissector.claims(frame.id, frame.extended);
+    let claims = |rule: &&Rule| match frame.remote {
+        true => rule.dissector.claims_remote(frame.id, frame.extended),
+        false => rule.dissector.claims(frame.id, frame.extended),
+    };
     for rule in rules.iter().filter(claims) {
         explain(rule, explained);
+        // What is said to everybody is said to each axis.
+        let meant = |axis| explained.axis.is_none_or(|found| found == axis);
         match rule.scope {
-            Scope::Axis(axis) if explained.axis != Some(axis) => {}
+            Scope::Axis(axis) | Scope::AxisOn(_, axis) if !meant(axis) => {}
+            Scope::Link(_) if judged && rule.dissector.shares(frame.id, frame.extended) => {}
             _ => return Some(rule),
         }
     }
     explained.clear();
-    let stated = |rule: &&Rule| !judged && !matches!(rule.scope, Scope::Axis(_));
+    let whole = |rule: &Rule| !matches!(rule.scope, Scope::Axis(_) | Scope::AxisOn(..));
+    let stated = |rule: &&Rule| !judged && !frame.remote && whole(rule);
     let rule = rules.iter().find(stated)?;
     explain(rule, explained);
     Some(rule)

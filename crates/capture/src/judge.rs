@@ -2,6 +2,7 @@
 //! capture, and what explains most of its bytes wins.
 
 use core::fmt;
+use std::collections::{BTreeMap, BTreeSet};
 
 use polepair_core::explain::Dissector;
 use polepair_core::proto;
@@ -17,6 +18,8 @@ const BROKEN_WORTH: f64 = 0.1;
 
 /// Axes of a link that are remembered: as many as a CAN bus can have with 11-bit identifiers.
 const AXES_MAX: usize = 127;
+/// Identifiers of a link that are remembered: as many as there are with 11 bits.
+const IDS_MAX: usize = 2048;
 
 /// Weighs a capture.
 #[derive(Debug)]
@@ -40,8 +43,12 @@ impl fmt::Debug for Reader {
 #[derive(Clone, Debug, Default)]
 struct Tally {
     link: String,
-    /// Axes with whole frames.
-    axes: Vec<u32>,
+    /// CAN identifiers of whole frames, and true for those of 29 bits.
+    ids: BTreeSet<(u32, bool)>,
+    /// Axes with whole frames on identifiers that no other protocol uses.
+    proven: BTreeSet<u32>,
+    /// Axes with whole frames on identifiers that others use too: frames and bytes.
+    shared: BTreeMap<u32, (u64, u64)>,
     frames: u64,
     broken: u64,
     good_bytes: u64,
@@ -64,11 +71,16 @@ pub struct Verdict {
     pub broken: u64,
     /// Bytes that belong to no frame.
     pub stray_bytes: u64,
-    /// The protocol that explains most after the first, and the share of the bytes it explains.
+    /// Protocols that explain CAN identifiers which the first leaves.
+    pub others: Vec<&'static dyn Dissector>,
+    /// The protocol that explains most beside these, and the share of the bytes it explains.
     pub runner_up: Option<(&'static str, f64)>,
-    /// A protocol that may be spoken too, on identifiers that it shares with others, and the axes
+    /// Axes on identifiers that this protocol shares with others and that something else proves
+    /// to be its.
+    pub proven: Vec<(&'static dyn Dissector, u32)>,
+    /// Protocols that may be spoken too, on identifiers that they share with others, and the axes
     /// that would: no frame proves it, so it is for a person to say.
-    pub shared: Option<(&'static str, Vec<u32>)>,
+    pub shared: Vec<(&'static str, Vec<u32>)>,
 }
 
 impl fmt::Debug for Verdict {
@@ -84,7 +96,9 @@ impl fmt::Display for Verdict {
             return self.show_shared(f);
         };
         let (name, percent) = (protocol.name(), self.sure * 100.0);
-        write!(f, "{}: {name}, {percent:.0} % sure ({}", self.link, many(self.frames, "frame"))?;
+        write!(f, "{}: {name}", self.link)?;
+        self.others.iter().try_for_each(|other| write!(f, " and {}", other.name()))?;
+        write!(f, ", {percent:.0} % sure ({}", many(self.frames, "frame"))?;
         if self.broken > 0 {
             write!(f, ", {} broken", self.broken)?;
         }
@@ -103,11 +117,20 @@ impl fmt::Display for Verdict {
 
 impl Verdict {
     fn show_shared(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Some((name, axes)) = &self.shared else { return Ok(()) };
-        let first = self.protocol.map_or(String::new(), |first| format!("{},", first.name()));
-        let rules: Vec<String> = axes.iter().map(|axis| format!("{name}@{axis}")).collect();
-        let rules = rules.join(",");
-        write!(f, "; some identifiers may be {name}'s: if they are, --as {first}{rules}")
+        let spoken = self.protocol.iter().chain(&self.others).map(|spoken| spoken.name());
+        let spoken: Vec<&str> = spoken.collect();
+        for (at, (name, axes)) in self.shared.iter().enumerate() {
+            let mut rules: Vec<String> = spoken.iter().map(|word| (*word).to_owned()).collect();
+            if !spoken.contains(name) {
+                rules.extend(axes.iter().map(|axis| format!("{name}@{axis}")));
+            }
+            let rules = rules.join(",");
+            match at {
+                0 => write!(f, "; some identifiers may be {name}'s: if they are, --as {rules}")?,
+                _ => write!(f, "; or {name}'s: --as {rules}")?,
+            }
+        }
+        Ok(())
     }
 }
 
@@ -125,8 +148,8 @@ impl Judge {
     /// Takes a piece of the capture, cut anywhere.
     pub fn feed(&mut self, piece: &[u8]) {
         for reader in &mut self.readers {
-            let Reader { decoder, tallies, .. } = reader;
-            decoder.feed(piece, &mut |event| weigh(tallies, event));
+            let Reader { decoder, tallies, dissector } = reader;
+            decoder.feed(piece, &mut |event| weigh(*dissector, tallies, event));
         }
     }
 
@@ -134,8 +157,9 @@ impl Judge {
     #[must_use]
     pub fn decide(mut self) -> (Vec<Verdict>, Decoder) {
         for reader in &mut self.readers {
-            let Reader { decoder, tallies, .. } = reader;
-            decoder.finish(&mut |event| weigh(tallies, event));
+            let Reader { decoder, tallies, dissector } = reader;
+            decoder.finish(&mut |event| weigh(*dissector, tallies, event));
+            tallies.iter_mut().for_each(Tally::settle);
         }
         let links = self.readers.first().map_or_else(Vec::new, |reader| {
             reader.tallies.iter().map(|tally| tally.link.clone()).collect()
@@ -149,41 +173,54 @@ impl Judge {
 
     fn verdict(&self, link: &str) -> Verdict {
         let read = self.readers.iter().filter_map(|reader| Some((reader, reader.tally(link)?)));
-        let shares = |(reader, _): &(&Reader, &Tally)| reader.dissector.shares_identifiers();
-        let (shared, mut ranked): (Vec<_>, Vec<_>) = read.partition(shares);
-        let shared = shared.into_iter().find(|(_, tally)| !tally.axes.is_empty());
-        let shared = shared.map(|(reader, tally)| (reader.dissector.name(), tally.axes.clone()));
+        let mut ranked: Vec<(&Reader, &Tally)> = read.collect();
+        let unknown = Verdict { shared: shared(&ranked), ..Verdict::unknown(link) };
         // Of two that find no whole frame, the one with fewer pieces reads more into the bytes.
         ranked.sort_by(|(_, a), (_, b)| {
             b.share().total_cmp(&a.share()).then(a.broken.cmp(&b.broken))
         });
-        let rivals = ranked.iter().skip(1).filter(|(_, tally)| tally.good_bytes > 0);
+        let (spoken, rivals) = spoken(&ranked);
+        let Some((first, others)) = spoken.split_first() else { return unknown };
+        let rivals = rivals.iter().filter(|(_, tally)| tally.good_bytes > 0);
         let runner_up = rivals
             .map(|(reader, tally)| (reader.dissector.name(), tally.good_share()))
             .max_by(|(_, a), (_, b)| a.total_cmp(b));
-        let best = ranked.first().filter(|(_, tally)| tally.is_more_than_chance());
-        let Some((reader, best)) = best else {
-            return Verdict { shared, ..Verdict::unknown(link) };
-        };
         let rival = runner_up.map_or(0.0, |(_, share)| share).max(CHANCE);
-        let accident = 0.5f64.powi(8 * i32::try_from(best.frames).unwrap_or(i32::MAX / 8).min(99));
+        let sum = |of: &dyn Fn(&Tally) -> u64| spoken.iter().map(|(_, tally)| of(tally)).sum();
+        let frames = sum(&|tally| tally.frames);
+        let share: f64 = spoken.iter().map(|(_, tally)| tally.share()).sum();
+        let accident = 0.5f64.powi(8 * i32::try_from(frames).unwrap_or(i32::MAX / 8).min(99));
+        let won = spoken.iter().flat_map(|(reader, tally)| {
+            tally.won().map(|axis| (reader.dissector, axis)).collect::<Vec<_>>()
+        });
         Verdict {
-            link: link.to_owned(),
-            protocol: Some(reader.dissector),
-            sure: ((best.share() - rival) / best.share()).max(0.0) * (1.0 - accident),
-            frames: best.frames,
-            broken: best.broken,
-            stray_bytes: best.stray_bytes,
+            protocol: Some(first.0.dissector),
+            others: others.iter().map(|(reader, _)| reader.dissector).collect(),
+            sure: ((share - rival) / share).max(0.0) * (1.0 - accident),
+            frames,
+            broken: sum(&|tally| tally.broken),
+            stray_bytes: others.iter().fold(first.1.stray_bytes, |stray, (_, tally)| {
+                stray.saturating_sub(tally.good_bytes + tally.broken_bytes)
+            }),
             runner_up,
-            shared,
+            proven: won.collect(),
+            ..unknown
         }
     }
 
     /// The winner on its link; on CAN the others too, for identifiers that the winner leaves.
     fn rules(&self, verdict: &Verdict) -> Vec<Rule> {
-        let scope = Scope::Link(verdict.link.clone());
-        let rule = |dissector| Rule { dissector, scope: scope.clone() };
-        verdict.protocol.map(rule).into_iter().collect()
+        let link = &verdict.link;
+        let proven = verdict.proven.iter().map(|(dissector, axis)| Rule {
+            dissector: *dissector,
+            scope: Scope::AxisOn(link.clone(), *axis),
+        });
+        let spoken = verdict.protocol.iter().chain(&verdict.others);
+        let rule = |dissector: &&'static dyn Dissector| Rule {
+            dissector: *dissector,
+            scope: Scope::Link(link.clone()),
+        };
+        proven.chain(spoken.map(rule)).collect()
     }
 
     fn echoes(&self, verdict: &Verdict) -> bool {
@@ -208,8 +245,10 @@ impl Verdict {
             frames: 0,
             broken: 0,
             stray_bytes: 0,
+            others: Vec::new(),
             runner_up: None,
-            shared: None,
+            proven: Vec::new(),
+            shared: Vec::new(),
         }
     }
 }
@@ -225,7 +264,68 @@ impl Reader {
     }
 }
 
+/// The winner and those that explain CAN identifiers which it and each other leave; and the rest.
+fn spoken<'a>(ranked: &[(&'a Reader, &'a Tally)]) -> (Vec<Read<'a>>, Vec<Read<'a>>) {
+    let mut spoken: Vec<Read<'a>> = Vec::new();
+    let mut rivals = Vec::new();
+    for (reader, tally) in ranked {
+        let claimed = |(id, extended): &(u32, bool)| {
+            spoken.iter().any(|(other, _)| other.dissector.claims(*id, *extended))
+        };
+        let beside = !tally.ids.is_empty() && !tally.ids.iter().any(claimed);
+        let holds = match spoken.is_empty() {
+            true => rivals.is_empty() && tally.is_more_than_chance(),
+            false => beside && tally.good_bytes > tally.broken_bytes,
+        };
+        if holds { &mut spoken } else { &mut rivals }.push((*reader, *tally));
+    }
+    (spoken, rivals)
+}
+
+/// What a reader made of a link.
+type Read<'a> = (&'a Reader, &'a Tally);
+
+/// The axes that may be each protocol's by identifiers that several use, but those that one of them
+/// is proven to have.
+fn shared(read: &[Read<'_>]) -> Vec<(&'static str, Vec<u32>)> {
+    let won: BTreeSet<u32> = read.iter().flat_map(|(_, tally)| tally.won()).collect();
+    let open = |tally: &Tally| -> Vec<u32> {
+        tally.shared.keys().copied().filter(|axis| !won.contains(axis)).collect()
+    };
+    let named = read.iter().map(|(reader, tally)| (reader.dissector.name(), open(tally)));
+    named.filter(|(_, axes)| !axes.is_empty()).collect()
+}
+
 impl Tally {
+    /// Axes that share identifiers with other protocols and are this one's all the same.
+    fn won(&self) -> impl Iterator<Item = u32> + '_ {
+        self.shared.keys().copied().filter(|axis| self.proven.contains(axis))
+    }
+
+    /// Frames on shared identifiers are whole where their axis is proven, else nobody's.
+    fn settle(&mut self) {
+        for (axis, (frames, bytes)) in &self.shared {
+            if self.proven.contains(axis) {
+                self.frames += frames;
+                self.good_bytes += bytes;
+            } else {
+                self.stray_bytes += bytes;
+            }
+        }
+    }
+
+    /// Takes a frame that may be another protocol's.
+    fn share_frame(&mut self, axis: Option<u32>, bytes: u64) {
+        let room = self.shared.len() < AXES_MAX;
+        match axis.filter(|axis| room || self.shared.contains_key(axis)) {
+            None => self.stray_bytes += bytes,
+            Some(axis) => {
+                let (frames, sum) = self.shared.entry(axis).or_default();
+                (*frames, *sum) = (*frames + 1, *sum + bytes);
+            }
+        }
+    }
+
     fn bytes(&self) -> u64 {
         self.good_bytes + self.broken_bytes + self.stray_bytes
     }
@@ -247,22 +347,30 @@ impl Tally {
     }
 }
 
-fn weigh(tallies: &mut Vec<Tally>, event: &Event<'_>) {
+fn weigh(dissector: &dyn Dissector, tallies: &mut Vec<Tally>, event: &Event<'_>) {
     let at = tallies.iter().position(|tally| tally.link == event.link).unwrap_or_else(|| {
         tallies.push(Tally { link: event.link.to_owned(), ..Tally::default() });
         tallies.len() - 1
     });
     let tally = &mut tallies[at];
     let bytes = event.bytes.len().max(1) as u64;
-    if event.protocol.is_none() || event.stray {
+    let id = event.id.map(|id| (id, event.extended));
+    let shares = id.is_some_and(|(id, extended)| dissector.shares(id, extended));
+    if event.protocol.is_none() || event.stray || (shares && event.wrong.is_some()) {
         tally.stray_bytes += bytes;
     } else if event.wrong.is_some() {
         tally.broken += 1;
         tally.broken_bytes += bytes;
+    } else if shares {
+        tally.share_frame(event.explained.axis, bytes);
     } else {
         tally.frames += 1;
         tally.good_bytes += bytes;
-        let axis = event.explained.axis.filter(|axis| !tally.axes.contains(axis));
-        tally.axes.extend(axis.filter(|_| tally.axes.len() < AXES_MAX));
+        if tally.proven.len() < AXES_MAX {
+            tally.proven.extend(event.explained.axis);
+        }
+        if tally.ids.len() < IDS_MAX {
+            tally.ids.extend(id);
+        }
     }
 }

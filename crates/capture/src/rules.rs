@@ -27,6 +27,8 @@ pub enum Scope {
     Axis(u32),
     /// On the link of that name.
     Link(String),
+    /// For frames of that axis on the link of that name.
+    AxisOn(String, u32),
 }
 
 /// Rules in the order in which they are tried. Without any, every protocol is possible.
@@ -54,7 +56,7 @@ impl Rules {
     /// What may be spoken on a link, in the order in which it is tried.
     pub(crate) fn on(&self, link: &str) -> Vec<Rule> {
         let holds = |rule: &&Rule| match &rule.scope {
-            Scope::Link(name) => name == link,
+            Scope::Link(name) | Scope::AxisOn(name, _) => name == link,
             Scope::Axis(_) | Scope::Anywhere => true,
         };
         let mut rules: Vec<Rule> = self.0.iter().filter(holds).cloned().collect();

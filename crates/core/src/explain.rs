@@ -25,6 +25,8 @@ pub struct Context<'a> {
     pub id: Option<u32>,
     /// True for a CAN identifier of 29 bits.
     pub extended: bool,
+    /// True for a CAN remote request: the bytes are what it asks for, and do not count.
+    pub remote: bool,
     /// CAN identifier of the request, as wide as `id`.
     pub request_id: Option<u32>,
 }
@@ -106,6 +108,8 @@ pub struct Encoded {
     pub id: Option<u32>,
     /// True for a CAN identifier of 29 bits.
     pub extended: bool,
+    /// For a CAN remote request, the length that it asks for.
+    pub remote: Option<u8>,
     /// How many bytes the answer has, if there is one.
     pub answer: Option<usize>,
     /// What the one who sends this should know; empty if nothing.
@@ -186,9 +190,16 @@ pub trait Dissector: Sync {
         let _ = (id, extended);
         false
     }
-    /// Whether other protocols use the same CAN identifiers for frames that may look alike: then a
-    /// capture is not explained so unless somebody says that it is.
-    fn shares_identifiers(&self) -> bool {
+    /// Whether a CAN remote request with that identifier can be this protocol's.
+    fn claims_remote(&self, id: u32, extended: bool) -> bool {
+        let _ = (id, extended);
+        false
+    }
+    /// Whether other protocols use this CAN identifier for frames that may look alike: then a
+    /// capture's frame is not explained so unless something else proves that its axis speaks this
+    /// protocol, or somebody says so.
+    fn shares(&self, id: u32, extended: bool) -> bool {
+        let _ = (id, extended);
         false
     }
     /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use polepair_capture::{Decoder, Event, Follow, Judge, Next, Rules, Verdict, jsonl, text};
+use polepair_core::profile::Profile;
 
 use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::{self, Output, say};
@@ -15,6 +16,9 @@ const PAUSE: Duration = Duration::from_millis(700);
 /// Bytes of a capture on stdin that are gathered for the judgement.
 const GATHER_MAX: usize = 1 << 28;
 const PIECE: usize = 1 << 18;
+
+/// The drive whose names are used, if one is stated.
+type Named = Option<&'static Profile>;
 
 /// Explains every frame of a capture.
 ///
@@ -29,6 +33,7 @@ A capture has one line for each CAN frame, or for each run of serial bytes:
 Examples:
   polepair decode capture.log
   polepair decode capture.log --as tmcl --format jsonl -o frames.jsonl
+  polepair decode bus.log --as canopen@2,thruster@11 --profile syntron-ts-canopen
   tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
 pub struct Decode {
     /// The capture; - for stdin
@@ -37,6 +42,8 @@ pub struct Decode {
     /// Protocol, of everything, or @ an axis number or a link; several with commas
     #[arg(long = "as", value_name = "PROTO[@ID],…")]
     rules: Option<String>,
+    #[command(flatten)]
+    named_by: super::NamedBy,
     /// How frames are written [default: text, or jsonl if OUT ends so]
     #[arg(long, value_enum)]
     format: Option<Format>,
@@ -57,11 +64,12 @@ enum Format {
 impl Decode {
     pub fn run(self) -> Result {
         let rules = self.rules.as_deref().map(rules).transpose()?;
+        let profile = self.named_by.profile()?;
         let mut writer = Writer::new(self.format(), self.out.as_deref())?;
         let decoder = if self.source.as_os_str() == "-" {
-            follow(rules, &mut writer)?
+            follow(rules, profile, &mut writer)?
         } else {
-            file(&self.source, rules, &mut writer)?
+            file(&self.source, rules, profile, &mut writer)?
         };
         report(&decoder)
     }
@@ -78,7 +86,7 @@ fn rules(text: &str) -> Result<Rules> {
 }
 
 /// Decodes a file: once through to judge it, once to explain it.
-fn file(path: &Path, rules: Option<Rules>, writer: &mut Writer) -> Result<Decoder> {
+fn file(path: &Path, rules: Option<Rules>, profile: Named, writer: &mut Writer) -> Result<Decoder> {
     let mut decoder = match rules {
         Some(rules) => Decoder::new(rules),
         None => {
@@ -90,6 +98,7 @@ fn file(path: &Path, rules: Option<Rules>, writer: &mut Writer) -> Result<Decode
             judged(judge)
         }
     };
+    decoder = decoder.with_profile(profile);
     pieces(path, &mut |piece| {
         decoder.feed(piece, &mut |event| writer.write(event));
         writer.out.spill()
@@ -112,11 +121,11 @@ fn pieces(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> 
 }
 
 /// Decodes stdin, line by line as it comes.
-fn follow(rules: Option<Rules>, writer: &mut Writer) -> Result<Decoder> {
+fn follow(rules: Option<Rules>, profile: Named, writer: &mut Writer) -> Result<Decoder> {
     let source = Follow::new(std::io::stdin());
     let (mut decoder, mut ended) = match rules {
-        Some(rules) => (Decoder::new(rules), false),
-        None => gather(&source, writer)?,
+        Some(rules) => (Decoder::new(rules).with_profile(profile), false),
+        None => gather(&source, profile, writer)?,
     };
     writer.out.flush()?;
     while !ended {
@@ -136,7 +145,7 @@ fn follow(rules: Option<Rules>, writer: &mut Writer) -> Result<Decoder> {
 }
 
 /// Gathers stdin until it ends or pauses, judges it, and explains what was gathered.
-fn gather(source: &Follow, writer: &mut Writer) -> Result<(Decoder, bool)> {
+fn gather(source: &Follow, profile: Named, writer: &mut Writer) -> Result<(Decoder, bool)> {
     let mut gathered = Vec::new();
     let ended = loop {
         match source.next(Some(PAUSE)) {
@@ -151,7 +160,7 @@ fn gather(source: &Follow, writer: &mut Writer) -> Result<(Decoder, bool)> {
     };
     let mut judge = Judge::new();
     judge.feed(&gathered);
-    let mut decoder = judged(judge);
+    let mut decoder = judged(judge).with_profile(profile);
     if !ended {
         say("judged by what came so far; --as PROTO states the protocol");
     }

@@ -23,6 +23,7 @@ Examples:
   polepair encode tmcl \"ROR 0, 350\" --axis 1          01 01 00 00 00 00 01 5E 61
   polepair encode modbus-rtu \"write Fn_33 200\"        01 06 00 33 00 C8 78 53
   polepair encode tmcl \"GAP 1, 0\" --via can           001#06010000000000
+  polepair encode canopen \"write 0x6040:0 u16 0x000F\" --axis 2     602#2B4060000F000000
   polepair encode tml \"KPP=0x1234\" --axis 5 --via tmlcan          0400A05E#3412
   polepair encode tml \"MODE PP; UPD\" --axis g1+2 --via rs485
   polepair encode tmcl \"MST 0\" | polepair decode - --as tmcl")]
@@ -42,6 +43,8 @@ pub struct Encode {
     /// The wire: serial, rs485, can, or a protocol word such as tmlcan
     #[arg(long, value_name = "WIRE")]
     via: Option<String>,
+    #[command(flatten)]
+    named_by: super::NamedBy,
     /// How it is printed
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
@@ -88,8 +91,8 @@ impl Encode {
             return Err(Problem::usage("E245", format!("{} has no groups.", dissector.name())));
         }
         let axis = self.axis.map(|axis| axis.id);
-        let addressing =
-            Addressing { axis, groups, host: self.host, profile: drives::usual(dissector), via };
+        let profile = self.named_by.profile()?.or_else(|| drives::usual(dissector));
+        let addressing = Addressing { axis, groups, host: self.host, profile, via };
         let mut out = Output::stdout();
         for (at, piece) in pieces(&self.text) {
             self.piece(dissector, at, piece, &addressing, out.buffer())?;
@@ -187,7 +190,10 @@ pub fn line(encoded: &Encoded, bytes: &[u8], out: &mut Vec<u8>) {
         Some(id) => {
             let digits = if encoded.extended { 8 } else { 3 };
             out.extend_from_slice(format!("{id:0digits$X}#").as_bytes());
-            jsonl::hex(out, bytes);
+            match encoded.remote {
+                Some(len) => out.extend_from_slice(format!("R{len}").as_bytes()),
+                None => jsonl::hex(out, bytes),
+            }
         }
     }
 }
@@ -200,10 +206,11 @@ fn object(
     out: &mut Vec<u8>,
 ) {
     let direction = Some(Direction::ToDrive);
-    let Encoded { id, extended, .. } = *encoded;
+    let Encoded { id, extended, remote, .. } = *encoded;
+    let remote = remote.is_some();
     let mut explained = Explained::default();
     let profile = addressing.profile;
-    let context = Context { direction, profile, id, extended, ..Context::default() };
+    let context = Context { direction, profile, id, extended, remote, ..Context::default() };
     dissector.explain(bytes, &context, &mut explained);
     out.extend_from_slice(b"{\"protocol\":");
     jsonl::string(out, dissector.name());

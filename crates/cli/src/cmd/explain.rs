@@ -21,6 +21,8 @@ Examples:
   polepair explain tmcm-171 0x101                     fault bits of a drive: cause and remedy
   polepair explain modbus-rtu 2                       an exception
   polepair explain tml MER 0x0008                     a register's bits
+  polepair explain canopen 0x06020000                 an abort code
+  polepair explain canopen statusword 0x0237          a word's bits
   polepair explain tmcl 01 01 00 00 00 00 01 5E 61    a frame, byte by byte
   polepair explain tmcl 001#0100000000015E            a CAN frame")]
 pub struct Explain {
@@ -72,18 +74,18 @@ impl Explain {
         let mut bytes = Vec::new();
         let line = parse(text.as_bytes(), &mut bytes).ok().flatten();
         let line = line.ok_or_else(|| self.unknown(text))?;
-        let (id, extended, bytes) = match line.data {
-            polepair_capture::Data::Bytes(bytes) => (None, false, bytes.to_vec()),
-            polepair_capture::Data::Frame(frame) => {
-                (Some(frame.id), frame.extended, frame.bytes().to_vec())
-            }
+        let (frame, bytes) = match line.data {
+            polepair_capture::Data::Bytes(bytes) => (None, bytes.to_vec()),
+            polepair_capture::Data::Frame(frame) => (Some(frame), frame.bytes().to_vec()),
         };
+        let (extended, remote) = frame.map_or((false, false), |f| (f.extended, f.remote));
+        let id = frame.map(|frame| frame.id);
         let direction = self.from.map(|from| match from {
             From::Host => Direction::ToDrive,
             From::Drive => Direction::ToHost,
         });
         let profile = subject.names();
-        let context = Context { direction, profile, id, extended, ..Context::default() };
+        let context = Context { direction, profile, id, extended, remote, ..Context::default() };
         let mut explained = Explained::default();
         subject.dissector()?.explain(&bytes, &context, &mut explained);
         Ok(show(&bytes, &explained))

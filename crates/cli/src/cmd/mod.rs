@@ -26,6 +26,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 use polepair::Connector;
+use polepair_core::drives::profiles;
 use polepair_core::profile::Profile;
 
 use crate::outcome;
@@ -163,5 +164,26 @@ impl ProfileFile {
     /// Every profile that is known, the user's own first.
     pub fn known(&self) -> Result<Vec<&'static Profile>> {
         Ok(self.connector()?.config.all_profiles().collect())
+    }
+}
+
+/// The drive whose names are used.
+#[derive(Args, Debug)]
+pub struct NamedBy {
+    /// Name parameters and faults as this drive does: its name, or a TOML file of your own
+    #[arg(long = "profile", value_name = "NAME|FILE")]
+    drive: Option<String>,
+}
+
+impl NamedBy {
+    /// The drive's profile, if one is named.
+    pub fn profile(&self) -> Result<Option<&'static Profile>> {
+        let Some(word) = &self.drive else { return Ok(None) };
+        if let Some(known) = profiles().iter().find(|profile| profile.name == word) {
+            return Ok(Some(known));
+        }
+        let connector = Connector::discover().map_err(outcome::error)?;
+        let connector = connector.with_profile(word.as_ref()).map_err(outcome::error)?;
+        Ok(connector.config.all_profiles().next())
     }
 }

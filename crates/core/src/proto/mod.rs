@@ -25,6 +25,7 @@ pub fn dissectors() -> &'static [&'static dyn Dissector] {
         &tml::explain::TMLCAN,
         &tml::explain::TECHNOCAN,
         &thruster::ThrusterDissector,
+        &canopen::CanopenDissector,
     ]
 }
 

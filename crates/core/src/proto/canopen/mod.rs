@@ -10,6 +10,7 @@ pub mod cia402;
 pub mod cob;
 pub mod device;
 pub mod emcy;
+pub mod explain;
 pub mod generic;
 pub mod heartbeat;
 pub mod host;
@@ -26,6 +27,7 @@ pub mod tpdo;
 pub use ask::{Answer, Ask};
 pub use axis::{Axis, Canopen};
 pub use cob::Cob;
+pub use explain::CanopenDissector;
 pub use host::Host;
 
 use crate::error::WireError;

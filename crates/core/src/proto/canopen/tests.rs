@@ -2,4 +2,5 @@
 
 mod axis;
 mod codec;
+mod explain;
 mod host;

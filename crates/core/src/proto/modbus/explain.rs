@@ -105,7 +105,7 @@ impl Dissector for ModbusDissector {
             Format::Rtu => pdu + 3,
             Format::Ascii => 2 * pdu + 7,
         });
-        Ok(Encoded { len, id: None, extended: false, answer, warning: "" })
+        Ok(Encoded { len, id: None, extended: false, remote: None, answer, warning: "" })
     }
 
     fn code(&self, code: u32) -> Option<&'static str> {

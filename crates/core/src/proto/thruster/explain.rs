@@ -38,8 +38,8 @@ impl Dissector for ThrusterDissector {
         !extended && node(id).is_some()
     }
 
-    fn shares_identifiers(&self) -> bool {
-        true
+    fn shares(&self, id: u32, extended: bool) -> bool {
+        self.claims(id, extended)
     }
 
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
@@ -89,6 +89,7 @@ impl Dissector for ThrusterDissector {
             len: frame.bytes().len(),
             id: Some(frame.id),
             extended: false,
+            remote: None,
             answer: request.then_some(8),
             warning: warning(&said),
         })

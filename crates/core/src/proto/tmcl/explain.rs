@@ -79,6 +79,7 @@ impl Dissector for TmclDissector {
             len: part.len(),
             id,
             extended: false,
+            remote: None,
             answer: (!silent).then_some(part.len()),
             warning: "",
         })

@@ -131,7 +131,7 @@ impl Dissector for TmlDissector {
         out.get_mut(..len).ok_or(room)?.copy_from_slice(&bytes[..len]);
         let extended = self.0 == Encapsulation::TmlCan;
         let answer = expect::length(&message, wire);
-        Ok(Encoded { len, id, extended, answer, warning: warning(wire, to) })
+        Ok(Encoded { len, id, extended, remote: None, answer, warning: warning(wire, to) })
     }
 
     fn named(

@@ -21,13 +21,14 @@ use crate::proto::canopen::time::TimeOfDay;
 
 const VECTORS: &str = include_str!("../../../../../../vectors/canopen.json");
 
-struct Vector {
-    name: String,
-    kind: String,
-    frame: Frame,
+pub struct Vector {
+    pub name: String,
+    pub kind: String,
+    pub meaning: String,
+    pub frame: Frame,
 }
 
-fn vectors() -> Vec<Vector> {
+pub fn vectors() -> Vec<Vector> {
     let json: serde_json::Value = serde_json::from_str(VECTORS).expect("vectors/canopen.json");
     let vector = |v: &serde_json::Value| {
         let text = |key: &str| String::from(v[key].as_str().unwrap_or(""));
@@ -37,7 +38,7 @@ fn vectors() -> Vec<Vector> {
         let mut frame = Frame::standard(id, &bytes);
         frame.len = v["dlc"].as_u64().unwrap() as u8;
         frame.remote = v["rtr"].as_bool().unwrap_or(false);
-        Vector { name: text("name"), kind: text("kind"), frame }
+        Vector { name: text("name"), kind: text("kind"), meaning: text("meaning"), frame }
     };
     json.as_array().unwrap().iter().map(vector).collect()
 }

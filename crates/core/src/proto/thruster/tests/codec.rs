@@ -260,7 +260,7 @@ fn identifiers_of_others_are_not_claimed() {
     for id in [0x280, 0x300, 0x27F, 0x380, 0x001, 0x181, 0x581, 0x701] {
         assert!(!claims(id), "{id:03X}");
     }
-    assert!(!ThrusterDissector.claims(0x301, true) && ThrusterDissector.shares_identifiers());
+    assert!(!ThrusterDissector.claims(0x301, true) && ThrusterDissector.shares(0x301, false));
 }
 
 #[test]

@@ -1,0 +1,235 @@
+//! What numbers mean, in words for people: remarks behind what the language says.
+
+use core::fmt::{self, Write};
+
+use super::names;
+use crate::explain::Sink;
+use crate::profile::{Encoding, Parameter, Profile};
+use crate::proto::canopen::cia402::{Mode, Order, State};
+use crate::proto::canopen::emcy::class;
+use crate::proto::canopen::pdo::{CobId, Entry, Transmission};
+use crate::proto::canopen::sdo::{Abort, Object};
+
+/// Formats into a sink's text.
+pub(super) struct Pieces<'a>(pub &'a mut dyn Sink);
+
+impl Write for Pieces<'_> {
+    fn write_str(&mut self, piece: &str) -> fmt::Result {
+        self.0.text(piece);
+        Ok(())
+    }
+}
+
+/// The profile, if it is one of this protocol's.
+pub(super) fn own(profile: Option<&'static Profile>) -> Option<&'static Profile> {
+    profile.filter(|profile| profile.protocol == "canopen")
+}
+
+/// The profile's parameter that an object is.
+pub(super) fn parameter(
+    object: Object,
+    profile: Option<&'static Profile>,
+) -> Option<&'static Parameter> {
+    let same = |p: &&Parameter| (p.index, p.space) == (object.index, object.sub);
+    own(profile)?.parameters.iter().find(same)
+}
+
+/// What an object is called, empty if nobody calls it.
+pub(super) fn name(object: Object, profile: Option<&'static Profile>) -> &'static str {
+    let named = parameter(object, profile).map(|parameter| parameter.name);
+    named.or_else(|| names::standard(object).map(|(name, _)| name)).unwrap_or("")
+}
+
+/// Whether an object's values have a sign.
+pub(super) fn signed(object: Object, profile: Option<&'static Profile>) -> bool {
+    match parameter(object, profile) {
+        Some(parameter) => {
+            matches!(parameter.encoding, Encoding::I8 | Encoding::I16 | Encoding::I32)
+        }
+        None => names::standard(object).is_some_and(|(_, signed)| signed),
+    }
+}
+
+/// `bits` as the object's value.
+pub(super) fn number(object: Object, bits: u32, len: u8, profile: Option<&'static Profile>) -> i64 {
+    let rest = match len {
+        1..=3 if bits >> (8 * len) == 0 => 32 - 8 * u32::from(len),
+        _ => 0,
+    };
+    match signed(object, profile) {
+        true => ((bits << rest).cast_signed() >> rest).into(),
+        false => bits.into(),
+    }
+}
+
+/// An object's name and value.
+pub(super) fn value(
+    object: Object,
+    raw: i64,
+    profile: Option<&'static Profile>,
+    out: &mut dyn Write,
+) -> fmt::Result {
+    let known = parameter(object, profile);
+    let name = name(object, profile);
+    let symbol = known.map_or("", |parameter| parameter.symbol);
+    if symbol.starts_with(|c: char| c.is_ascii_alphabetic()) {
+        write!(out, "{symbol} ")?;
+    }
+    if name.is_empty() {
+        write!(out, "{raw}")?;
+    } else {
+        write!(out, "{name} = {raw}")?;
+    }
+    if let Some((_, word)) = known.and_then(|p| p.values.iter().find(|(value, _)| *value == raw)) {
+        return write!(out, ", {word}");
+    }
+    if let Some(parameter) = known {
+        scaled(parameter, raw, out)?;
+    }
+    standard(object, raw, profile, out)
+}
+
+/// The value in its unit, where that is not the number itself or hangs on other parameters.
+fn scaled(parameter: &Parameter, raw: i64, out: &mut dyn Write) -> fmt::Result {
+    let (scale, unit) = (&parameter.scale, parameter.unit.symbol());
+    if unit.is_empty() || scale.times.is_some() || scale.over.is_some() {
+        return Ok(());
+    }
+    if scale.factor == 1.0 {
+        return write!(out, " {unit}");
+    }
+    let value = libm::round(raw as f64 * scale.factor * 1000.0) / 1000.0;
+    write!(out, ", {value} {unit}")
+}
+
+/// What the standards say of a value.
+fn standard(
+    object: Object,
+    raw: i64,
+    profile: Option<&'static Profile>,
+    out: &mut dyn Write,
+) -> fmt::Result {
+    match (object.index, object.sub) {
+        (0x6040, 0) => write!(out, ", ").and_then(|()| controlword(raw as u16, out)),
+        (0x6041, 0) => write!(out, ", ").and_then(|()| statusword(raw as u16, out)),
+        (0x6060 | 0x6061, 0) => write!(out, ", {}", mode(Mode::from(raw as i8))),
+        (0x603F, 0) => write!(out, ", {}", fault(raw as u16, profile)),
+        (0x1010, 1..) if raw == 0x6576_6173 => out.write_str(", the word save"),
+        (0x1011, 1..) if raw == 0x6461_6F6C => out.write_str(", the word load"),
+        (0x1005 | 0x1012 | 0x1014, 0) | (0x1400..=0x15FF | 0x1800..=0x19FF, 1) => {
+            let cob = CobId(raw as u32);
+            let off = if cob.is_valid() { "" } else { ", switched off" };
+            write!(out, ", identifier {:03X}{off}", cob.id())
+        }
+        (0x1400..=0x15FF | 0x1800..=0x19FF, 2) => {
+            out.write_str(", ")?;
+            transmission(Transmission::from(raw as u8), out)
+        }
+        (0x1600..=0x17FF | 0x1A00..=0x1BFF, 1..) => mapping(Entry::from(raw as u32), profile, out),
+        _ => Ok(()),
+    }
+}
+
+fn mapping(entry: Entry, profile: Option<&'static Profile>, out: &mut dyn Write) -> fmt::Result {
+    let Entry { object, bits } = entry;
+    write!(out, ", maps 0x{:04X}:{} in {bits} bits", object.index, object.sub)?;
+    match name(object, profile) {
+        "" => Ok(()),
+        name => write!(out, ", {name}"),
+    }
+}
+
+fn transmission(transmission: Transmission, out: &mut dyn Write) -> fmt::Result {
+    match transmission {
+        Transmission::OnChange => out.write_str("with SYNC after a change"),
+        Transmission::Cyclic(1) => out.write_str("with every SYNC"),
+        Transmission::Cyclic(count) => write!(out, "with every {count}th SYNC"),
+        Transmission::SampledOnRequest => out.write_str("sampled at SYNC, sent on request"),
+        Transmission::OnRequest => out.write_str("on request"),
+        Transmission::Manufacturer => out.write_str("by the maker's events and by time"),
+        Transmission::Profile => out.write_str("by the profile's events"),
+        Transmission::Reserved(_) => out.write_str("reserved"),
+    }
+}
+
+/// What the orders of a controlword's bits 0 to 3 and 7 are, and which of its others are set.
+pub(super) fn controlword(word: u16, out: &mut dyn Write) -> fmt::Result {
+    out.write_str(Order::of(word).name())?;
+    rest(word, &CONTROL_BITS, out)
+}
+
+/// The state that a statusword tells, and which of its other bits are set.
+pub(super) fn statusword(word: u16, out: &mut dyn Write) -> fmt::Result {
+    out.write_str(State::of(word).name())?;
+    rest(word, &STATUS_BITS, out)
+}
+
+/// Bits of the controlword that are no part of the order; 4 to 6 by the mode.
+pub(super) const CONTROL_BITS: [(u8, &str); 5] = [
+    (4, "bit 4 (new set-point, start of homing)"),
+    (5, "bit 5 (at once)"),
+    (6, "bit 6 (relative)"),
+    (8, "halt"),
+    (9, "bit 9 (on set-point)"),
+];
+
+/// Bits of the statusword that are no part of the state; 12 and 13 by the mode.
+pub(super) const STATUS_BITS: [(u8, &str); 5] = [
+    (7, "warning"),
+    (10, "target reached"),
+    (11, "internal limit"),
+    (12, "bit 12 (set-point taken, homing attained, speed zero)"),
+    (13, "bit 13 (following error, homing error)"),
+];
+
+fn rest(word: u16, bits: &[(u8, &str)], out: &mut dyn Write) -> fmt::Result {
+    let set = bits.iter().filter(|(bit, _)| word >> bit & 1 == 1);
+    set.map(|(_, name)| write!(out, ", {}", Bare(name))).collect()
+}
+
+/// A name without parentheses, which would end a remark.
+struct Bare<'a>(&'a str);
+
+impl fmt::Display for Bare<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.chars().filter(|c| !matches!(c, '(' | ')')).try_for_each(|c| f.write_char(c))
+    }
+}
+
+pub(super) const fn mode(mode: Mode) -> &'static str {
+    match mode {
+        Mode::None => "none",
+        Mode::ProfilePosition => "profile position",
+        Mode::Velocity => "velocity",
+        Mode::ProfileVelocity => "profile velocity",
+        Mode::ProfileTorque => "profile torque",
+        Mode::Homing => "homing",
+        Mode::Interpolated => "interpolated position",
+        Mode::CyclicPosition => "cyclic synchronous position",
+        Mode::CyclicVelocity => "cyclic synchronous velocity",
+        Mode::CyclicTorque => "cyclic synchronous torque",
+        Mode::Other(_) => "the maker's own or reserved",
+    }
+}
+
+/// What an emergency's code means: the drive's own word, else the standard's for its class.
+pub(super) fn fault(code: u16, profile: Option<&'static Profile>) -> &'static str {
+    let known = own(profile).and_then(|p| p.faults.iter().find(|f| f.code == u32::from(code)));
+    known.map_or(class(code), |fault| fault.text)
+}
+
+/// What an abort code means.
+pub(super) fn abort(abort: Abort) -> &'static str {
+    abort.text().unwrap_or("a code that the standard does not have")
+}
+
+/// The two characters that a TS drive shows: its codes are the numbers of two glyphs of its
+/// seven-segment display \[I\], as all codes of its manual's table agree (3.5.2).
+pub(super) fn shown(code: u16) -> Option<[char; 2]> {
+    const GLYPHS: [char; 29] = [
+        '0', '1', '2', '3', '4', '5', '6', '7', '8', '9', 'A', 'b', 'c', 'd', 'E', 'F', 'G', 'H',
+        'I', 'J', 'L', 'n', 'o', 'P', 'q', 'r', 'S', 't', 'U',
+    ];
+    let [high, low] = code.to_be_bytes();
+    Some([*GLYPHS.get(usize::from(high))?, *GLYPHS.get(usize::from(low))?])
+}
