@@ -379,7 +379,11 @@ impl core::fmt::Write for Remark<'_> {
             self.sink.text(" (");
             self.open = true;
         }
-        self.sink.text(piece);
+        // A parenthesis would end the remark, a semicolon the instruction.
+        for (at, part) in piece.split(';').enumerate() {
+            self.sink.text(if at > 0 { "," } else { "" });
+            part.split(['(', ')']).for_each(|part| self.sink.text(part));
+        }
         Ok(())
     }
 }
@@ -402,7 +406,8 @@ fn remarks(
         Said::Reply(Reply::Written(object, echo), _) => {
             out.write_str(say::name(object, profile))?;
             if echo != 0 {
-                out.write_str("; repeats the data, which the standard leaves zero")?;
+                out.write_str(if out.open { "; " } else { "" })?;
+                out.write_str("repeats the data, which the standard leaves zero")?;
             }
         }
         Said::Request(Request::Abort(_, abort), _) | Said::Reply(Reply::Abort(_, abort), _) => {
