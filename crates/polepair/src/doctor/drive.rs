@@ -13,10 +13,12 @@ const WARM: f64 = 75.0;
 /// What no sensor reads that is plugged.
 const COLD: f64 = -30.0;
 
+/// Looks at one thing; nothing to say where the drive does not tell it.
+type Look = fn(&Axis, &str) -> Result<Option<Check>, Error>;
+
 /// Looks at one drive, by reads.
 pub(super) fn examine(axis: &Axis, hear: &mut dyn FnMut(Check)) {
-    let looks: [fn(&Axis, &str) -> Result<Option<Check>, Error>; 4] =
-        [supply, temperature, faults, powered];
+    let looks: [Look; 4] = [supply, temperature, faults, powered];
     for look in looks {
         let about = axis.label();
         match look(axis, &about) {
