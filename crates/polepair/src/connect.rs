@@ -9,6 +9,8 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod options;
+
 use crate::axis::Axis;
 use crate::config::Config;
 use crate::error::Error;
@@ -19,10 +21,11 @@ use crate::simulate::{self, Description, Pace, Simulation};
 use crate::url::{Number, Target, Url};
 use crate::wire::{AnyLink, SharedLink};
 use crate::words;
-use polepair_core::medium::{Can, CanLine, Frame, Parity, SerialLine, Stream};
+use options::{line_of, options, rate, standard, wire_options};
+use polepair_core::medium::{Can, CanLine, Frame, Stream};
 use polepair_core::mux::Mux;
 use polepair_core::profile::Profile;
-use polepair_core::proto::{self, HostOptions};
+use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
 use polepair_link::{Connection, Direction, Interrupter, Link as _, Tap, clock};
@@ -39,9 +42,6 @@ use std::time::Duration;
 pub fn connect(url: &str) -> Result<Link, Error> {
     Connector::discover()?.connect(url)
 }
-
-/// What a serial server and the network may take for each step of bringing a line back into step, ms.
-const TCP_PAUSE_MS: u32 = 100;
 
 /// How links are opened: with which names, profiles and taps.
 #[derive(Clone, Debug, Default)]
@@ -438,110 +438,6 @@ fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
     simulate::rack_of_words(&[&format!("{what}:{}", numbers.join(","))], seed)
 }
 
-fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
-    let whole = |ms: f64| ms.ceil() as u32;
-    let timed = |us: f64| us.round() as u32;
-    let gap_us = match url.key("gap") {
-        Some("3.5c") => Some(HostOptions::GAP_CHARACTERS),
-        _ => url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0)),
-    };
-    Ok(HostOptions {
-        wire: standard(url)?,
-        reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
-        ack_timeout_ms: url.milliseconds("ack")?.map(whole),
-        heartbeat_ms: url.milliseconds("heartbeat")?.map(whole),
-        pause_ms: url.milliseconds("pause")?.map(whole),
-        // Nothing on a pty or TCP tells frames apart by silence.
-        gap_us: gap_us.or((baud == 0).then_some(0)),
-        host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
-        echo: url.flag("echo")?,
-        answers_only: answers_only(url)?,
-        probing: false,
-        ..HostOptions::new(baud)
-    })
-}
-
-/// The host's settings on a link of the operating system.
-fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Error> {
-    let rate = rate(url, "bitrate")?;
-    let (baud, bit_rate) = match &url.target {
-        Target::Serial { path, .. } if is_pty(path) => (0, 0),
-        // Behind these there may be no bus, and so no least time for a frame.
-        Target::Slcan { path, .. } if is_pty(path) => (0, 0),
-        Target::SlcanTcp { .. } => (0, 0),
-        Target::Serial { baud, .. } => (baud.unwrap_or(spoken.baud), 0),
-        Target::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
-        _ => (0, rate.unwrap_or(0)),
-    };
-    let mut options = HostOptions { bit_rate, ..options(url, baud)? };
-    if matches!(url.target, Target::Tcp { .. }) {
-        options.pause_ms = options.pause_ms.or(Some(TCP_PAUSE_MS));
-    }
-    Ok(options)
-}
-
-fn rate(url: &Url, key: &str) -> Result<Option<u32>, Error> {
-    Ok(url.number(key)?.map(|rate| u32::try_from(rate).unwrap_or(u32::MAX)))
-}
-
-fn standard(url: &Url) -> Result<Option<proto::Wire>, Error> {
-    match url.key("wire") {
-        None => Ok(None),
-        Some("rs232") => Ok(Some(proto::Wire::Rs232)),
-        Some("rs485") => Ok(Some(proto::Wire::Rs485)),
-        Some(other) => {
-            let what = format!("`wire={other}` is neither rs232 nor rs485");
-            Err(Error::usage("E210", what, ""))
-        }
-    }
-}
-
-/// Whether the bus behind a relay brings back nothing but answers to one axis.
-fn answers_only(url: &Url) -> Result<bool, Error> {
-    match url.key("relay") {
-        None | Some("tmlcan") => Ok(false),
-        Some("technocan") => Ok(true),
-        Some(other) => {
-            let what = format!("`relay={other}` is neither tmlcan nor technocan");
-            Err(Error::usage("E210", what, "it is what the relay speaks on its CAN bus"))
-        }
-    }
-}
-
-/// How the port is set: as the protocol's host wants it, unless the string says otherwise.
-fn line_of(
-    url: &Url,
-    spoken: &Spoken,
-    options: HostOptions,
-    baud: u32,
-) -> Result<SerialLine, Error> {
-    let lane = registry::lane::<Stream>(spoken.name, options, &[]);
-    let mut line = lane.map_or(SerialLine::n81(baud), |lane| lane.line());
-    line.baud = baud;
-    match url.key("parity") {
-        None => {}
-        Some("none") => line.parity = Parity::None,
-        Some("even") => line.parity = Parity::Even,
-        Some("odd") => line.parity = Parity::Odd,
-        Some(other) => {
-            let what = format!("`parity={other}` is none of none, even, odd");
-            return Err(Error::usage("E210", what, ""));
-        }
-    }
-    match url.number("stop")? {
-        None => {}
-        Some(bits @ (1 | 2)) => line.stop_bits = if bits == 1 { 1 } else { 2 },
-        Some(_) => return Err(Error::usage("E210", "`stop` must be 1 or 2", "")),
-    }
-    Ok(line)
-}
-
-/// A pseudo-terminal has no timing, whatever its name looks like.
-fn is_pty(path: &str) -> bool {
-    let real = std::fs::canonicalize(path);
-    real.is_ok_and(|real| real.starts_with("/dev/pts") || real.starts_with("/dev/ttys"))
-}
-
 /// One protocol on an opened wire, and what is to be found there.
 pub(crate) struct Line {
     /// Which wire: lines of one share it.
@@ -711,21 +607,5 @@ pub(crate) fn pass(simulation: Option<&Simulation>, span: Duration) {
     match simulation {
         Some(simulation) => simulation.pass(span),
         None => clock::sleep_until(clock::now() + span),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{HostOptions, Url, options};
-
-    #[test]
-    fn a_gap_is_a_time_or_three_and_a_half_characters() {
-        let gap = |text: &str| {
-            let url: Url = format!("modbus-rtu+serial:///dev/ttyS0?gap={text}").parse().unwrap();
-            options(&url, 115_200).map(|options| options.gap_us)
-        };
-        assert_eq!(gap("3.5c").unwrap(), Some(HostOptions::GAP_CHARACTERS));
-        assert_eq!(gap("2ms").unwrap(), Some(2_000));
-        assert!(gap("3.5 parsecs").is_err());
     }
 }

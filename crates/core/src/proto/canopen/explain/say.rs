@@ -183,8 +183,8 @@ pub(super) const STATUS_BITS: [(u8, &str); 5] = [
 ];
 
 fn rest(word: u16, bits: &[(u8, &str)], out: &mut dyn Write) -> fmt::Result {
-    let set = bits.iter().filter(|(bit, _)| word >> bit & 1 == 1);
-    set.map(|(_, name)| write!(out, ", {}", Bare(name))).collect()
+    let mut set = bits.iter().filter(|(bit, _)| word >> bit & 1 == 1);
+    set.try_for_each(|(_, name)| write!(out, ", {}", Bare(name)))
 }
 
 /// A name without parentheses, which would end a remark.

@@ -111,7 +111,8 @@ fn time_of_day(time: TimeOfDay, out: &mut dyn Write) -> fmt::Result {
 }
 
 pub(super) const fn year_days(year: u32) -> u32 {
-    let leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let century = year.is_multiple_of(100);
+    let leap = year.is_multiple_of(if century { 400 } else { 4 });
     if leap { 366 } else { 365 }
 }
 

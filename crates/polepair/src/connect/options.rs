@@ -1,0 +1,131 @@
+//! What the keys of a connection string set: the host and the port.
+
+use crate::error::Error;
+use crate::registry::{self, Spoken};
+use crate::url::{Target, Url};
+use polepair_core::medium::{Parity, SerialLine, Stream};
+use polepair_core::proto::{self, HostOptions};
+
+/// What a serial server and the network may take for each step of bringing a line back into step, ms.
+const TCP_PAUSE_MS: u32 = 100;
+
+/// The host's settings that every kind of link has.
+pub(super) fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
+    let whole = |ms: f64| ms.ceil() as u32;
+    let timed = |us: f64| us.round() as u32;
+    let gap_us = match url.key("gap") {
+        Some("3.5c") => Some(HostOptions::GAP_CHARACTERS),
+        _ => url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0)),
+    };
+    Ok(HostOptions {
+        wire: standard(url)?,
+        reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
+        ack_timeout_ms: url.milliseconds("ack")?.map(whole),
+        heartbeat_ms: url.milliseconds("heartbeat")?.map(whole),
+        pause_ms: url.milliseconds("pause")?.map(whole),
+        // Nothing on a pty or TCP tells frames apart by silence.
+        gap_us: gap_us.or((baud == 0).then_some(0)),
+        host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
+        echo: url.flag("echo")?,
+        answers_only: answers_only(url)?,
+        probing: false,
+        ..HostOptions::new(baud)
+    })
+}
+
+/// The host's settings on a link of the operating system.
+pub(super) fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Error> {
+    let rate = rate(url, "bitrate")?;
+    let (baud, bit_rate) = match &url.target {
+        Target::Serial { path, .. } if is_pty(path) => (0, 0),
+        // Behind these there may be no bus, and so no least time for a frame.
+        Target::Slcan { path, .. } if is_pty(path) => (0, 0),
+        Target::SlcanTcp { .. } => (0, 0),
+        Target::Serial { baud, .. } => (baud.unwrap_or(spoken.baud), 0),
+        Target::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
+        _ => (0, rate.unwrap_or(0)),
+    };
+    let mut options = HostOptions { bit_rate, ..options(url, baud)? };
+    if matches!(url.target, Target::Tcp { .. }) {
+        options.pause_ms = options.pause_ms.or(Some(TCP_PAUSE_MS));
+    }
+    Ok(options)
+}
+
+pub(super) fn rate(url: &Url, key: &str) -> Result<Option<u32>, Error> {
+    Ok(url.number(key)?.map(|rate| u32::try_from(rate).unwrap_or(u32::MAX)))
+}
+
+pub(super) fn standard(url: &Url) -> Result<Option<proto::Wire>, Error> {
+    match url.key("wire") {
+        None => Ok(None),
+        Some("rs232") => Ok(Some(proto::Wire::Rs232)),
+        Some("rs485") => Ok(Some(proto::Wire::Rs485)),
+        Some(other) => {
+            let what = format!("`wire={other}` is neither rs232 nor rs485");
+            Err(Error::usage("E210", what, ""))
+        }
+    }
+}
+
+/// Whether the bus behind a relay brings back nothing but answers to one axis.
+fn answers_only(url: &Url) -> Result<bool, Error> {
+    match url.key("relay") {
+        None | Some("tmlcan") => Ok(false),
+        Some("technocan") => Ok(true),
+        Some(other) => {
+            let what = format!("`relay={other}` is neither tmlcan nor technocan");
+            Err(Error::usage("E210", what, "it is what the relay speaks on its CAN bus"))
+        }
+    }
+}
+
+/// How the port is set: as the protocol's host wants it, unless the string says otherwise.
+pub(super) fn line_of(
+    url: &Url,
+    spoken: &Spoken,
+    options: HostOptions,
+    baud: u32,
+) -> Result<SerialLine, Error> {
+    let lane = registry::lane::<Stream>(spoken.name, options, &[]);
+    let mut line = lane.map_or(SerialLine::n81(baud), |lane| lane.line());
+    line.baud = baud;
+    match url.key("parity") {
+        None => {}
+        Some("none") => line.parity = Parity::None,
+        Some("even") => line.parity = Parity::Even,
+        Some("odd") => line.parity = Parity::Odd,
+        Some(other) => {
+            let what = format!("`parity={other}` is none of none, even, odd");
+            return Err(Error::usage("E210", what, ""));
+        }
+    }
+    match url.number("stop")? {
+        None => {}
+        Some(bits @ (1 | 2)) => line.stop_bits = if bits == 1 { 1 } else { 2 },
+        Some(_) => return Err(Error::usage("E210", "`stop` must be 1 or 2", "")),
+    }
+    Ok(line)
+}
+
+/// A pseudo-terminal has no timing, whatever its name looks like.
+fn is_pty(path: &str) -> bool {
+    let real = std::fs::canonicalize(path);
+    real.is_ok_and(|real| real.starts_with("/dev/pts") || real.starts_with("/dev/ttys"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{HostOptions, Url, options};
+
+    #[test]
+    fn a_gap_is_a_time_or_three_and_a_half_characters() {
+        let gap = |text: &str| {
+            let url: Url = format!("modbus-rtu+serial:///dev/ttyS0?gap={text}").parse().unwrap();
+            options(&url, 115_200).map(|options| options.gap_us)
+        };
+        assert_eq!(gap("3.5c").unwrap(), Some(HostOptions::GAP_CHARACTERS));
+        assert_eq!(gap("2ms").unwrap(), Some(2_000));
+        assert!(gap("3.5 parsecs").is_err());
+    }
+}
