@@ -23,7 +23,7 @@ pub enum LineEvent {
     Up,
     /// A framing or parity error, or a break.
     Break,
-    /// The CAN controller went bus-off.
+    /// The CAN controller went bus-off. As with [`Down`](Self::Down), a host ends every request.
     BusOff,
 }
 

@@ -24,6 +24,10 @@ const OWED_MAX: usize = 16;
 /// Such an answer comes within so long, or not at all, ms.
 const OWED_MS: u32 = 1_000;
 
+/// What was given up on was sent so long ago: no host waits less. What is newer, such as a stop that
+/// overtook it, is still to be answered, ms.
+const GIVEN_UP_MS: u32 = 10;
+
 /// Watches one host on its bus.
 #[derive(Debug)]
 pub struct CanWatch {
@@ -109,7 +113,8 @@ impl CanWatch {
         for drive in gave_up {
             let place = world.standing(self.wire, *drive).map(|drive| drive.plug);
             let id = place.and_then(|plug| self.asked_by.get(&plug)).copied();
-            self.open.retain(|asked| Some(asked.mark.id) != id);
+            let newer = |asked: &Asked| now < asked.since.plus_ms(GIVEN_UP_MS);
+            self.open.retain(|asked| Some(asked.mark.id) != id || newer(asked));
         }
         self.sent(&was, &known);
         found

@@ -22,6 +22,7 @@ use crate::error::Failure;
 use crate::medium::{Can, CanLine, Frame};
 use crate::proto::HostOptions;
 use crate::proto::events::Events;
+use crate::proto::pace::tolerated;
 use crate::station::{self, Counters, Event, LineEvent, Request as _, Station, Ticket, Timed, To};
 use crate::time::{Instant, earliest};
 use channel::{Channel, Sort, Step};
@@ -62,10 +63,19 @@ pub struct Host {
     events: Events<Answer, EVENTS_MAX>,
     counters: Counters,
     timeout_ns: u64,
+    /// A request and its reply take at least so long. What comes sooner is the second copy of an
+    /// older reply, which a disturbed last bit makes its sender repeat.
+    soonest_ns: u64,
     /// When a stop that waits for a node's answer waits no more.
     urge: Option<Instant>,
     bit_rate: u32,
 }
+
+/// Bytes of an SDO, whatever it says (CiA 301, 7.2.4.3).
+const SDO_BYTES: u8 = 8;
+
+/// Bits of a request and its reply without a single stuff bit, less the pause behind the last.
+const EXCHANGE_BITS: u64 = 2 * (47 + 8 * SDO_BYTES as u64) - 3;
 
 /// A queue of frames that nobody answers.
 #[derive(Debug, Default)]
@@ -99,6 +109,7 @@ impl Host {
     pub fn new(options: &HostOptions) -> Self {
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
         let id = options.host.and_then(|id| u8::try_from(id).ok()).unwrap_or(HOST_ID);
+        let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
         Self {
             channels: [Channel::IDLE; NODES],
             unsent: 0,
@@ -111,6 +122,7 @@ impl Host {
             events: Events::new(),
             counters: Counters::default(),
             timeout_ns: u64::from(timeout) * 1_000_000,
+            soonest_ns: tolerated(exchange_ns.checked_div(options.bit_rate.into()).unwrap_or(0)),
             urge: None,
             bit_rate: options.bit_rate,
         }
@@ -175,6 +187,11 @@ impl Host {
             return;
         }
         let channel = &mut self.channels[usize::from(node)];
+        let sent = channel.deadline.0.saturating_sub(self.timeout_ns);
+        if now.0 < sent + self.soonest_ns && channel.long.is_none() {
+            self.counters.late += 1;
+            return;
+        }
         if let Some(answer) = channel.at_once(frame.data) {
             let ticket = channel.ticket;
             self.waiting &= !(1 << node);
@@ -348,6 +365,10 @@ impl Station<Can> for Host {
         // What happens most, ahead of everything else.
         let node = frame.id as u8 & NODE_MAX;
         if frame.id as u16 & !u16::from(NODE_MAX) == cob::SDO_REPLY && !frame.remote && node != 0 {
+            if frame.len < SDO_BYTES {
+                self.counters.corrupt += 1;
+                return;
+            }
             return self.replied(now, node, frame);
         }
         match Cob::of(frame.id as u16) {
@@ -379,9 +400,9 @@ impl Station<Can> for Host {
 
     fn handle_line(&mut self, _now: Instant, event: LineEvent) {
         match event {
-            LineEvent::Down => self.end_all(Failure::LinkDown),
+            LineEvent::Down | LineEvent::BusOff => self.end_all(Failure::LinkDown),
             LineEvent::Up => self.network.forget(),
-            LineEvent::Break | LineEvent::BusOff => {}
+            LineEvent::Break => {}
         }
     }
 

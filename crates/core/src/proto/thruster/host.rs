@@ -4,12 +4,17 @@ use super::session::{Answer, Ask, Session};
 use super::wire::{Heard, node};
 use crate::medium::{Can, CanLine, Frame};
 use crate::proto::HostOptions;
+use crate::proto::pace::tolerated;
 use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
 
 /// Time allowed for a reply unless somebody says otherwise, ms. Drives answer at once (section
 /// 1.3). \[I\]
 pub const REPLY_TIMEOUT_MS: u32 = 50;
+
+/// Bits of the shortest request and its reply without a single stuff bit: 47 each, four and eight
+/// bytes, less the pause behind the last.
+const EXCHANGE_BITS: u64 = 2 * 47 + (4 + 8) * 8 - 3;
 
 /// The host of any number of drives on one bus.
 #[derive(Debug)]
@@ -23,7 +28,9 @@ impl CanHost {
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
-        Self { session: Session::new(timeout), bit_rate: options.bit_rate }
+        let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
+        let soonest_ns = tolerated(exchange_ns.checked_div(options.bit_rate.into()).unwrap_or(0));
+        Self { session: Session::new(timeout, soonest_ns), bit_rate: options.bit_rate }
     }
 }
 

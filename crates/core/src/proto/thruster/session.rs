@@ -125,6 +125,9 @@ impl Pending {
 #[derive(Debug)]
 pub struct Session {
     timeout_ns: u64,
+    /// A request and its reply take at least so long. What comes sooner is the second copy of an
+    /// older reply, which a disturbed last bit makes its sender repeat.
+    soonest_ns: u64,
     pending: [Option<Pending>; PENDING_MAX],
     nodes: Nodes,
     events: Events<Answer, EVENTS_MAX>,
@@ -135,8 +138,9 @@ pub struct Session {
 impl Session {
     /// Nothing asked yet.
     #[must_use]
-    pub fn new(timeout_ms: u32) -> Self {
+    pub fn new(timeout_ms: u32, soonest_ns: u64) -> Self {
         Self {
+            soonest_ns,
             timeout_ns: u64::from(timeout_ms.max(1)) * 1_000_000,
             pending: [None; PENDING_MAX],
             nodes: Nodes::new(),
@@ -212,11 +216,11 @@ impl Session {
                     _ => true,
                 };
                 self.unasked(id, Answer::Report(report));
-                let n = self.reported(id, of).filter(|_| last);
+                let n = self.reported(now, id, of).filter(|_| last);
                 self.output_set(now, n, Answer::Report(report), status);
             }
             Heard::Bare(bare) => {
-                let n = self.reported(id, |_| true);
+                let n = self.reported(now, id, |_| true);
                 if n.is_none() && self.nodes.get_mut(id).form != Form::Headerless {
                     self.counters.foreign += 1;
                     return;
@@ -324,24 +328,25 @@ impl Session {
     }
 
     /// The oldest request of a drive that is out and fits.
-    fn oldest(&self, id: u8, fits: impl Fn(&Pending) -> bool) -> Option<usize> {
+    fn oldest(&self, now: Instant, id: u8, fits: impl Fn(&Pending) -> bool) -> Option<usize> {
         let out = self.pending.iter().enumerate();
         let out = out.filter_map(|(n, p)| p.as_ref().map(|p| (n, p)));
         let out = out.filter(|(_, p)| p.ask.id == id && p.sent && fits(p));
+        let out = out.filter(|(_, p)| now >= p.at.plus_ns(self.soonest_ns));
         out.min_by_key(|(_, p)| p.at).map(|(n, _)| n)
     }
 
     /// The oldest TC or VC of a drive that is out and that such a report fits.
-    fn reported(&self, id: u8, fits: impl Fn(&Pending) -> bool) -> Option<usize> {
+    fn reported(&self, now: Instant, id: u8, fits: impl Fn(&Pending) -> bool) -> Option<usize> {
         let output = |p: &Pending| p.stage == Stage::Asking && p.ask.request.command.is_output();
-        self.oldest(id, |p| output(p) && fits(p))
+        self.oldest(now, id, |p| output(p) && fits(p))
     }
 
     fn reply(&mut self, now: Instant, id: u8, reply: Reply) {
         let same = |out: &Request| out.command == reply.command && out.sub == reply.sub;
         let exact = |p: &Pending| same(&p.outgoing()) && is_echo(&p.outgoing(), reply.data);
         let fits = |p: &Pending| same(&p.outgoing()) && fits(&p.outgoing(), reply.data);
-        let found = self.oldest(id, exact).or_else(|| self.oldest(id, fits));
+        let found = self.oldest(now, id, exact).or_else(|| self.oldest(now, id, fits));
         let Some(n) = found else { return self.extra(id, reply) };
         let Some(pending) = self.pending[n].as_mut() else { return };
         let out = pending.outgoing();

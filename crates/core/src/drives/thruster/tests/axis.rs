@@ -30,7 +30,7 @@ struct Pair {
 
 impl Pair {
     fn new(profile: &'static Profile) -> Self {
-        let host = thruster::Thruster::host(&HostOptions::new(500_000), &[11]);
+        let host = thruster::Thruster::host(&HostOptions::new(0), &[11]);
         let lane = Lane::new(host, [Box::new(Axis::new(profile, 11)) as _]);
         let rig = Rig::with(profile, &[]);
         Self { rig, lane, now: Instant::ZERO, sent: Vec::new(), tickets: 0 }

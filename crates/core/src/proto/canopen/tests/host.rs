@@ -201,6 +201,37 @@ fn a_stop_goes_ahead_of_the_probe_and_again_behind_it() {
     assert_eq!(b.one(), Ok(Answer::Written { object: CONTROL, bits: 2 }));
 }
 
+/// A cut frame says less than it claims (swarm seed can:86), and one that is heard before the request
+/// can have left is the second copy of an older one (can:178).
+#[test]
+fn a_short_answer_and_one_too_soon_are_none() {
+    let mut b = Bench::with(HostOptions::new(500_000));
+    b.now = Instant::ZERO.plus_ms(1);
+    b.ask(1, read(2, STATUS));
+    b.said();
+    b.now = b.now.plus_ns(244_000);
+    b.hear("582#4B41600037000000");
+    b.now = b.now.plus_ms(1);
+    b.hear("582#4B416000");
+    assert_eq!(b.events(), []);
+    assert_eq!((b.host.counters().late, b.host.counters().corrupt), (1, 1));
+    b.hear("582#4B41600050000000");
+    assert_eq!(b.one(), Ok(Answer::Value { object: STATUS, bits: 0x50, len: 2 }));
+}
+
+/// What is above has forgotten every request then, so none may end later.
+#[test]
+fn bus_off_ends_every_request_at_once() {
+    let mut b = Bench::new();
+    b.ask(1, read(2, STATUS));
+    b.said();
+    b.ask(2, read(3, STATUS));
+    b.host.handle_line(b.now, LineEvent::BusOff);
+    let lost = |n| (To::Ticket(Ticket(n)), Err(Failure::LinkDown));
+    assert_eq!(b.events(), [lost(1), lost(2)]);
+    assert_eq!(b.host.poll_timeout(), None);
+}
+
 #[test]
 fn a_dead_node_ends_every_request() {
     for ask in [
