@@ -50,7 +50,7 @@ fn meaning(event: &Event<'_>, out: &mut Vec<u8>) {
     if event.echo {
         out.extend_from_slice(b"echo: ");
     }
-    if event.remote {
+    if event.remote && explained.text.is_empty() {
         out.extend_from_slice(b"remote request");
     }
     escaped(out, &explained.text);

@@ -108,11 +108,11 @@ fn the_judge_tells_the_three_wires_apart() {
 (1.03) c 705#05
 ";
     let ran = polepair_with(&["decode", "-", "--format", "jsonl"], capture);
-    for verdict in ["a: tml, ", "b: tmlcan, ", "c: technocan, "] {
+    for verdict in ["a: tml, ", "b: tmlcan, ", "c: technocan and canopen, "] {
         assert!(ran.err.contains(verdict), "{}", ran.err);
     }
     let heartbeat = ran.out.lines().find(|line| line.contains(r#""id":1797"#)).expect("a line");
-    assert!(heartbeat.contains(r#""protocol":null"#), "CANopen's frame is left: {heartbeat}");
+    assert!(heartbeat.contains(r#""protocol":"canopen""#), "{heartbeat}");
 }
 
 #[test]
