@@ -223,13 +223,13 @@ fn explain(said: &Said, frame: &Frame, node: u8, context: &Context<'_>, sink: &m
         let _ = text::write(&Said::Raw(*frame), &signs, &mut pieces);
     }
     remark(said, frame, context, sink);
-    if let Some(error) = broken(said, frame, context) {
+    if let Some(error) = broken(said, frame) {
         sink.error(error);
     }
 }
 
 /// What a frame breaks that says something all the same.
-fn broken(said: &Said, frame: &Frame, context: &Context<'_>) -> Option<WireError> {
+fn broken(said: &Said, frame: &Frame) -> Option<WireError> {
     let unexpected = |at: u16| {
         let found = frame.data[usize::from(at)];
         Some(WireError::Unexpected { at, found })
@@ -257,7 +257,6 @@ fn broken(said: &Said, frame: &Frame, context: &Context<'_>) -> Option<WireError
         Said::Request(_, 7) | Said::Reply(_, 7) if !is_whole_in_seven(said) => {
             Some(WireError::Short { need: 8, found: 7 })
         }
-        Said::Reply(reply, _) if is_out_of_turn(reply, context.request) => unexpected(0),
         _ => None,
     }
 }
@@ -275,20 +274,6 @@ fn is_whole_in_seven(said: &Said) -> bool {
     )
 }
 
-/// Whether a segment's toggle is not that of the request that it answers.
-fn is_out_of_turn(reply: Reply, request: Option<&[u8]>) -> bool {
-    let asked = request.and_then(|bytes| bytes.try_into().ok()).map(Request::of);
-    match (reply, asked) {
-        (Reply::ValueSegment(segment), Some(Request::ReadSegment(toggle))) => {
-            segment.toggle != toggle
-        }
-        (Reply::WrittenSegment(toggle), Some(Request::WriteSegment(segment))) => {
-            segment.toggle != toggle
-        }
-        _ => false,
-    }
-}
-
 /// Whether a reply of the same node can be to that request: the same object, or the next of it.
 fn service_answers(reply: &[u8], request: &[u8]) -> bool {
     let eight = |bytes: &[u8]| {
@@ -301,11 +286,15 @@ fn service_answers(reply: &[u8], request: &[u8]) -> bool {
     if let (Some(told), Some(asked)) = (reply.object(), request.object()) {
         return told == asked;
     }
+    // One with another toggle answers an older segment.
+    match (reply, request) {
+        (Reply::ValueSegment(told), Request::ReadSegment(asked)) => return told.toggle == asked,
+        (Reply::WrittenSegment(told), Request::WriteSegment(asked)) => return told == asked.toggle,
+        _ => {}
+    }
     matches!(
         (reply, request),
-        (Reply::ValueSegment(_), Request::ReadSegment(_))
-            | (Reply::WrittenSegment(_), Request::WriteSegment(_))
-            | (Reply::WriteBlockDone, Request::WriteBlockEnd { .. })
+        (Reply::WriteBlockDone, Request::WriteBlockEnd { .. })
             | (Reply::ReadBlockEnd { .. }, Request::ReadBlockAck { .. })
             | (Reply::Abort(..), _)
     )
