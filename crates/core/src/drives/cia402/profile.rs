@@ -2466,8 +2466,11 @@ static CIA402_PLANS: [Plan; 12] = [
             Step::Skip {
                 read: ParameterId(80),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 9,
             },
+            Step::Write(ParameterId(108), Operand::Is(0)),
+            Step::Write(ParameterId(115), Operand::Is(0)),
+            Step::Copy { from: ParameterId(89), to: ParameterId(94) },
             Step::Write(ParameterId(79), Operand::Is(6)),
             Step::Until {
                 read: ParameterId(80),

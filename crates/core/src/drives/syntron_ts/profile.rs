@@ -25348,8 +25348,10 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Skip {
                 read: ParameterId(821),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 8,
             },
+            Step::Write(ParameterId(854), Operand::Is(0)),
+            Step::Write(ParameterId(838), Operand::Is(0)),
             Step::Write(ParameterId(820), Operand::Is(6)),
             Step::Until {
                 read: ParameterId(821),
