@@ -1,6 +1,6 @@
 //! Programs in a drive's memory: words at addresses, made of text, written there and proven there.
 //!
-//! The third kind of job of a lane, beside plans and paths, is a [`Transfer`]: a program is written in
+//! The third kind of job of a lane, beside plans and paths, is a `Transfer`: a program is written in
 //! chunks, each of which the drive proves to have before the next; each piece ends with the drive's
 //! own sum over it. Permanent memory wears, so that nothing is written there twice unless the drive
 //! said that it is not there, and every word counts.

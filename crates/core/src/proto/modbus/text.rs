@@ -2,7 +2,7 @@
 //!
 //! Numbers are decimal or, with `0x`, hexadecimal; `=` and `,` are spaces. A register is a number, a
 //! name or symbol of the profile, or `Fn_hex` and `Dn_hex` (TS manual V2 §2.2: Fn_n lies at n, Dn_n
-//! at 1000h + n). What a decoder prints is read too ([`list`]).
+//! at 1000h + n). What a decoder prints is read too (`list`).
 
 mod list;
 
