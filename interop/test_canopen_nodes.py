@@ -54,8 +54,10 @@ def test_states_boot_up_and_heartbeat(node):
     for state in ["OPERATIONAL", "STOPPED", "PRE-OPERATIONAL", "OPERATIONAL"]:
         node.nmt.state = state
         assert until(lambda: node.nmt.wait_for_heartbeat(1) == state, 2), state
+    heard = []
+    node.nmt.add_heartbeat_callback(heard.append)
     node.nmt.send_command(0x81)
-    node.nmt.wait_for_bootup(2)
+    assert until(lambda: 0 in heard, 2), heard
     assert node.sdo[0x1017].raw == 0
 
 
