@@ -5,12 +5,9 @@ use std::time::Duration;
 
 use polepair::Axis;
 use polepair_core::axis::{Command, Verb};
-use polepair_core::plan::{Argument, Operand, Step};
-use polepair_core::profile::{
-    AxisKind, Parameter, ParameterId, Profile, Severity, Signal, Watchdog,
-};
+use polepair_core::plan::Argument;
+use polepair_core::profile::{Profile, Severity, Signal, Watchdog};
 use polepair_core::time::Instant;
-use polepair_core::units::Unit;
 use polepair_link::clock;
 
 use crate::interrupt;
@@ -39,53 +36,9 @@ pub enum Then {
     Detach,
 }
 
-/// The unit in which a verb's argument is taken: that of the parameter which the plan writes.
-/// `None` when the plan has no use for it.
-pub fn unit_of(profile: &Profile, verb: Verb, argument: Argument) -> Option<Unit> {
-    let id = destination(profile, verb, argument)?;
-    let unit = id.and_then(|id| profile.parameter(id)).map_or(Unit::None, |found| found.unit);
-    Some(if unit == Unit::None { customary(profile.axis, argument) } else { unit })
-}
-
-/// The parameter that a verb's argument is written to.
-fn written(
-    profile: &'static Profile,
-    verb: Verb,
-    argument: Argument,
-) -> Option<&'static Parameter> {
-    profile.parameter(destination(profile, verb, argument)??)
-}
-
-/// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
-/// `None` when it has no use for it.
-fn destination(profile: &Profile, verb: Verb, argument: Argument) -> Option<Option<ParameterId>> {
-    let takes = |operand: &Operand| match operand {
-        Operand::Argument(found) | Operand::Given(found) => *found == argument,
-        Operand::Is(_) => false,
-    };
-    profile.plan(verb)?.steps.iter().find_map(|step| match step {
-        Step::Write(id, operand) if takes(operand) => Some(Some(*id)),
-        Step::Send { operand, like, .. } if takes(operand) => Some(*like),
-        _ => None,
-    })
-}
-
-/// What people say for an axis of that kind.
-const fn customary(kind: AxisKind, argument: Argument) -> Unit {
-    match (kind, argument) {
-        (AxisKind::Rotary, Argument::Target) => Unit::Degree,
-        (AxisKind::Rotary, Argument::Velocity) => Unit::Rpm,
-        (AxisKind::Rotary, Argument::Acceleration) => Unit::RpmPerSecond,
-        (AxisKind::Linear, Argument::Target) => Unit::Millimetre,
-        (AxisKind::Ratio, Argument::Target) => Unit::Percent,
-        (_, Argument::JerkTime | Argument::Period) => Unit::Second,
-        _ => Unit::None,
-    }
-}
-
 /// Reads an argument in its unit.
 pub fn argument(axis: &Axis, verb: Verb, which: Argument, text: &str) -> Result<f64> {
-    let Some(unit) = unit_of(axis.profile(), verb, which) else {
+    let Some(unit) = axis.unit_of(verb, which) else {
         let option = match which {
             Argument::Velocity => "--vel",
             Argument::Acceleration => "--acc",
@@ -104,7 +57,8 @@ pub fn argument(axis: &Axis, verb: Verb, which: Argument, text: &str) -> Result<
     };
     let measure = polepair::quantity::parse(text).map_err(outcome::error)?;
     // Why a unit is not the drive's, its parameter's description says best.
-    let about = written(axis.profile(), verb, which).map_or("", |parameter| parameter.about);
+    let written = axis.destination(verb, which).flatten();
+    let about = written.map_or("", |parameter| parameter.about);
     measure.in_unit(unit).map_err(|wrong| outcome::error(wrong).why(about))
 }
 

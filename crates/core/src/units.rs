@@ -48,6 +48,10 @@ pub enum Unit {
     Rpm,
     /// Turns per minute gained each second.
     RpmPerSecond,
+    /// Millimetres per second.
+    MillimetrePerSecond,
+    /// Millimetres per second gained each second.
+    MillimetrePerSecondSquared,
     /// Newton metres.
     NewtonMetre,
     /// Amperes.
@@ -68,7 +72,7 @@ pub enum Unit {
 
 impl Unit {
     /// Every unit, for tables and parsers.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 17] = [
         Self::None,
         Self::Degree,
         Self::Turn,
@@ -76,6 +80,8 @@ impl Unit {
         Self::Millimetre,
         Self::Rpm,
         Self::RpmPerSecond,
+        Self::MillimetrePerSecond,
+        Self::MillimetrePerSecondSquared,
         Self::NewtonMetre,
         Self::Ampere,
         Self::Volt,
@@ -97,6 +103,8 @@ impl Unit {
             Self::Millimetre => "mm",
             Self::Rpm => "rpm",
             Self::RpmPerSecond => "rpm/s",
+            Self::MillimetrePerSecond => "mm/s",
+            Self::MillimetrePerSecondSquared => "mm/s2",
             Self::NewtonMetre => "Nm",
             Self::Ampere => "A",
             Self::Volt => "V",
@@ -114,8 +122,8 @@ impl Unit {
         match self {
             Self::None => Quantity::Plain,
             Self::Degree | Self::Turn | Self::Radian | Self::Millimetre => Quantity::Position,
-            Self::Rpm => Quantity::Velocity,
-            Self::RpmPerSecond => Quantity::Acceleration,
+            Self::Rpm | Self::MillimetrePerSecond => Quantity::Velocity,
+            Self::RpmPerSecond | Self::MillimetrePerSecondSquared => Quantity::Acceleration,
             Self::NewtonMetre => Quantity::Torque,
             Self::Ampere => Quantity::Current,
             Self::Volt => Quantity::Voltage,
@@ -126,13 +134,25 @@ impl Unit {
         }
     }
 
+    /// True for what is measured along a line: m, m/s, m/s².
+    #[must_use]
+    pub const fn is_linear(self) -> bool {
+        matches!(
+            self,
+            Self::Millimetre | Self::MillimetrePerSecond | Self::MillimetrePerSecondSquared
+        )
+    }
+
     /// SI value of one of it.
     #[must_use]
     pub const fn si(self) -> f64 {
         match self {
             Self::Degree => PI / 180.0,
             Self::Turn => 2.0 * PI,
-            Self::Millimetre | Self::Millisecond => 1e-3,
+            Self::Millimetre
+            | Self::MillimetrePerSecond
+            | Self::MillimetrePerSecondSquared
+            | Self::Millisecond => 1e-3,
             Self::Rpm | Self::RpmPerSecond => 2.0 * PI / 60.0,
             Self::Percent => 1e-2,
             _ => 1.0,

@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::quantity;
 use polepair_core::profile::Parameter;
-use polepair_core::units::{Quantity, Unit};
+use polepair_core::units::Unit;
 use std::fmt;
 
 /// A value that a caller gives: a number, or text with or without a unit.
@@ -48,9 +48,10 @@ pub(crate) enum Meant {
 }
 
 impl Amount {
-    pub(crate) fn for_parameter(&self, parameter: &Parameter) -> Result<Meant, Error> {
+    /// What it means for a parameter whose value is shown in `unit`.
+    pub(crate) fn for_parameter(&self, parameter: &Parameter, unit: Unit) -> Result<Meant, Error> {
         match self {
-            Self::Number(number) => finite(*number).map(|n| Meant::Si(n * parameter.unit.si())),
+            Self::Number(number) => finite(*number).map(|n| Meant::Si(n * unit.si())),
             Self::Text(text) => {
                 let word =
                     parameter.values.iter().find(|(_, word)| word.eq_ignore_ascii_case(text));
@@ -58,15 +59,17 @@ impl Amount {
                     return Ok(Meant::Raw(*raw));
                 }
                 let measure = quantity::parse(text).map_err(|error| worded(error, parameter))?;
-                measure.in_unit(parameter.unit).map(Meant::Si)
+                measure.in_unit(unit).map(Meant::Si)
             }
         }
     }
 
-    pub(crate) fn in_si(&self, wanted: Quantity) -> Result<f64, Error> {
-        match self {
-            Self::Number(number) => finite(*number),
-            Self::Text(text) => quantity::parse(text)?.si(wanted),
+    /// The SI value of what is shown in `unit`, if anything is: a number is SI.
+    pub(crate) fn in_si(&self, unit: Option<Unit>) -> Result<f64, Error> {
+        match (self, unit) {
+            (Self::Number(number), _) => finite(*number),
+            (Self::Text(text), Some(unit)) => quantity::parse(text)?.si(unit),
+            (Self::Text(text), None) => Ok(quantity::parse(text)?.si),
         }
     }
 }

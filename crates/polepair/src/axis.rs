@@ -35,10 +35,10 @@ use polepair_core::axis::{Command, Reading, Rehearsed, RehearsedStep, State, Ver
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Frame, MediumKind};
 use polepair_core::plan::{Argument, Operand, Step};
-use polepair_core::profile::{Parameter, ParameterId, Profile, Signal};
+use polepair_core::profile::{AxisKind, Parameter, ParameterId, Profile, Signal};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_core::units::Quantity;
+use polepair_core::units::Unit;
 use polepair_link::Connection;
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -253,7 +253,7 @@ impl Axis {
     /// [`Error::Usage`] `E217`; or what reading the parameters brings that the scale depends on.
     pub fn raw_of(&self, id: ParameterId, amount: &Amount) -> Result<i64, Error> {
         let parameter = self.parameter(id)?;
-        let si = match amount.for_parameter(parameter)? {
+        let si = match amount.for_parameter(parameter, parameter.unit)? {
             Meant::Raw(raw) => return Ok(raw),
             Meant::Si(si) => si,
         };
@@ -471,24 +471,32 @@ impl Axis {
     /// # Errors
     /// [`Error::Usage`] `E217`.
     pub fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
-        amount.in_si(self.quantity_of(verb, which))
+        amount.in_si(self.unit_of(verb, which))
     }
 
-    /// What an argument of a verb measures here, by the parameter that its plan writes it to.
+    /// The unit in which an argument of a verb is shown and, where none is given, meant: that of the
+    /// parameter which the plan writes. `None` when the verb has no use for it.
     #[must_use]
-    pub fn quantity_of(&self, verb: Verb, which: Argument) -> Quantity {
-        let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
-        let target = steps.iter().find_map(|step| match *step {
-            Step::Write(id, Operand::Argument(a) | Operand::Given(a)) if a == which => Some(id),
-            Step::Send { operand: Operand::Argument(a) | Operand::Given(a), like, .. }
-                if a == which =>
-            {
-                like
-            }
+    pub fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
+        let unit = self.destination(verb, which)?.map_or(Unit::None, |parameter| parameter.unit);
+        Some(if unit == Unit::None { customary(self.profile.axis, which) } else { unit })
+    }
+
+    /// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
+    /// `None` when it has no use for it.
+    #[must_use]
+    pub fn destination(&self, verb: Verb, which: Argument) -> Option<Option<&'static Parameter>> {
+        let takes = |operand: Operand| match operand {
+            Operand::Argument(found) | Operand::Given(found) => found == which,
+            Operand::Is(_) => false,
+        };
+        let steps = self.profile.plan(verb)?.steps;
+        let id = steps.iter().find_map(|step| match *step {
+            Step::Write(id, operand) if takes(operand) => Some(Some(id)),
+            Step::Send { operand, like, .. } if takes(operand) => Some(like),
             _ => None,
-        });
-        let unit = target.and_then(|id| self.profile.parameter(id)).map(|p| p.unit);
-        unit.map_or(Quantity::Plain, |unit| unit.quantity())
+        })?;
+        Some(id.and_then(|id| self.profile.parameter(id)))
     }
 
     /// Starts a verb and does not wait for its end.
@@ -633,6 +641,21 @@ impl Axis {
     ) -> Result<i64, Error> {
         let pending = self.connection.submit(request).map_err(|why| self.refuse(what, why))?;
         Running { axis: self.clone(), pending, what: what.to_owned() }.finish()
+    }
+}
+
+/// What people say for an axis of that kind.
+const fn customary(kind: AxisKind, argument: Argument) -> Unit {
+    match (kind, argument) {
+        (AxisKind::Rotary, Argument::Target) => Unit::Degree,
+        (AxisKind::Rotary, Argument::Velocity) => Unit::Rpm,
+        (AxisKind::Rotary, Argument::Acceleration) => Unit::RpmPerSecond,
+        (AxisKind::Linear, Argument::Target) => Unit::Millimetre,
+        (AxisKind::Linear, Argument::Velocity) => Unit::MillimetrePerSecond,
+        (AxisKind::Linear, Argument::Acceleration) => Unit::MillimetrePerSecondSquared,
+        (AxisKind::Ratio, Argument::Target) => Unit::Percent,
+        (_, Argument::JerkTime | Argument::Period) => Unit::Second,
+        _ => Unit::None,
     }
 }
 

@@ -12,10 +12,12 @@ pub struct Measure {
     pub si: f64,
     /// What it measures; `None` when no unit was given.
     pub quantity: Option<Quantity>,
+    /// True for what is measured along a line, in m; false for what turns, in rad, and all else.
+    pub linear: bool,
 }
 
 /// Units besides those of [`Unit`], with what they measure and their SI value.
-const MORE: [(&str, Quantity, f64); 32] = {
+const MORE: [(&str, Quantity, f64); 30] = {
     use core::f64::consts::PI;
     [
         ("°", Quantity::Position, PI / 180.0),
@@ -30,13 +32,11 @@ const MORE: [(&str, Quantity, f64); 32] = {
         ("deg/s", Quantity::Velocity, PI / 180.0),
         ("turn/s", Quantity::Velocity, 2.0 * PI),
         ("m/s", Quantity::Velocity, 1.0),
-        ("mm/s", Quantity::Velocity, 1e-3),
         ("rad/s2", Quantity::Acceleration, 1.0),
         ("rad/s²", Quantity::Acceleration, 1.0),
         ("deg/s2", Quantity::Acceleration, PI / 180.0),
         ("turn/s2", Quantity::Acceleration, 2.0 * PI),
         ("m/s2", Quantity::Acceleration, 1.0),
-        ("mm/s2", Quantity::Acceleration, 1e-3),
         ("N·m", Quantity::Torque, 1.0),
         ("N*m", Quantity::Torque, 1.0),
         ("mNm", Quantity::Torque, 1e-3),
@@ -52,6 +52,9 @@ const MORE: [(&str, Quantity, f64); 32] = {
         ("kbaud", Quantity::BitRate, 1e3),
     ]
 };
+
+/// The units of what goes along a line.
+const LINEAR: [&str; 9] = ["mm", "m", "cm", "um", "µm", "m/s", "mm/s", "m/s2", "mm/s2"];
 
 /// Reads a number with or without a unit. A unit's letter case is ignored where that is no
 /// ambiguity.
@@ -71,7 +74,7 @@ pub fn parse(text: &str) -> Result<Measure, Error> {
     let text = text.trim();
     if let Some(number) = crate::file::number(text) {
         #[allow(clippy::cast_precision_loss, reason = "people write few digits")]
-        return Ok(Measure { si: number as f64, quantity: None });
+        return Ok(Measure { si: number as f64, quantity: None, linear: false });
     }
     let (number, unit) = split(text);
     let si = number.parse::<f64>().ok().filter(|n| n.is_finite()).ok_or_else(|| {
@@ -79,39 +82,48 @@ pub fn parse(text: &str) -> Result<Measure, Error> {
         Error::usage("E217", what, "write a number and a unit, such as `90 deg` or `1.2 A`")
     })?;
     if unit.is_empty() {
-        return Ok(Measure { si, quantity: None });
+        return Ok(Measure { si, quantity: None, linear: false });
     }
-    let (quantity, factor) = unit_of(unit).ok_or_else(|| {
+    let (symbol, quantity, factor) = unit_of(unit).ok_or_else(|| {
         let near = words::hint(unit, known());
         Error::usage("E217", format!("`{unit}` is no unit{near}"), known_sentence())
     })?;
-    Ok(Measure { si: si * factor, quantity: Some(quantity) })
+    let linear = LINEAR.contains(&symbol);
+    Ok(Measure { si: si * factor, quantity: Some(quantity), linear })
 }
 
 impl Measure {
-    /// The SI value for something that measures `wanted` and is shown in `unit`: a number without
-    /// a unit is taken to be in `unit`.
+    /// The SI value for something that is shown in `unit`: a number without a unit is taken to be
+    /// in `unit`.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E217` when it measures something else.
+    /// [`Error::Usage`] `E217` when it measures something else: another quantity, or what turns
+    /// where something goes along a line.
     pub fn in_unit(self, unit: Unit) -> Result<f64, Error> {
         match self.quantity {
             None => Ok(self.si * unit.si()),
-            Some(quantity) if quantity == unit.quantity() => Ok(self.si),
-            Some(quantity) => Err(mismatch(quantity, unit.quantity())),
+            Some(_) => self.si(unit),
         }
     }
 
-    /// The SI value for something that measures `wanted`: a number without a unit is taken to be
-    /// SI.
+    /// The same, but a number without a unit is taken to be SI.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E217` when it measures something else.
-    pub fn si(self, wanted: Quantity) -> Result<f64, Error> {
+    /// As [`in_unit`](Self::in_unit).
+    pub fn si(self, unit: Unit) -> Result<f64, Error> {
         match self.quantity {
             None => Ok(self.si),
-            Some(quantity) if quantity == wanted || wanted == Quantity::Plain => Ok(self.si),
-            Some(quantity) => Err(mismatch(quantity, wanted)),
+            Some(quantity) if quantity != unit.quantity() => {
+                Err(mismatch(quantity, unit.quantity()))
+            }
+            Some(_) if self.linear != unit.is_linear() => {
+                let what = match unit.is_linear() {
+                    true => "it goes along a line: what turns was given",
+                    false => "it turns: a way along a line was given",
+                };
+                Err(Error::usage("E217", what, format!("it is measured in {}", unit.symbol())))
+            }
+            Some(_) => Ok(self.si),
         }
     }
 }
@@ -150,14 +162,14 @@ fn table() -> impl Iterator<Item = (&'static str, Quantity, f64)> {
     named.map(|unit| (unit.symbol(), unit.quantity(), unit.si())).chain(MORE)
 }
 
-fn unit_of(text: &str) -> Option<(Quantity, f64)> {
+fn unit_of(text: &str) -> Option<(&'static str, Quantity, f64)> {
     let exact = table().find(|(symbol, ..)| *symbol == text);
     let folded = || {
         let mut same = table().filter(|(symbol, ..)| symbol.eq_ignore_ascii_case(text));
         let first = same.next()?;
         same.all(|(_, quantity, si)| (quantity, si) == (first.1, first.2)).then_some(first)
     };
-    exact.or_else(folded).map(|(_, quantity, si)| (quantity, si))
+    exact.or_else(folded)
 }
 
 fn known() -> Vec<&'static str> {
@@ -201,7 +213,10 @@ mod tests {
     fn a_unit_must_measure_what_is_wanted() {
         assert!((parse("3000").unwrap().in_unit(Unit::Rpm).unwrap() - 314.159).abs() < 0.001);
         assert!(parse("3 A").unwrap().in_unit(Unit::Rpm).is_err());
-        assert!(parse("3 A").unwrap().si(Quantity::Velocity).is_err());
+        assert!(parse("3 A").unwrap().si(Unit::Rpm).is_err());
+        assert!(parse("3 mm").unwrap().in_unit(Unit::Degree).is_err());
+        assert!(parse("90 deg").unwrap().in_unit(Unit::Millimetre).is_err());
+        assert!(parse("2 m/s").unwrap().in_unit(Unit::MillimetrePerSecond).is_ok());
         assert!(parse("3 A").unwrap().in_unit(Unit::None).is_err());
     }
 }

@@ -402,6 +402,26 @@ impl Simulation {
         })
     }
 
+    /// What the drives of a CAN bus were said to make of its time, and the share of the time so far
+    /// in which it was busy, 0 to 1. `None` for a serial line and a bus without bit timing.
+    ///
+    /// ```
+    /// use polepair::simulate::{Pace, Simulation, rack_of_text};
+    /// let rack = "[[link]]\nkind = 'can'\n[[link.drive]]\nprofile = 'thruster'\ncycle = 100";
+    /// let simulation = Simulation::new(&rack_of_text("rack.toml", rack, 1)?, 1, Pace::Virtual)?;
+    /// let (said, measured) = simulation.load(0).expect("a CAN bus");
+    /// assert!(said.least > 0.04 && said.most < 0.06, "{said}");
+    /// assert_eq!(measured, 0.0);
+    /// # Ok::<(), polepair::Error>(())
+    /// ```
+    #[must_use]
+    pub fn load(&self, link: usize) -> Option<(Load, f64)> {
+        let (wire, _) = self.built.links.get(link)?;
+        let RackWire::Can(line) = self.description.rack.links[link].wire else { return None };
+        let timed = line.bit_rate > 0;
+        timed.then(|| (self.description.wires[link].load, self.shared.load(*wire)))
+    }
+
     /// The simulation's time.
     #[must_use]
     pub fn now(&self) -> Instant {

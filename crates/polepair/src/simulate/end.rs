@@ -55,6 +55,14 @@ impl Shared {
         world.run_until(until);
     }
 
+    /// The share of the time so far in which a bus was busy.
+    pub(super) fn load(&self, wire: WireId) -> f64 {
+        let mut world = self.lock();
+        let now = self.time(&world);
+        world.run_until(now);
+        world.can_load(wire)
+    }
+
     /// Lends a drive's bench, with the world brought up to the present.
     pub(super) fn with<R>(
         &self,
