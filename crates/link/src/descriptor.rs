@@ -19,6 +19,15 @@ use crate::wake::Waker;
 /// of a connection is held meanwhile, so it is short.
 const SEND_STALL_MAX: Duration = Duration::from_millis(20);
 
+/// What a read takes of what has arrived.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Reads {
+    /// As much as it has room for.
+    Stream,
+    /// One piece of perhaps several: a datagram, a frame.
+    Pieces,
+}
+
 #[derive(Debug)]
 pub(crate) struct Descriptor {
     pub(crate) fd: OwnedFd,
@@ -29,17 +38,24 @@ pub(crate) struct Descriptor {
 }
 
 impl Descriptor {
-    /// Takes a descriptor that is already non-blocking.
+    /// Takes a stream's descriptor, which is already non-blocking.
     pub(crate) fn new(fd: OwnedFd, name: &str) -> Result<Self, LinkError> {
+        Self::that(Reads::Stream, fd, name)
+    }
+
+    /// Takes one that is read otherwise.
+    pub(crate) fn that(reads: Reads, fd: OwnedFd, name: &str) -> Result<Self, LinkError> {
         let wake = Waker::new().map_err(|error| LinkError::from_io(name, &error))?;
-        Ok(Self::with_waker(fd, wake, name))
+        Ok(Self::with_waker(reads, fd, wake, name))
     }
 
     /// The same with a waker that others have.
-    pub(crate) fn with_waker(fd: OwnedFd, wake: Waker, name: &str) -> Self {
+    pub(crate) fn with_waker(reads: Reads, fd: OwnedFd, wake: Waker, name: &str) -> Self {
+        #[cfg(not(target_os = "linux"))]
+        let _ = reads;
         Self {
             #[cfg(target_os = "linux")]
-            edge: Edge::new(fd.as_fd(), wake.as_fd()),
+            edge: Edge::new(fd.as_fd(), reads, wake.as_fd()),
             fd,
             wake,
             name: name.to_owned(),
@@ -69,17 +85,11 @@ impl Descriptor {
         until: Instant,
         mut read: impl FnMut() -> Result<Option<Received>, LinkError>,
     ) -> Result<Received, LinkError> {
-        // A look in passing, or a wait without end, is not worth reading the clock for.
-        let mut left = match until {
-            Instant::ZERO => Duration::ZERO,
-            Instant::FAR => Duration::MAX,
-            until => until.since(clock::now()),
-        };
-        if left.is_zero() {
+        if until == Instant::ZERO {
             return Ok(read()?.unwrap_or(Received::TimedOut));
         }
         loop {
-            let (ready, woken) = match self.wait(until, left) {
+            let (ready, woken) = match self.wait(until) {
                 Ok(ready) => ready,
                 Err(Errno::INTR) => (PollFlags::empty(), false),
                 Err(errno) => return Err(self.error(errno)),
@@ -96,8 +106,7 @@ impl Descriptor {
             if woken && self.wake.taken() {
                 return Ok(Received::Woken);
             }
-            left = until.since(clock::now());
-            if left.is_zero() {
+            if until <= clock::now() {
                 // A last look: what is there is never left for want of having been told.
                 return Ok(read()?.unwrap_or(Received::TimedOut));
             }
@@ -105,12 +114,12 @@ impl Descriptor {
     }
 
     /// What is ready on the descriptor, and whether the waker is.
-    fn wait(&self, until: Instant, left: Duration) -> Result<(PollFlags, bool), Errno> {
+    fn wait(&self, until: Instant) -> Result<(PollFlags, bool), Errno> {
         #[cfg(target_os = "linux")]
-        if let Some(waited) = self.edge.wait(until, left) {
+        if let Some(waited) = self.edge.wait(until) {
             return waited;
         }
-        let timeout = (until != Instant::FAR).then(|| timespec(left));
+        let timeout = (until != Instant::FAR).then(|| timespec(until.since(clock::now())));
         let mut fds = [
             PollFd::new(&self.fd, PollFlags::IN),
             PollFd::from_borrowed_fd(self.wake.as_fd(), PollFlags::IN),

@@ -1,15 +1,16 @@
-//! Waiting for a descriptor that is known to hold nothing.
+//! Waiting on a list that the kernel keeps.
 //!
-//! `poll` is handed its descriptors anew at every wait and asks each of them twice. Here the kernel
-//! keeps the list and tells only what changes (`epoll`, edge-triggered), which saves nearly half of
-//! what a wait costs. It is safe only behind a read that took all there was: what was left would
-//! never be told. A short read of a terminal or a stream socket has taken all, see epoll(7); but
-//! TCP stops short of urgent bytes, too. Until such a read, after an end or urgent bytes, and on
-//! other systems, the caller polls.
+//! `poll` is handed its descriptors anew at every wait and asks each of them twice; `epoll` is not.
+//! Of a stream it tells only what changes (edge-triggered), which saves nearly half of what a wait
+//! costs. That is safe only behind a read that took all there was: what was left would never be
+//! told. A short read of a terminal or a stream socket has taken all, see epoll(7); but TCP stops
+//! short of urgent bytes, too. Until such a read, after an end or urgent bytes, and on other
+//! systems, the caller polls. Of a socket that keeps the bounds of what arrives, where a read takes
+//! one piece of perhaps several, it tells all that there is (level-triggered).
 //!
 //! The end of the wait is a timer on the same list, because a timeout is set and taken back at every
 //! wait, which costs half as much again. A timer that rings sooner than needed is left as it is: who
-//! is woken for nothing looks at the clock and waits again.
+//! is woken for nothing looks at the clock, which nobody else need, and waits again.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
@@ -24,7 +25,7 @@ use rustix::time::{
 };
 
 use crate::clock;
-use crate::descriptor::timespec;
+use crate::descriptor::{Reads, timespec};
 
 const LINK: u64 = 0;
 const WAKER: u64 = 1;
@@ -36,6 +37,7 @@ const SLACK_NS: u64 = 50_000;
 #[derive(Debug)]
 pub(crate) struct Edge {
     list: Option<(OwnedFd, Alarm)>,
+    /// Nothing would be left untold.
     drained: AtomicBool,
     /// From now on the caller polls: the far end has hung up or hurries, which is told once only,
     /// or the kernel has no such wait.
@@ -44,10 +46,10 @@ pub(crate) struct Edge {
 
 impl Edge {
     /// Where the system has no more descriptors, the caller polls for ever.
-    pub(crate) fn new(link: BorrowedFd<'_>, waker: BorrowedFd<'_>) -> Self {
+    pub(crate) fn new(link: BorrowedFd<'_>, reads: Reads, waker: BorrowedFd<'_>) -> Self {
         Self {
-            list: list(link, waker).ok(),
-            drained: AtomicBool::new(false),
+            list: list(link, reads, waker).ok(),
+            drained: AtomicBool::new(reads == Reads::Pieces),
             retired: AtomicBool::new(false),
         }
     }
@@ -57,19 +59,14 @@ impl Edge {
         self.drained.store(drained && !self.retired.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
-    /// Waits until `until`, for which `left` is left, or for less. What is ready on the link, and
-    /// whether the waker is; `None` when the caller must poll.
-    pub(crate) fn wait(
-        &self,
-        until: Instant,
-        left: Duration,
-    ) -> Option<Result<(PollFlags, bool), Errno>> {
+    /// Waits until `until`, or for less. What is ready on the link, and whether the waker is; `None`
+    /// when the caller must poll.
+    pub(crate) fn wait(&self, until: Instant) -> Option<Result<(PollFlags, bool), Errno>> {
         let list = self.list.as_ref().filter(|_| self.drained.load(Ordering::Relaxed));
         let (epoll, alarm) = list?;
         let none = Event { flags: EventFlags::empty(), data: EventData::new_u64(ALARM) };
         let mut events = [none; 3];
-        let waited =
-            alarm.ring_by(until, left).and_then(|()| epoll::wait(epoll, &mut events, None));
+        let waited = alarm.ring_by(until).and_then(|()| epoll::wait(epoll, &mut events, None));
         let count = match waited {
             Ok(count) => count,
             Err(Errno::INTR) => return Some(Err(Errno::INTR)),
@@ -84,7 +81,7 @@ impl Edge {
             match event.data.u64() {
                 LINK => ready = self.ready(event.flags),
                 WAKER => woken = true,
-                _ => {}
+                _ => alarm.hush(),
             }
         }
         Some(Ok((ready, woken)))
@@ -104,22 +101,28 @@ impl Edge {
     }
 }
 
-fn list(link: BorrowedFd<'_>, waker: BorrowedFd<'_>) -> Result<(OwnedFd, Alarm), Errno> {
+fn list(
+    link: BorrowedFd<'_>,
+    reads: Reads,
+    waker: BorrowedFd<'_>,
+) -> Result<(OwnedFd, Alarm), Errno> {
     let list = epoll::create(CreateFlags::CLOEXEC)?;
     let alarm = Alarm::new()?;
-    let edges = EventFlags::IN | EventFlags::PRI | EventFlags::RDHUP | EventFlags::ET;
-    epoll::add(&list, link, EventData::new_u64(LINK), edges)?;
+    let told = match reads {
+        Reads::Stream => EventFlags::IN | EventFlags::PRI | EventFlags::RDHUP | EventFlags::ET,
+        Reads::Pieces => EventFlags::IN,
+    };
+    epoll::add(&list, link, EventData::new_u64(LINK), told)?;
     epoll::add(&list, waker, EventData::new_u64(WAKER), EventFlags::IN)?;
     epoll::add(&list, alarm.timer.as_fd(), EventData::new_u64(ALARM), EventFlags::IN)?;
     Ok((list, alarm))
 }
 
-/// Readable from some instant on.
+/// Readable from some instant on. Only the one thread that waits touches it.
 #[derive(Debug)]
 struct Alarm {
     timer: OwnedFd,
-    /// When it rings at the latest, in nanoseconds; [`Instant::FAR`] when it is not set. Only the
-    /// one thread that waits touches it.
+    /// When it rings, in nanoseconds; [`Instant::FAR`] when it has rung or was never set.
     at: AtomicU64,
 }
 
@@ -130,27 +133,24 @@ impl Alarm {
         Ok(Self { timer, at: AtomicU64::new(Instant::FAR.0) })
     }
 
-    /// Sees to it that it rings by `until`, for which `left` is left, but not at once.
-    fn ring_by(&self, until: Instant, left: Duration) -> Result<(), Errno> {
-        let at = self.at.load(Ordering::Relaxed);
-        if until == Instant::FAR {
-            return if at == Instant::FAR.0 { Ok(()) } else { self.set(Duration::ZERO) };
-        }
-        let left_ns = u64::try_from(left.as_nanos()).unwrap_or(u64::MAX);
-        let now = until.0.saturating_sub(left_ns);
-        if (now..=until.0.saturating_add(SLACK_NS)).contains(&at) && at != now {
+    /// Sees to it that it rings by `until`. It may ring before, and for a wait without end.
+    fn ring_by(&self, until: Instant) -> Result<(), Errno> {
+        if self.at.load(Ordering::Relaxed) <= until.0.saturating_add(SLACK_NS) {
             return Ok(());
         }
-        self.set(left)
-    }
-
-    /// Sets it to ring after `left`, or with zero never.
-    fn set(&self, left: Duration) -> Result<(), Errno> {
+        let now = clock::now();
+        // Zero would mean never.
+        let left = until.since(now).max(Duration::from_nanos(1));
         let once = Itimerspec { it_interval: timespec(Duration::ZERO), it_value: timespec(left) };
         timerfd_settime(&self.timer, TimerfdTimerFlags::empty(), &once)?;
-        let at = if left.is_zero() { Instant::FAR } else { clock::now() + left };
-        self.at.store(at.0, Ordering::Relaxed);
+        self.at.store((now + left).0, Ordering::Relaxed);
         Ok(())
+    }
+
+    /// Takes its ringing, which otherwise goes on.
+    fn hush(&self) {
+        let _ = rustix::io::read(&self.timer, &mut [0_u8; 8]);
+        self.at.store(Instant::FAR.0, Ordering::Relaxed);
     }
 }
 

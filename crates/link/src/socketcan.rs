@@ -13,7 +13,7 @@ use rustix::io::Errno;
 use rustix::net::sockopt;
 
 use crate::clock;
-use crate::descriptor::Descriptor;
+use crate::descriptor::{Descriptor, Reads};
 use crate::error::{Cause, LinkError};
 use crate::link::{Link, Losses, Received};
 use crate::ports::{Carries, Port};
@@ -163,7 +163,7 @@ pub fn open(name: &str, line: CanLine) -> Result<SocketcanLink, LinkError> {
     let fd = sys::can_socket(index).map_err(|error| explained(name, &error))?;
     configure(&fd);
     Ok(SocketcanLink {
-        descriptor: Descriptor::new(fd, name)?,
+        descriptor: Descriptor::that(Reads::Pieces, fd, name)?,
         interface,
         line,
         bus_off: AtomicBool::new(false),

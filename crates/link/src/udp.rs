@@ -10,10 +10,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use polepair_core::medium::{Can, CanLine, Frame};
 use polepair_core::time::Instant;
 use rustix::io::Errno;
-use rustix::net::{AddressFamily, RecvFlags, SocketType, bind, recvfrom, socket, sockopt};
+use rustix::net::{
+    AddressFamily, RecvFlags, SocketAddrAny, SocketType, bind, recv, recvfrom, socket, sockopt,
+};
 
 use crate::clock;
-use crate::descriptor::Descriptor;
+use crate::descriptor::{Descriptor, Reads};
 use crate::error::{Cause, LinkError};
 use crate::link::{Link, Losses, Received};
 use crate::wake::Waker;
@@ -110,7 +112,7 @@ pub fn open(group: Group) -> Result<UdpLink, LinkError> {
     #[cfg(not(target_os = "linux"))]
     let echo_filtered = false;
     Ok(UdpLink {
-        descriptor: Descriptor::new(receiver, &name)?,
+        descriptor: Descriptor::that(Reads::Pieces, receiver, &name)?,
         sender,
         own,
         group,
@@ -197,11 +199,7 @@ impl UdpLink {
     /// Takes one datagram; `None` when there is none, or it was none of a frame from elsewhere.
     fn read(&self, frame: &mut Frame) -> Result<Option<Received>, LinkError> {
         let mut buffer = [0; DATAGRAM_MAX];
-        let Some((len, from, at)) = self.take(&mut buffer)? else { return Ok(None) };
-        // Not compared whole: an IPv6 address has a scope, too, which the two may tell differently.
-        if from.is_some_and(|from| (from.ip(), from.port()) == (self.own.ip(), self.own.port())) {
-            return Ok(None);
-        }
+        let Some((len, at)) = self.take(&mut buffer)? else { return Ok(None) };
         match datagram::unpack(&buffer[..len]) {
             Some(Unpacked::Frame(unpacked)) => {
                 *frame = unpacked;
@@ -213,20 +211,28 @@ impl UdpLink {
         Ok(None)
     }
 
-    fn take(&self, buffer: &mut [u8]) -> Result<Option<Taken>, LinkError> {
-        match recvfrom(&self.descriptor.fd, buffer, RecvFlags::empty()) {
-            Ok((_, len, from)) => {
-                let from = from.and_then(|from| SocketAddr::try_from(from).ok());
-                Ok(Some((len, from, clock::now())))
-            }
+    /// Length and arrival of a datagram from elsewhere.
+    fn take(&self, buffer: &mut [u8]) -> Result<Option<(usize, Instant)>, LinkError> {
+        let fd = &self.descriptor.fd;
+        let taken = if self.echo_filtered {
+            recv(fd, buffer, RecvFlags::empty()).map(|(_, len)| (len, None))
+        } else {
+            recvfrom(fd, buffer, RecvFlags::empty()).map(|(_, len, from)| (len, from))
+        };
+        match taken {
+            Ok((_, Some(from))) if self.is_own(&from) => Ok(None),
+            Ok((len, _)) => Ok(Some((len, clock::now()))),
             Err(Errno::AGAIN | Errno::INTR) => Ok(None),
             Err(errno) => Err(self.descriptor.error(errno)),
         }
     }
-}
 
-/// Length, sender and arrival of a datagram.
-type Taken = (usize, Option<SocketAddr>, Instant);
+    /// Not compared whole: an IPv6 address has a scope, too, which the two may tell differently.
+    fn is_own(&self, from: &SocketAddrAny) -> bool {
+        let from = SocketAddr::try_from(from.clone());
+        from.is_ok_and(|from| (from.ip(), from.port()) == (self.own.ip(), self.own.port()))
+    }
+}
 
 impl Link<Can> for UdpLink {
     fn now(&self) -> Instant {

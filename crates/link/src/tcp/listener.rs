@@ -5,7 +5,7 @@ use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::time::Instant;
 
 use crate::clock;
-use crate::descriptor::Descriptor;
+use crate::descriptor::{Descriptor, Reads};
 use crate::error::LinkError;
 use crate::link::{Link, Received};
 use crate::wake::Waker;
@@ -56,7 +56,8 @@ impl TcpServer {
                 let _ = stream.set_nodelay(true);
                 let fail = |error: std::io::Error| LinkError::from_io(&name, &error);
                 stream.set_nonblocking(true).map_err(fail)?;
-                let client = Descriptor::with_waker(stream.into(), self.wake.clone(), &name);
+                let client =
+                    Descriptor::with_waker(Reads::Stream, stream.into(), self.wake.clone(), &name);
                 self.set_client(Some(Arc::new(client)));
                 return Ok(None);
             }
