@@ -12,6 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 POLEPAIR = ROOT / "target" / "release" / "polepair"
+# How long what should come may take, s: nobody waits so long unless something is wrong.
+PATIENCE = 60
 BUILD = Path(__file__).resolve().parent / "build"
 
 
@@ -20,7 +22,7 @@ def start(*words):
     process = subprocess.Popen(
         [POLEPAIR, "sim", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    ready, _, _ = select.select([process.stdout], [], [], 10)
+    ready, _, _ = select.select([process.stdout], [], [], PATIENCE)
     line = process.stdout.readline() if ready else ""
     if not line.startswith("ready "):
         process.kill()
@@ -30,7 +32,7 @@ def start(*words):
 
 def end(process):
     process.send_signal(signal.SIGTERM)
-    assert process.wait(timeout=5) == 0, process.stderr.read()
+    assert process.wait(timeout=PATIENCE) == 0, process.stderr.read()
 
 
 @pytest.fixture
@@ -50,7 +52,7 @@ def sim(tmp_path):
         end(process)
 
 
-def polepair(*words, check=True, timeout=30):
+def polepair(*words, check=True, timeout=120):
     """One run of the command line: its standard output, split in lines."""
     done = subprocess.run(
         [POLEPAIR, *words], capture_output=True, text=True, timeout=timeout, check=False
@@ -60,8 +62,9 @@ def polepair(*words, check=True, timeout=30):
     return done
 
 
-def until(condition, seconds=10, every=0.02):
-    """Waits for a condition, and says whether it came true."""
+def until(condition, seconds=PATIENCE, every=0.02):
+    """Waits for a condition, and says whether it came true: on a busy machine late, so only what is
+    to stay away is given less time."""
     end_at = time.monotonic() + seconds
     while time.monotonic() < end_at:
         if condition():

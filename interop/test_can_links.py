@@ -40,7 +40,7 @@ def gateway():
 
     yield join
     for process in reversed(running):
-        told, _ = process.communicate(timeout=5)
+        told, _ = process.communicate(timeout=60)
         assert process.returncode == 0, told
         assert told.count("overrun: 0") == 2, told
 
@@ -57,7 +57,7 @@ def udp(port):
 
 def slcan(channel, bitrate=RATE):
     bus = can.Bus(interface="slcan", channel=channel, bitrate=bitrate, sleep_after_open=0.1)
-    assert bus.get_version(5) == (10, 13), "answered once it is open"
+    assert bus.get_version(60) == (10, 13), "answered once it is open"
     return bus
 
 
@@ -79,7 +79,7 @@ def exchange(one, other, frames):
             assert same(frame, got), f"{frame} became {got}"
 
 
-def heard(bus, timeout=3):
+def heard(bus, timeout=60):
     """The next frame. python-can's udp_multicast hears itself: what it sent is passed over."""
     end = time.monotonic() + timeout
     sent = bus.__dict__.setdefault("echoes", [])
@@ -141,7 +141,7 @@ def test_udp_multicast_and_slcan_on_a_pty(gateway, tmp_path):
     gateway(f"udp:{GROUP}:{port}", f"slcan-pty:{path}?{RATE}")
     with own_echo(udp(port)) as one, slcan(str(path)) as other:
         exchange(one, other, FRAMES + REMOTE)
-        assert other.get_serial_number(5) == "PLPR"
+        assert other.get_serial_number(60) == "PLPR"
 
 
 def test_slcan_over_tcp_and_socketcand(gateway):
@@ -189,10 +189,10 @@ def test_a_burst_arrives_whole_and_in_order(gateway, tmp_path):
     path = tmp_path / "can"
     gateway(f"udp:{GROUP}:{port}", f"slcan-pty:{path}?{RATE}")
     with udp(port) as one, slcan(str(path)) as other:
-        for n in range(1000):
-            data = n.to_bytes(2, "big")
-            one.send(can.Message(arbitration_id=0x200, data=data, is_extended_id=False))
-            if n % 50 == 0:
-                time.sleep(0.005)
-        got = [int.from_bytes(heard(other).data, "big") for _ in range(1000)]
-        assert got == list(range(1000))
+        # The kernel keeps 256 datagrams for a gateway that a busy machine does not let run.
+        for first in range(0, 1000, 200):
+            burst = range(first, first + 200)
+            for n in burst:
+                data = n.to_bytes(2, "big")
+                one.send(can.Message(arbitration_id=0x200, data=data, is_extended_id=False))
+            assert [int.from_bytes(heard(other).data, "big") for _ in burst] == list(burst)

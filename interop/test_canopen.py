@@ -9,7 +9,7 @@ from conftest import polepair
 
 GROUP, PORT = "239.74.163.2", 43120 + os.getpid() % 1000
 NODE = 5
-URL = f"canopen+udp://{GROUP}:{PORT}?timeout=1000#{NODE}"
+URL = f"canopen+udp://{GROUP}:{PORT}?timeout=3000#{NODE}"
 
 
 def variable(index, sub, name, kind, access, value):
@@ -68,7 +68,7 @@ def test_an_abort_is_told_with_its_code(node):
 
 
 def test_a_scan_finds_the_node_and_no_other(node):
-    said = polepair("scan", URL.split("#", maxsplit=1)[0], "--ids", "4-6", timeout=60).stdout
+    said = polepair("scan", URL.split("#", maxsplit=1)[0], "--ids", "4-6", timeout=120).stdout
     assert [line.split()[0] for line in said.splitlines() if line[:1].isdigit()] == [str(NODE)]
 
 

@@ -51,7 +51,7 @@ class Server(threading.Thread):
         super().__init__(daemon=True)
         self.make, self.up = make, threading.Event()
         self.start()
-        assert self.up.wait(10)
+        assert self.up.wait(60)
 
     def run(self):
         asyncio.run(self.serve())
@@ -76,7 +76,7 @@ class Server(threading.Thread):
 
 def read_many(url, text="read {}", factor="1", many="100"):
     done = subprocess.run(
-        [READ_MANY, url, text, factor, many], capture_output=True, text=True, timeout=60, check=False
+        [READ_MANY, url, text, factor, many], capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.strip() + done.stderr
@@ -86,7 +86,7 @@ def read_many(url, text="read {}", factor="1", many="100"):
 def test_pymodbus_over_tcp(framing):
     framer = FramerType.RTU if framing == "rtu" else FramerType.ASCII
     server = Server(lambda device: ModbusTcpServer(device, framer=framer, address=("127.0.0.1", 0)))
-    url = f"modbus-{framing}+tcp://127.0.0.1:{server.port}?profile=modbus#1"
+    url = f"modbus-{framing}+tcp://127.0.0.1:{server.port}?profile=modbus&timeout=5000#1"
     assert read_many(url) == "right 100 wrong 0 failed 0"
     server.close()
 
@@ -100,7 +100,7 @@ def test_pymodbus_on_a_serial_port(framing):
             device, framer=framer, port=cable.paths[0], baudrate=115200
         )
     )
-    url = f"modbus-{framing}+serial://{cable.paths[1]}?profile=modbus&gap=0#1"
+    url = f"modbus-{framing}+serial://{cable.paths[1]}?profile=modbus&gap=0&timeout=5000#1"
     assert read_many(url) == "right 100 wrong 0 failed 0"
     server.close()
     cable.close()
@@ -110,7 +110,7 @@ def test_a_register_that_the_server_does_not_have():
     server = Server(
         lambda device: ModbusTcpServer(device, framer=FramerType.RTU, address=("127.0.0.1", 0))
     )
-    url = f"modbus-rtu+tcp://127.0.0.1:{server.port}?profile=modbus#1"
+    url = f"modbus-rtu+tcp://127.0.0.1:{server.port}?profile=modbus&timeout=5000#1"
     output = read_many(url, "read 60000", many="1")
     assert "failed 1" in output and "2" in output, output
     assert read_many(url, many="10") == "right 10 wrong 0 failed 0"

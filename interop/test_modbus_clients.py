@@ -14,7 +14,7 @@ CONTROL_MODE, RAM, INTERNAL_SPEED, ENABLE = 0x00, 0x99, 0x33, 0x38
 
 class Pymodbus:
     def __init__(self, path, framer):
-        self.client = ModbusSerialClient(path, framer=framer, baudrate=115200, timeout=1, retries=0)
+        self.client = ModbusSerialClient(path, framer=framer, baudrate=115200, timeout=10, retries=0)
         assert self.client.connect()
 
     def read(self, address, count=1):
@@ -34,7 +34,7 @@ class Minimalmodbus:
     def __init__(self, path, mode):
         self.instrument = minimalmodbus.Instrument(path, 1, mode=mode)
         self.instrument.serial.baudrate = 115200
-        self.instrument.serial.timeout = 1
+        self.instrument.serial.timeout = 10
 
     def read(self, address, count=1):
         return self.instrument.read_registers(address, count)
@@ -97,10 +97,8 @@ def test_a_path_is_run(client):
     before = client.read(0x102E, 2)
     client.write(0x20C, 1)
     client.write(0x20C, 0)
-    assert until(lambda: client.read(BUSY) == [1], seconds=1)
-    assert until(lambda: client.read(BUSY) == [0])
-    after = client.read(0x102E, 2)
-    assert after != before
+    # The path is short: a busy machine may see no more of it than its end.
+    assert until(lambda: client.read(0x102E, 2) != before and client.read(BUSY) == [0])
     assert client.read(ALARM) == [0]
 
 
@@ -116,7 +114,7 @@ def test_homing(client):
     client.write(ENABLE, 1)
     client.write(0x20D, 1)
     client.write(0x20D, 0)
-    assert until(lambda: client.read(BUSY) == [0], seconds=15)
+    assert until(lambda: client.read(BUSY) == [0])
     assert client.read(ALARM) == [0]
 
 
@@ -145,7 +143,7 @@ def test_every_exception(sim):
 def test_libmodbus(sim):
     program = compiled("libmodbus_client.c", "libmodbus")
     done = subprocess.run(
-        [program, sim("modbus-rtu:1")], capture_output=True, text=True, timeout=30, check=False
+        [program, sim("modbus-rtu:1")], capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "all as expected" in done.stdout
@@ -158,7 +156,7 @@ def test_mbpoll(sim):
 
     def run(*words):
         return subprocess.run(
-            [*common, *words], capture_output=True, text=True, timeout=10, check=False
+            [*common, *words], capture_output=True, text=True, timeout=60, check=False
         )
 
     wrote = run("-r", "51", path, "200")

@@ -18,7 +18,7 @@ class UdpTmclInterface(CanTmclInterface):
     """The client's CAN interface on python-can's udp_multicast, which it does not offer itself."""
 
     def __init__(self, port, module_id=1):
-        CanTmclInterface.__init__(self, GROUP, 0, 2, module_id, 2)
+        CanTmclInterface.__init__(self, GROUP, 0, 2, module_id, 30)
         self._connection = can.Bus(
             interface="udp_multicast", channel=GROUP, port=port, receive_own_messages=False
         )
@@ -53,7 +53,7 @@ def drive(request, udp, sim):
     if request.param == "udp":
         interface = UdpTmclInterface(udp("tmcl:1"))
     else:
-        interface = SlcanTmclInterface(sim("tmcl+can:1"), datarate=250_000, timeout_s=2)
+        interface = SlcanTmclInterface(sim("tmcl+can:1"), datarate=250_000, timeout_s=30)
     yield interface
     interface.close()
 
@@ -102,7 +102,7 @@ def test_python_can_reads_and_writes_frames(udp):
             arbitration_id=1, data=bytes.fromhex("06 06 00 00 00 00 00"), is_extended_id=False
         )
         bus.send(request)
-        end_at = time.monotonic() + 3
+        end_at = time.monotonic() + 60
         replies = []
         while not replies and time.monotonic() < end_at:
             frame = bus.recv(0.2)

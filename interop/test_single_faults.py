@@ -20,8 +20,8 @@ READ_MANY = ROOT / "target" / "release" / "examples" / "read_many"
 NUMBERS = [1, 4, 5, 7, 9, 11]
 READS = 60
 URLS = {
-    Tmcl: "tmcl+serial://{}?timeout=100&profile=tmcl#1",
-    Rtu: "modbus-rtu+serial://{}?timeout=100&gap=0&profile=modbus#1",
+    Tmcl: f"tmcl+serial://{{}}?timeout={int(1000 * TIMEOUT)}&profile=tmcl#1",
+    Rtu: f"modbus-rtu+serial://{{}}?timeout={int(1000 * TIMEOUT)}&gap=0&profile=modbus#1",
 }
 READ = {Tmcl: ("GAP {}", "1000"), Rtu: ("read {}", "1")}
 WRITE = {Tmcl: "SAP 4, 0, 7", Rtu: "write 0x0004 7"}
@@ -30,7 +30,7 @@ WRITE = {Tmcl: "SAP 4, 0, 7", Rtu: "write 0x0004 7"}
 def ours(drive, text=None, many=READS):
     template, factor = READ[drive.protocol]
     words = [READ_MANY, URLS[drive.protocol].format(drive.path), text or template, factor, str(many)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     _, right, _, wrong, _, failed = done.stdout.split()
     return int(right), int(wrong), int(failed)
@@ -89,7 +89,7 @@ def minimal(drive):
 def libmodbus(drive):
     program = compiled("libmodbus_reads.c", "libmodbus")
     words = [program, drive.path, str(READS), str(int(1000 * TIMEOUT))]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
     _, right, _, wrong, _, failed = done.stdout.split()
     return int(right), int(wrong), int(failed)
 

@@ -21,11 +21,24 @@ CHECKS = [
     "our_client_attaches_to_slcanpty",
 ]
 
+DRIVES = [
+    "python_canopen_manages_a_node",
+    "python_canopen_has_pdos_go_with_sync",
+    "python_canopen_moves_and_turns_a_drive",
+    "cansend_turns_the_ts_by_the_printed_speed_sequence",
+    "cansend_moves_the_ts_by_the_printed_position_sequence",
+    "cansend_turns_the_ts_by_torque_only_without_the_erratum",
+    "cansend_homes_the_ts_by_the_printed_sequence",
+    "candump_sees_the_printed_examples_answered",
+    "our_host_drives_a_node_on_vcan",
+    "cansend_runs_a_thruster",
+]
+
 
 def guest(*words):
     """What a command says in the guest."""
     done = subprocess.run(
-        [HERE / "guest", *words], capture_output=True, text=True, timeout=180, check=False
+        [HERE / "guest", *words], capture_output=True, text=True, timeout=400, check=False
     )
     if done.returncode == SKIPPED:
         pytest.skip(done.stderr.strip().splitlines()[-1])
@@ -43,9 +56,21 @@ def test_foreign(told, check):
     assert mine == [f"ok {check}"], told.stdout + told.stderr
 
 
-def test_no_check_is_forgotten(told):
-    ended = [line for line in told.stdout.splitlines() if line.startswith(("ok ", "failed "))]
-    assert len(ended) == len(CHECKS)
+@pytest.fixture(scope="module")
+def drives():
+    return guest(sys.executable, HERE / "drives.py", POLEPAIR)
+
+
+@pytest.mark.parametrize("check", DRIVES)
+def test_drives(drives, check):
+    mine = [line for line in drives.stdout.splitlines() if check in line.split(":")[0]]
+    assert mine == [f"ok {check}"], drives.stdout + drives.stderr
+
+
+def test_no_check_is_forgotten(told, drives):
+    for said, checks in [(told, CHECKS), (drives, DRIVES)]:
+        ended = [line for line in said.stdout.splitlines() if line.startswith(("ok ", "failed "))]
+        assert len(ended) == len(checks)
 
 
 def test_the_links_own_checks():

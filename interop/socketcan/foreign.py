@@ -1,7 +1,4 @@
-"""Run in the guest by test_socketcan.py: programs and drivers of others on our CAN links.
-
-Prints `ok NAME` or `failed NAME: why` for each check.
-"""
+"""Run in the guest by test_socketcan.py: programs and drivers of others on our CAN links."""
 
 import os
 import select
@@ -9,17 +6,12 @@ import subprocess
 import sys
 import threading
 import time
-import traceback
 import tty
 from contextlib import contextmanager
 
+from checks import PATIENCE, Candump, check, run, run_all, until
+
 GATEWAY, POLEPAIR = sys.argv[1:3]
-CHECKS = []
-
-
-def check(function):
-    CHECKS.append(function)
-    return function
 
 
 @contextmanager
@@ -37,45 +29,7 @@ def gateway(one, other):
         assert all(line.startswith("ready ") for line in told), told
         yield told
     finally:
-        told.append(process.communicate(timeout=10)[0])
-
-
-class Candump:
-    """What candump logs, without times, once it is known to hear every bus."""
-
-    PROBE = "7E0#"
-
-    def __init__(self, *buses):
-        self.process = subprocess.Popen(["candump", "-L", *buses], stdout=subprocess.PIPE)
-        self.text = b""
-        wanted = [f"{bus} {self.PROBE}" for bus in buses]
-        for _ in range(100):
-            for bus in buses:
-                run("cansend", bus, self.PROBE)
-            # On each bus its own, and what comes through from the others.
-            if all(self.heard(0.2).count(line) >= len(buses) for line in wanted):
-                break
-        self.heard(0.5)
-        self.text = b""
-
-    def heard(self, seconds):
-        """What was logged so far, until there is silence of so many seconds."""
-        while select.select([self.process.stdout], [], [], seconds)[0]:
-            self.text += os.read(self.process.stdout.fileno(), 65536)
-        return [line.split(" ", 1)[1].strip() for line in self.text.decode().splitlines()]
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.process.kill()
-        self.process.wait()
-
-
-def run(*words):
-    done = subprocess.run(words, capture_output=True, text=True, timeout=20, check=False)
-    assert done.returncode == 0, (words, done.stdout, done.stderr)
-    return done.stdout
+        told.append(process.communicate(timeout=PATIENCE)[0])
 
 
 def quietly(*words):
@@ -104,7 +58,7 @@ def python_can_sees_the_same_frames():
                 extended = bool(n % 2)
                 data = bytes(range(n % 9))
                 sender.send(can.Message(arbitration_id=n, data=data, is_extended_id=extended))
-                got = receiver.recv(3)
+                got = receiver.recv(PATIENCE)
                 assert (got.arbitration_id, got.is_extended_id, got.data) == (n, extended, data)
         for class_bits in (0x40, 0x100):
             one.send(can.Message(arbitration_id=class_bits, is_error_frame=True, data=bytes(8)))
@@ -132,7 +86,7 @@ def candump_sees_a_simulated_drive_asked_and_answering():
             assert value > 0 and str(value) in told, (value, told)
     finally:
         drive.terminate()
-        drive.wait(10)
+        drive.wait(PATIENCE)
 
 
 @check
@@ -146,7 +100,7 @@ def the_kernels_slcan_driver_attaches_to_our_adapter():
             crossed("slcan7", "vcan0")
         finally:
             daemon.terminate()
-            daemon.wait(10)
+            daemon.wait(PATIENCE)
 
 
 @check
@@ -165,7 +119,7 @@ def a_bit_rate_is_read_and_compared():
                 crossed("vcan0", "vcan1")
         finally:
             daemon.terminate()
-            daemon.wait(10)
+            daemon.wait(PATIENCE)
 
 
 @check
@@ -207,23 +161,10 @@ def crossed(one, other, frames=FRAMES):
 def refused(link):
     """Why a link cannot be opened."""
     done = subprocess.run(
-        [GATEWAY, link, "socketcan:vcan0"], capture_output=True, text=True, timeout=10, check=False
+        [GATEWAY, link, "socketcan:vcan0"], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert done.returncode != 0, done.stdout
     return done.stderr
 
 
-def until(condition, seconds=5):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
-
-
-for function in CHECKS:
-    try:
-        function()
-        print("ok", function.__name__, flush=True)
-    except Exception:  # the host shows it
-        why = traceback.format_exc().replace("\n", " | ")
-        print(f"failed {function.__name__}: {why}", flush=True)
+run_all()

@@ -389,6 +389,9 @@ fn open(url: &Url, spoken: &Spoken, options: &HostOptions) -> Result<AnyLink, Er
 fn simulated(url: &Url, what: &str) -> Result<Simulation, Error> {
     let seed = url.number("seed")?.unwrap_or(1);
     let mut description = describe(url, what, seed)?;
+    if let Some(file) = url.key("eds") {
+        description.take_sheet_where_fit(Path::new(file))?;
+    }
     description.set_rates(rate(url, "baud")?, rate(url, "bitrate")?);
     if let Some(standard) = standard(url)? {
         description.set_standard(standard);

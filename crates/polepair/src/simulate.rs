@@ -16,6 +16,7 @@ mod line;
 
 use crate::bus::{Load, Seat};
 use crate::error::Error;
+use crate::file::FileError;
 use crate::registry::{self, Spoken};
 use crate::wire::AnyLink;
 use crate::words;
@@ -32,6 +33,7 @@ use polepair_sim::fault::Faults;
 use polepair_sim::rack::{Built, Rack, RackDrive, RackLink, RackWire};
 use polepair_sim::serial_line::Duplex;
 use polepair_sim::world::World;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -151,6 +153,38 @@ fn product(name: &str, medium: Option<MediumKind>) -> Option<(&'static Profile, 
 }
 
 impl Description {
+    /// Makes the drives of a link what a data sheet (EDS or DCF) lists: a motor by CiA 402 where the
+    /// objects are there, else a node that keeps what is written. Returns what the sheet has
+    /// otherwise than the standard.
+    ///
+    /// # Errors
+    /// [`Error::File`] with line and reason; [`Error::Usage`] `E213` for drives that have no sheet.
+    pub fn take_sheet(&mut self, link: usize, file: &Path) -> Result<Vec<FileError>, Error> {
+        let links = &mut self.rack.links;
+        let drives = links.get_mut(link).map(|link| &mut link.drives).into_iter().flatten();
+        let (sheet, eds) = crate::eds::sheet(file)?;
+        for drive in drives {
+            if !crate::eds::describes(drive.profile) {
+                let what = format!("`{}` is no device of a data sheet", drive.profile.name);
+                return Err(Error::usage("E213", what, "a CANopen device is: canopen:5"));
+            }
+            drive.sheet = Some(Arc::clone(&sheet));
+            drive.address = drive.address.or(eds.node_id().map(u32::from));
+        }
+        Ok(eds.warnings)
+    }
+
+    /// The same for every link whose drives can be what a sheet lists and are not already.
+    pub(crate) fn take_sheet_where_fit(&mut self, file: &Path) -> Result<(), Error> {
+        for link in 0..self.rack.links.len() {
+            let fits = |d: &RackDrive| d.sheet.is_none() && crate::eds::describes(d.profile);
+            if self.rack.links[link].drives.iter().all(fits) {
+                self.take_sheet(link, file)?;
+            }
+        }
+        Ok(())
+    }
+
     /// The link on which a drive relays to this one.
     #[must_use]
     pub fn relay_to(&self, link: usize) -> Option<usize> {

@@ -32,9 +32,9 @@ const SERIAL_KEYS: [&str; 12] = [
 ];
 const CAN_KEYS: [&str; 8] =
     ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat"];
-const SIM_KEYS: [&str; 14] = [
-    "axes", "seed", "time", "profile", "timeout", "gap", "host", "echo", "baud", "bitrate", "wire",
-    "ack", "pause", "relay",
+const SIM_KEYS: [&str; 15] = [
+    "axes", "seed", "time", "profile", "eds", "timeout", "gap", "host", "echo", "baud", "bitrate",
+    "wire", "ack", "pause", "relay",
 ];
 
 /// A connection string, taken apart.

@@ -15,6 +15,7 @@ mod queue;
 pub mod rack;
 pub mod random;
 pub mod serial_line;
+pub mod sheet;
 pub mod sim_link;
 pub mod swarm;
 #[cfg(test)]

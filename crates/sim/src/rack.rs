@@ -9,9 +9,11 @@ use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
 use polepair_core::proto;
 use polepair_core::time::Instant;
+use std::sync::Arc;
 
 use crate::node::{CAN_PORT, Drive, Node, SERIAL_PORT};
 use crate::serial_line::{Duplex, Serial};
+use crate::sheet::{self, Sheet};
 use crate::world::{NodeId, WireId, World};
 
 /// Links with drives on them.
@@ -94,6 +96,8 @@ pub struct RackDrive {
     pub seed: u64,
     /// What the family knows beyond these: `variant=position`.
     pub extra: Vec<(String, String)>,
+    /// Its data sheet, where that says what it is.
+    pub sheet: Option<Arc<Sheet>>,
     /// What is done to it before power is given: its load, its switches.
     pub acts: Vec<Act>,
 }
@@ -198,7 +202,8 @@ impl RackDrive {
     pub fn new(profile: &'static Profile, wire: &str) -> Self {
         let (wires, address) = (vec![wire.to_owned()], None);
         let (extra, acts) = (Vec::new(), Vec::new());
-        Self { profile, wires, standard: None, also_on: None, address, seed: 0, extra, acts }
+        let (standard, also_on, sheet) = (None, None, None);
+        Self { profile, wires, standard, also_on, address, seed: 0, extra, sheet, acts }
     }
 
     /// Puts the drive on a wire of `world`.
@@ -222,6 +227,9 @@ impl RackDrive {
     /// # Errors
     /// [`RackError`].
     pub fn device(&self, untimed: bool) -> Result<Box<dyn Node>, RackError> {
+        if let Some(sheet) = &self.sheet {
+            return self.of_sheet(sheet);
+        }
         let extra: Vec<_> = self.extra.iter().map(|(k, v)| (&**k, &**v)).collect();
         let wires: Vec<&str> = self.wires.iter().map(String::as_str).collect();
         let options = DeviceOptions {
@@ -235,6 +243,27 @@ impl RackDrive {
         let mut maker = Maker { profile: self.profile, options, made: None };
         drives::visit(&mut maker);
         maker.made.unwrap_or(Err(RackError::NoSuchDrive { profile: self.profile.name }))
+    }
+
+    /// The device of a data sheet, which knows of the options the serial number and, to be given a
+    /// node-ID by LSS, `node=none`.
+    fn of_sheet(&self, sheet: &Arc<Sheet>) -> Result<Box<dyn Node>, RackError> {
+        let wrong = |option: &str| RackError::Option {
+            profile: self.profile.name,
+            option: option.to_owned(),
+        };
+        let address = self.address.unwrap_or(1);
+        let mut node = u8::try_from(address).map_err(|_| wrong("address"))?;
+        let mut serial = address;
+        for (key, value) in &self.extra {
+            match (key.as_str(), value.as_str()) {
+                ("serial", number) => serial = number.parse().map_err(|_| wrong(number))?,
+                ("node", "none") => node = u8::MAX,
+                ("host", _) => {}
+                ("node", other) | (other, _) => return Err(wrong(other)),
+            }
+        }
+        Ok(Box::new(Drive(sheet::Device::new(Arc::clone(sheet), node, serial))))
     }
 
     /// Does to the drive what the description says, before power is given.

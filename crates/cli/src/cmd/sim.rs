@@ -16,7 +16,7 @@ use polepair_link::{pty::Pty, slcan, socketcand, tcp::TcpServer, udp};
 
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::Output;
+use crate::terminal::{self, Output};
 
 /// Simulates drives that any program can talk to, until Ctrl-C.
 ///
@@ -33,6 +33,7 @@ Examples:
   polepair sim modbus-rtu:1 --tcp 127.0.0.1:4001
   polepair sim tmcl:1,2 --udp 239.74.163.2:43113   a CAN bus that python-can can join
   polepair sim tmcl+can --pty /tmp/adapter         the same behind a serial CAN adapter
+  polepair sim canopen:5 --eds motor.eds           what the data sheet of a CANopen device lists
   polepair sim rack.toml --seed 7")]
 pub struct Sim {
     /// A rack file, or for each link a protocol or product and addresses: tmcl:1,2
@@ -53,6 +54,9 @@ pub struct Sim {
     /// Serve a CAN bus as socketcand does, by the name can0; port 0 takes a free one
     #[arg(long, value_name = "ADDR:PORT")]
     socketcand: Vec<String>,
+    /// Make a link's CANopen drives what this data sheet (EDS or DCF) lists; the last holds on
+    #[arg(long, value_name = "FILE")]
+    eds: Vec<PathBuf>,
     /// Whatever is random comes from this
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -111,7 +115,20 @@ impl Sim {
                 simulate::rack_of_words(&words, self.seed)
             }
         };
-        described.map_err(outcome::error)
+        let mut description = described.map_err(outcome::error)?;
+        self.take_sheets(&mut description)?;
+        Ok(description)
+    }
+
+    /// A data sheet for each link, in order; the last one for those that are left.
+    fn take_sheets(&self, description: &mut Description) -> Result<()> {
+        let Some(last) = self.eds.last() else { return Ok(()) };
+        for link in 0..description.rack.links.len() {
+            let file = self.eds.get(link).unwrap_or(last);
+            let slips = description.take_sheet(link, file).map_err(outcome::error)?;
+            slips.iter().for_each(|slip| terminal::say(&slip.to_string()));
+        }
+        Ok(())
     }
 }
 

@@ -85,8 +85,16 @@ const TYPES: [(u16, &str, u8, bool); 25] = [
 impl DataType {
     /// Eight bits, unsigned: what sub-index 0 of arrays and records is.
     pub const U8: Self = Self(0x05);
+    /// IEEE 754, 32 bits.
+    pub const F32: Self = Self(0x08);
+    /// Bytes.
+    pub const BYTES: Self = Self(0x0A);
+    /// Text of 16-bit characters.
+    pub const UNICODE: Self = Self(0x0B);
     /// What a domain holds.
     pub const DOMAIN: Self = Self(0x0F);
+    /// IEEE 754, 64 bits.
+    pub const F64: Self = Self(0x11);
 
     fn row(self) -> Option<&'static (u16, &'static str, u8, bool)> {
         TYPES.iter().find(|(code, ..)| *code == self.0)
@@ -173,6 +181,16 @@ impl Access {
     #[must_use]
     pub const fn writes(self) -> bool {
         !matches!(self, Self::Const | Self::Ro)
+    }
+
+    /// Whether TPDOs and RPDOs may carry it, if it is mappable at all.
+    #[must_use]
+    pub const fn directions(self) -> (bool, bool) {
+        match self {
+            Self::Const | Self::Ro | Self::Rwr => (true, false),
+            Self::Wo | Self::Rww => (false, true),
+            Self::Rw => (true, true),
+        }
     }
 
     /// Whether an SDO may read it.

@@ -16,6 +16,7 @@
 //! # Ok::<(), polepair::FileError>(())
 //! ```
 
+mod device;
 mod ini;
 mod kind;
 mod profile;
@@ -28,7 +29,8 @@ mod write;
 pub use kind::{Access, DataType, ObjectType};
 pub use value::Literal;
 
-pub(crate) use profile::draft;
+pub(crate) use device::sheet;
+pub(crate) use profile::{describes, draft};
 
 use crate::file::FileError;
 use std::path::Path;
@@ -103,6 +105,15 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// The value that a device of the file has: this node's, else the factory's.
+    #[must_use]
+    pub const fn first_value(&self) -> Option<&Literal> {
+        match &self.value {
+            Some(value) => Some(value),
+            None => self.default.as_ref(),
+        }
+    }
+
     /// The value from the factory of the node of that id, where it is a whole number.
     #[must_use]
     pub fn default_at(&self, node: u8) -> Option<i64> {

@@ -48,6 +48,12 @@ pub(crate) fn draft(path: &Path) -> Result<Draft, FileError> {
     Ok(draft)
 }
 
+/// Whether simulated drives of a profile can be what a sheet lists: those that have nothing of their
+/// own.
+pub(crate) fn describes(profile: &Profile) -> bool {
+    profile.name == PROFILES.0 || profile.name == PROFILES.1
+}
+
 /// The profile of what the sheet says it is.
 fn base(eds: &Eds) -> Option<&'static Profile> {
     let kind = eds.entry(0x1000, 0).and_then(|entry| entry.default_at(1)).unwrap_or(0);

@@ -11,6 +11,9 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 /// Sections that list objects.
 const LISTS: [&str; 3] = ["mandatoryobjects", "optionalobjects", "manufacturerobjects"];
 
+/// The history of errors.
+const HISTORY: u16 = 0x1003;
+
 /// Keys of an object that are understood.
 const OBJECT_KEYS: [&str; 13] = [
     "ParameterName",
@@ -246,11 +249,13 @@ impl Reader {
     /// An array whose entries are alike and have no sections of their own (CiA 306-1, `CompactSubObj`).
     fn compact(&mut self, object: &mut Object, section: &Section, count: u8) {
         let Some(like) = self.entry(1, section, &object.name, ObjectType::Variable) else { return };
+        // Writing 0 clears the history of errors.
+        let access = if object.index == HISTORY { Access::Rw } else { Access::Ro };
         object.entries.push(Entry {
             sub: 0,
             name: "NrOfObjects".to_owned(),
             data_type: DataType::U8,
-            access: Access::Ro,
+            access,
             mappable: false,
             low: None,
             high: None,

@@ -20,6 +20,7 @@
 //! home = 3.1                      # rad: where a reference switch closes
 //! limit_low = -6.3                # rad: where the limit switches close
 //! limit_high = 6.3
+//! eds = "motor.eds"               # profile = "canopen": what its data sheet lists; beside this file
 //! protocol = "technocan"          # on a CAN bus of several protocols, where the profile has two
 //! cycle = 100                     # on CAN: how often a second it is commanded, for the load
 //! frames = [8, 8]                 # bytes of each frame of a cycle; without it one there, one back
@@ -50,9 +51,10 @@ use std::path::Path;
 
 const LINK_KEYS: [&str; 9] =
     ["name", "kind", "protocol", "baud", "bitrate", "duplex", "echo", "faults", "drive"];
-const DRIVE_KEYS: [&str; 13] = [
+const DRIVE_KEYS: [&str; 14] = [
     "name",
     "profile",
+    "eds",
     "protocol",
     "cycle",
     "frames",
@@ -321,6 +323,7 @@ fn drive_of_table(
     let every = &wire.every;
     let address = node.between("address", (*every.start()).into(), (*every.end()).into())?;
     drive.address = address.and_then(|n| u32::try_from(n).ok());
+    take_sheet(node, &mut drive)?;
     drive.seed = seed;
     let real = |key| node.real(key).map(|found| found.map(|found| found.value));
     drive.acts.extend(real("supply")?.map(Act::Supply));
@@ -336,6 +339,23 @@ fn drive_of_table(
         }
     }
     Ok(drive)
+}
+
+/// The data sheet that a drive names, in the folder of the rack file; its node-ID where the rack has
+/// none.
+fn take_sheet(node: &Node<'_, '_>, drive: &mut RackDrive) -> Result<(), FileError> {
+    let Some(found) = node.text("eds")? else { return Ok(()) };
+    let folder = Path::new(node.place().file()).parent().map(Path::to_path_buf);
+    found.check(|name| {
+        if !crate::eds::describes(drive.profile) {
+            return Err(format!("`{}` is no device of a data sheet", drive.profile.name));
+        }
+        let path = folder.unwrap_or_default().join(name);
+        let (sheet, eds) = crate::eds::sheet(&path).map_err(|error| error.to_string())?;
+        drive.sheet = Some(sheet);
+        drive.address = drive.address.or(eds.node_id().map(u32::from));
+        Ok(())
+    })
 }
 
 fn can_faults(node: &Node<'_, '_>) -> Result<CanFaults, FileError> {

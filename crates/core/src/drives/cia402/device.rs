@@ -1,7 +1,6 @@
-//! The drive on a CAN bus, and the bench around it.
+//! The drive on a CAN bus.
 
 use super::drive::Drive;
-use super::faults::Fault;
 use super::objects::PDOS;
 use crate::drives;
 use crate::drives::bench::{Act, Bench, Truth};
@@ -74,58 +73,15 @@ impl Station<Can> for Device {
 
 impl Bench for Device {
     fn truth(&mut self, now: Instant) -> Truth {
-        let drive = &mut self.drive;
-        drive.advance(now);
-        let (motor, (unrepeatable, starts)) = (drive.shaft().motor(), drive.counts());
-        Truth {
-            position: motor.position(),
-            velocity: motor.velocity(),
-            current: motor.current(),
-            torque: motor.torque(),
-            winding: drive.shaft().winding(),
-            enabled: drive.shaft().powered(),
-            fault: drive.fault().0.into(),
-            flash_writes: drive.flash_writes(),
-            unrepeatable,
-            starts,
-            bounds: drive.shaft().bounds(),
-            setpoint: drive.shaft().regulated(),
-        }
+        self.drive.truth(now)
     }
 
-    /// Inputs: 1 negative limit, 2 positive limit, 3 home. Switch 3 is where the home switch opens
-    /// again, going forward.
     fn act(&mut self, now: Instant, act: Act) -> bool {
-        let drive = &mut self.drive;
-        drive.advance(now);
-        match act {
-            Act::Load(torque) => drive.shaft_mut().load = torque,
-            Act::Jam(jammed) => drive.shaft_mut().jam(jammed),
-            Act::Supply(volts) => drive.shaft_mut().supply = volts,
-            Act::Ambient(celsius) => drive.shaft_mut().set_ambient(celsius),
-            Act::Input(number @ 1..=3, on) => {
-                drive.lines_mut().driven[usize::from(number) - 1] = on;
-            }
-            Act::Switch { which: which @ 0..=2, at } => {
-                let line = [2, 1, 0][usize::from(which)];
-                drive.lines_mut().at[line] = (!at.is_nan()).then_some(at);
-            }
-            Act::Switch { which: 3, at } => {
-                drive.lines_mut().home_until = (!at.is_nan()).then_some(at);
-            }
-            Act::EncoderBroken(broken) => drive.shaft_mut().break_encoder(broken),
-            Act::HallBroken(broken) => drive.shaft_mut().hall_broken = broken,
-            Act::Fault(code) => match u16::try_from(code) {
-                Ok(code) => drive.raise(Fault(code)),
-                Err(_) => return false,
-            },
-            Act::PowerCycle => {
-                drive.power_cycle();
-                self.end.power_cycle(now, drive);
-            }
-            _ => return false,
+        let done = self.drive.act(now, act);
+        if act == Act::PowerCycle {
+            self.end.power_cycle(now, &mut self.drive);
         }
-        true
+        done
     }
 
     fn notice(&mut self) -> Option<&'static str> {

@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use super::faults::Fault;
 use super::files::Files;
-use super::objects::{DICTIONARY, INCREMENTS, Objects, kept, read};
+use super::objects::{DICTIONARY, Objects, kept, read};
 use super::shaft::{RATED_CURRENT, Shaft};
 use crate::plant::{TICK_NS, Ticks};
 use crate::proto::canopen::device::motion::{
@@ -105,6 +105,19 @@ impl Drive {
             files: Files::default(),
             kept: None,
         }
+    }
+
+    /// The same with other values from the factory.
+    #[must_use]
+    pub fn with(mut self, objects: Objects) -> Self {
+        self.objects = objects.clone();
+        self.keep(objects);
+        self
+    }
+
+    /// What every reset brings from now on, until its settings are stored or restored.
+    pub fn keep(&mut self, objects: Objects) {
+        self.kept = Some(objects);
     }
 
     /// Lets time pass up to `now`.
@@ -256,7 +269,7 @@ impl Drive {
 
     fn increments(&self, position: f64) -> i32 {
         let turns = (position - self.axis.origin()) / TAU;
-        libm::round(turns * INCREMENTS as f64) as i64 as i32
+        libm::round(turns * self.objects.turn()) as i64 as i32
     }
 
     fn reading(&self, tag: u16) -> i64 {

@@ -4,8 +4,9 @@
 //! What each part is: [`objects`] the dictionary and what its values mean; [`shaft`] motor, loops and
 //! protections; [`drive`] what joins them to the motion of
 //! [`proto::canopen`](crate::proto::canopen::device::motion); [`faults`] error codes; [`files`]
-//! objects of any length; [`device`] the bus and the bench.
+//! objects of any length; [`device`] the bus.
 
+mod bench;
 pub mod device;
 pub mod drive;
 pub mod faults;

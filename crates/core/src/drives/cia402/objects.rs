@@ -5,7 +5,11 @@
 //! second, accelerations in those per second squared, torques in thousandths of the rated one
 //! (CiA 402, factor group).
 
+mod groups;
+
 use core::f64::consts::TAU;
+
+use groups::{IN_UNITS, NEEDED, UNSIGNED, bits, is_in};
 
 use crate::plant::Limits;
 use crate::proto::canopen::device::motion::{Braking, HomingSettings, Settings, Window};
@@ -380,10 +384,27 @@ static PLACES: [u16; 1024] = Dictionary::places(&ENTRIES);
 /// The drive's dictionary.
 pub static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
 
+/// Values from the factory, by tag.
+const FACTORY: [i32; kept::COUNT] = {
+    let (mut values, mut at) = ([0; kept::COUNT], 0);
+    while at < APPLICATION.len() {
+        let entry = &APPLICATION[at];
+        if (entry.tag as usize) < kept::COUNT {
+            values[entry.tag as usize] = entry.factory(0) as i32;
+        }
+        at += 1;
+    }
+    values
+};
+
 /// The values that can be written, and what they mean.
 #[derive(Clone, Debug)]
 pub struct Objects {
     values: [i32; kept::COUNT],
+    /// Increments of the encoder in a turn.
+    turn: f64,
+    /// Settings for which this drive's own stand in while they are 0.
+    left_open: u64,
     /// rad of the motor in a user unit.
     unit: f64,
     /// The same of a position and of a speed, with the sign of 607Eh.
@@ -395,15 +416,43 @@ impl Objects {
     /// As from the factory.
     #[must_use]
     pub fn factory() -> Self {
-        let mut objects =
-            Self { values: [0; kept::COUNT], unit: 1.0, position: 1.0, velocity: 1.0 };
-        for entry in DICTIONARY.entries() {
-            if let Some(value) = objects.values.get_mut(usize::from(entry.tag)) {
-                *value = entry.factory(0) as i32;
+        let mut objects = Self {
+            values: FACTORY,
+            turn: INCREMENTS as f64,
+            left_open: 0,
+            unit: 1.0,
+            position: 1.0,
+            velocity: 1.0,
+        };
+        objects.take_factors();
+        objects
+    }
+
+    /// As another drive has them from the factory: its values by tag, and the increments of its
+    /// encoder in a turn. Where its maker leaves open what the motor needs to turn, by 0 or by
+    /// nothing at all, this drive's own value stands in until another is written \[I\].
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = (u16, i64)>, turn: u32) -> Self {
+        let mut objects = Self::factory();
+        objects.turn = f64::from(turn.max(1));
+        objects.left_open = NEEDED;
+        for tag in (0..kept::COUNT as u16).filter(|tag| is_in(*tag, NEEDED)) {
+            objects.values[usize::from(tag)] = 0;
+        }
+        for (tag, value) in values {
+            objects.set(tag, value as i32);
+            if value != 0 {
+                objects.left_open &= !bits(&[tag]);
             }
         }
         objects.take_factors();
         objects
+    }
+
+    /// Increments of the encoder in a turn.
+    #[must_use]
+    pub const fn turn(&self) -> f64 {
+        self.turn
     }
 
     /// A value; 0 for a tag that is none of [`kept`].
@@ -443,7 +492,23 @@ impl Objects {
 
     #[inline]
     fn real(&self, tag: u16) -> f64 {
-        f64::from(self.value(tag))
+        let value = self.value(tag);
+        match is_in(tag, UNSIGNED) {
+            _ if value == 0 && is_in(tag, self.left_open) => self.stand_in(tag),
+            true => f64::from(value.cast_unsigned()),
+            false => f64::from(value),
+        }
+    }
+
+    /// This drive's own value of a setting that was left open.
+    #[cold]
+    fn stand_in(&self, tag: u16) -> f64 {
+        let own = f64::from(FACTORY[usize::from(tag)]);
+        match tag {
+            kept::FEED => self.turn,
+            _ if is_in(tag, IN_UNITS) => own * TAU / (self.unit * INCREMENTS as f64),
+            _ => own,
+        }
     }
 
     /// A value in user units as rad of the motor.
@@ -456,7 +521,7 @@ impl Objects {
     fn width(&self, tag: u16) -> f64 {
         match self.value(tag).cast_unsigned() {
             u32::MAX => f64::INFINITY,
-            width => f64::from(width) * self.unit,
+            _ => self.angle(tag),
         }
     }
 
@@ -500,9 +565,9 @@ impl Settings for Objects {
     }
 
     fn profile(&self) -> Limits {
-        let top = self.value(kept::PROFILE_VELOCITY).min(self.value(kept::MAX_PROFILE_VELOCITY));
+        let top = self.real(kept::PROFILE_VELOCITY).min(self.real(kept::MAX_PROFILE_VELOCITY));
         Limits {
-            velocity: f64::from(top) * self.unit,
+            velocity: top * self.unit,
             acceleration: self.angle(kept::ACCELERATION),
             deceleration: self.angle(kept::DECELERATION),
             smoothing_s: 0.0,

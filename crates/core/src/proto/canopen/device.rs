@@ -28,7 +28,7 @@ use crate::medium::{CanLine, Frame};
 use crate::station::LineEvent;
 use crate::time::Instant;
 
-pub use comm::{CONSUMERS_MAX, standard, standard_len};
+pub use comm::{CONSUMERS_MAX, is_own, standard, standard_len};
 pub use emcy::HISTORY_MAX;
 
 /// Which settings are stored or restored (objects 1010h and 1011h).

@@ -2,7 +2,7 @@
 //! has for them.
 
 use super::Group;
-use crate::proto::canopen::od::{Access, Dictionary, Entry, OWN, Type, Worth};
+use crate::proto::canopen::od::{Access, Dictionary, Entry, OWN, Type, Worth, key};
 use crate::time::Instant;
 
 /// Nodes whose heartbeat is watched (object 1016h) at most.
@@ -74,7 +74,7 @@ impl<const N: usize> Comm<N> {
 
     /// As from the factory: what the dictionary's entries say.
     pub(super) fn factory(dictionary: &Dictionary, node: u8) -> Self {
-        let mut comm = Self::EMPTY;
+        let mut comm = Self { emcy_cob: 0x80 + u32::from(node), ..Self::EMPTY };
         let own = dictionary.entries().iter().filter(|entry| entry.tag == OWN);
         for entry in own {
             comm.put(entry.index(), entry.sub(), entry.factory(node));
@@ -248,6 +248,26 @@ const fn own(index: u16, sub: u8, kind: Type, access: Access, name: &'static str
 
 /// Entries of an RPDO and a TPDO, with their mappings.
 const PDO_ENTRIES: usize = 5 + 6 + 2 * (MAPPED_MAX + 1);
+
+/// Whether the protocol itself keeps that object of a node with so many PDOs each way, if the node's
+/// dictionary has it: its entry then has the tag [`OWN`].
+#[must_use]
+pub const fn is_own(index: u16, sub: u8, pdos: u16) -> bool {
+    if index >= 0x1400 && index < 0x1C00 {
+        let (is_mapping, sends) = (index & 0x200 != 0, index >= 0x1800);
+        let is_entry = matches!((is_mapping, sub), (true, 0..=8) | (false, 0..=3 | 5))
+            || (sends && !is_mapping && sub == 6);
+        return index & 0x1FF < pdos && is_entry;
+    }
+    let mut at = 0;
+    while at < FIRST.len() {
+        if FIRST[at].key() == key(index, sub) {
+            return true;
+        }
+        at += 1;
+    }
+    index == 0x1003
+}
 
 /// Entries that [`standard`] has for so many PDOs each way, where so many are left out.
 #[must_use]

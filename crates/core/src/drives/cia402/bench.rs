@@ -1,0 +1,62 @@
+//! The bench around the drive, whatever bus it is on.
+
+use super::drive::Drive;
+use super::faults::Fault;
+use crate::drives::bench::{Act, Bench, Truth};
+use crate::time::Instant;
+
+impl Bench for Drive {
+    fn truth(&mut self, now: Instant) -> Truth {
+        self.advance(now);
+        let (motor, (unrepeatable, starts)) = (self.shaft().motor(), self.counts());
+        Truth {
+            position: motor.position(),
+            velocity: motor.velocity(),
+            current: motor.current(),
+            torque: motor.torque(),
+            winding: self.shaft().winding(),
+            enabled: self.shaft().powered(),
+            fault: self.fault().0.into(),
+            flash_writes: self.flash_writes(),
+            unrepeatable,
+            starts,
+            bounds: self.shaft().bounds(),
+            setpoint: self.shaft().regulated(),
+        }
+    }
+
+    /// Inputs: 1 negative limit, 2 positive limit, 3 home. Switch 3 is where the home switch opens
+    /// again, going forward.
+    fn act(&mut self, now: Instant, act: Act) -> bool {
+        self.advance(now);
+        match act {
+            Act::Load(torque) => self.shaft_mut().load = torque,
+            Act::Jam(jammed) => self.shaft_mut().jam(jammed),
+            Act::Supply(volts) => self.shaft_mut().supply = volts,
+            Act::Ambient(celsius) => self.shaft_mut().set_ambient(celsius),
+            Act::Input(number @ 1..=3, on) => {
+                self.lines_mut().driven[usize::from(number) - 1] = on;
+            }
+            Act::Switch { which: which @ 0..=2, at } => {
+                let line = [2, 1, 0][usize::from(which)];
+                self.lines_mut().at[line] = (!at.is_nan()).then_some(at);
+            }
+            Act::Switch { which: 3, at } => {
+                self.lines_mut().home_until = (!at.is_nan()).then_some(at);
+            }
+            Act::EncoderBroken(broken) => self.shaft_mut().break_encoder(broken),
+            Act::HallBroken(broken) => self.shaft_mut().hall_broken = broken,
+            Act::Fault(code) => match u16::try_from(code) {
+                Ok(code) => self.raise(Fault(code)),
+                Err(_) => return false,
+            },
+            Act::PowerCycle => self.power_cycle(),
+            _ => return false,
+        }
+        true
+    }
+
+    fn notice(&mut self) -> Option<&'static str> {
+        self.take_notice()
+    }
+}

@@ -1,0 +1,91 @@
+//! Simulated devices out of data sheets, against our host, in virtual time.
+
+use polepair::connect::connect;
+use polepair::simulate::{rack_of_text, rack_of_words};
+use polepair::{FileError, Link};
+use std::path::Path;
+use std::time::Duration;
+
+const SHEETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../interop/sheets");
+
+fn device(sheet: &str) -> Link {
+    connect(&format!("sim:canopen:5?eds={SHEETS}/{sheet}&time=virtual")).expect(sheet)
+}
+
+#[test]
+fn a_sheets_objects_are_there_by_name() {
+    let link = device("motor.eds");
+    let axis = link.axis(5).unwrap();
+    assert_eq!(axis.profile().title, "Proving Ground Spindle 3");
+    let raw = |name: &str| axis.get_raw(name).expect(name);
+    assert_eq!((raw("trim"), raw("offset"), raw("octal")), (-5, -2, 64));
+    assert_eq!((raw("product code"), raw("serial number")), (0x3_0001, 5));
+    assert_eq!(raw("1801h:1"), 0x285, "the sheet forgot the node-ID");
+    axis.set_raw("trim", 9).unwrap();
+    assert_eq!(raw("trim"), 9);
+    assert_eq!(axis.set_raw("trim", 11).unwrap_err().code(), "E216", "above its limit");
+    let refused = axis.raw("read 0x2fff:0").unwrap_err().to_string();
+    assert!(refused.contains("object does not exist"), "{refused}");
+}
+
+#[test]
+fn a_sheets_drive_turns_though_its_ramps_are_left_at_0() {
+    let link = device("motor.eds");
+    let axis = link.axis(5).unwrap();
+    assert_eq!(axis.get_raw("6083h").unwrap(), 0);
+    let armed = axis.armed().unwrap();
+    axis.move_by("2 rev").unwrap();
+    axis.wait(Duration::from_secs(20)).unwrap();
+    let truth = link.simulation().unwrap().truth(0, 0).unwrap();
+    assert!((truth.position - 2.0 * std::f64::consts::TAU).abs() < 0.01, "{}", truth.position);
+    let increments = axis.get_raw("6064h").unwrap();
+    assert!((increments - 2 * 65_536).abs() < 100, "{increments}");
+    armed.release().unwrap();
+}
+
+#[test]
+fn what_has_no_motor_has_no_verbs() {
+    let link = device("inputs.eds");
+    let axis = link.axis(5).unwrap();
+    assert_eq!(axis.raw("read 0x6000:1").unwrap(), 0x81);
+    let armed = axis.armed().unwrap();
+    axis.raw("write 0x6200:2 u8 7").unwrap();
+    armed.release().unwrap();
+    assert_eq!(axis.raw("read 0x6200:2").unwrap(), 7);
+    assert_eq!(axis.velocity("1 rpm").unwrap_err().code(), "E218");
+}
+
+const RACK: &str = "[[link]]\n[[link.drive]]\nname = \"spindle\"\nprofile = \"canopen\"\n\
+                    address = 7\neds = \"motor.eds\"\n";
+
+#[test]
+fn a_rack_names_a_sheet_beside_it() {
+    let rack = format!("{SHEETS}/rack.toml");
+    let description = rack_of_text(&rack, RACK, 1).unwrap();
+    let drive = &description.rack.links[0].drives[0];
+    assert_eq!(drive.address, Some(7));
+    assert!(drive.sheet.as_ref().is_some_and(|sheet| sheet.is_drive()));
+    for (from, to, why) in [
+        ("motor.eds", "absent.eds", "absent.eds: No such file"),
+        ("motor.eds", "../conftest.py", "no object in it"),
+        ("\"canopen\"", "\"syntron-ts-canopen\"", "no device of a data sheet"),
+    ] {
+        let wrong = RACK.replace(from, to);
+        let error = rack_of_text("interop/sheets/rack.toml", &wrong, 1).unwrap_err().to_string();
+        let place = "interop/sheets/rack.toml:";
+        assert!(error.contains(place), "{error}");
+        let error = rack_of_text(&rack, &wrong, 1).unwrap_err().to_string();
+        assert!(error.contains(why) && error.contains("rack.toml:"), "{error}");
+    }
+}
+
+#[test]
+fn a_sheets_slips_are_told_and_other_drives_have_none() {
+    let mut description = rack_of_words(&["canopen:5"], 1).unwrap();
+    let sheet = format!("{SHEETS}/motor.eds");
+    let slips: Vec<FileError> = description.take_sheet(0, Path::new(&sheet)).unwrap();
+    let told: Vec<&str> = slips.iter().map(|slip| slip.reason.as_str()).collect();
+    assert_eq!(told, ["`0100` begins with 0: read as octal, 64"]);
+    let mut others = rack_of_words(&["syntron-ts-canopen:2"], 1).unwrap();
+    assert_eq!(others.take_sheet(0, Path::new(&sheet)).unwrap_err().code(), "E213");
+}
