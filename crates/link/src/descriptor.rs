@@ -1,7 +1,7 @@
 //! A file descriptor that is waited for together with a waker. Serial ports, ptys and sockets are
 //! this, with different ways of opening.
 
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::time::Duration;
 
 use polepair_core::time::Instant;
@@ -67,7 +67,7 @@ impl Descriptor {
             match rustix::io::write(&self.fd, bytes) {
                 Ok(sent) => bytes = &bytes[sent..],
                 Err(Errno::INTR) => {}
-                Err(Errno::AGAIN) => self.await_room()?,
+                Err(Errno::AGAIN) => self.await_room(self.fd.as_fd())?,
                 Err(errno) => return Err(self.error(errno)),
             }
         }
@@ -156,8 +156,9 @@ impl Descriptor {
         let _ = drained;
     }
 
-    fn await_room(&self) -> Result<(), LinkError> {
-        let mut fds = [PollFd::from_borrowed_fd(self.fd.as_fd(), PollFlags::OUT)];
+    /// Waits until `fd`, this or what sends beside it, takes more.
+    pub(crate) fn await_room(&self, fd: BorrowedFd<'_>) -> Result<(), LinkError> {
+        let mut fds = [PollFd::from_borrowed_fd(fd, PollFlags::OUT)];
         match poll(&mut fds, Some(&timespec(SEND_STALL_MAX))) {
             Ok(0) => Err(LinkError::new(&self.name, Cause::Stalled)),
             Ok(_) | Err(Errno::INTR) => Ok(()),

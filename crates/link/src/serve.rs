@@ -151,25 +151,32 @@ fn flush<M: Medium>(link: &dyn Link<M>, wire: &mut dyn Wire<M>) -> Result<Instan
         if station.poll_timeout().is_some_and(|due| due <= now) {
             station.handle_timeout(now);
         }
-        result = transmit(link, station, now);
-        until = station.poll_timeout().unwrap_or(Instant::FAR).max(now.plus_ns(TICK_MIN_NS));
+        let sent = transmit(link, station, now);
+        let due = station.poll_timeout().unwrap_or(Instant::FAR);
+        // Whoever has more to say than was sent goes on at once.
+        let due = if matches!(sent, Ok(false)) { now } else { due };
+        until = due.max(now.plus_ns(TICK_MIN_NS));
+        result = sent.map(|_| ());
     });
     result.map(|()| until)
 }
 
+/// Sends what the station has to say; false if that may not be all.
 fn transmit<M: Medium>(
     link: &dyn Link<M>,
     station: &mut dyn Station<M>,
     now: Instant,
-) -> Result<(), LinkError> {
+) -> Result<bool, LinkError> {
     let mut out = M::buffer();
     for _ in 0..BURST_MAX {
-        let Some(len) = station.poll_transmit(now, out.borrow_mut()) else { break };
+        let Some(len) = station.poll_transmit(now, out.borrow_mut()) else {
+            return Ok(true);
+        };
         match link.send(M::unit(out.borrow(), len)) {
             // Nobody reads: on a real line these bytes would be lost as well.
             Err(error) if !error.is_gone() => break,
             sent => sent?,
         }
     }
-    Ok(())
+    Ok(false)
 }

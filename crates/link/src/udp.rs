@@ -3,7 +3,7 @@
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -242,16 +242,18 @@ impl Link<Can> for UdpLink {
     fn send(&self, frame: &Frame) -> Result<(), LinkError> {
         let mut buffer = [0; DATAGRAM_MAX];
         let len = datagram::pack(frame, clock::wall_ns(clock::now()), &mut buffer);
-        match self.sender.send(&buffer[..len]) {
-            Ok(_) => {
-                self.sent.fetch_add(1, Ordering::Relaxed);
-                Ok(())
+        loop {
+            match self.sender.send(&buffer[..len]) {
+                Ok(_) => {
+                    self.sent.fetch_add(1, Ordering::Relaxed);
+                    return Ok(());
+                }
+                // A burst, on a busy machine, is handed over more slowly than it is sent.
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    self.descriptor.await_room(self.sender.as_fd())?;
+                }
+                Err(error) => return Err(LinkError::from_io(&self.descriptor.name, &error)),
             }
-            // No room in the interface's queue: lost, as on a bus that nobody acknowledges.
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                Err(LinkError::new(&self.descriptor.name, Cause::Stalled))
-            }
-            Err(error) => Err(LinkError::from_io(&self.descriptor.name, &error)),
         }
     }
 

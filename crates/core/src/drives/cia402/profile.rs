@@ -2466,11 +2466,16 @@ static CIA402_PLANS: [Plan; 12] = [
             Step::Skip {
                 read: ParameterId(80),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 9,
+                count: 10,
             },
             Step::Write(ParameterId(108), Operand::Is(0)),
             Step::Write(ParameterId(115), Operand::Is(0)),
             Step::Copy { from: ParameterId(89), to: ParameterId(94) },
+            Step::Skip {
+                read: ParameterId(80),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
+            },
             Step::Write(ParameterId(79), Operand::Is(6)),
             Step::Until {
                 read: ParameterId(80),
@@ -2573,7 +2578,12 @@ static CIA402_PLANS: [Plan; 12] = [
             Step::Skip {
                 read: ParameterId(80),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(80),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(79), Operand::Is(6)),
             Step::Until {
@@ -2617,7 +2627,12 @@ static CIA402_PLANS: [Plan; 12] = [
             Step::Skip {
                 read: ParameterId(80),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(80),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(79), Operand::Is(6)),
             Step::Until {
@@ -2664,7 +2679,12 @@ static CIA402_PLANS: [Plan; 12] = [
             Step::Skip {
                 read: ParameterId(80),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(80),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(79), Operand::Is(6)),
             Step::Until {
@@ -2719,6 +2739,18 @@ static CIA402_PLANS: [Plan; 12] = [
             Step::Write(ParameterId(111), Operand::Given(Argument::Velocity)),
             Step::Write(ParameterId(112), Operand::Given(Argument::Acceleration)),
             Step::Write(ParameterId(113), Operand::Given(Argument::Acceleration)),
+            Step::Skip {
+                read: ParameterId(79),
+                test: Test { mask: 0x100, compare: Compare::Equal, value: 0 },
+                count: 3,
+            },
+            Step::Write(ParameterId(108), Operand::Is(0)),
+            Step::Write(ParameterId(85), Operand::Is(3)),
+            Step::Until {
+                read: ParameterId(86),
+                test: Test { mask: -1, compare: Compare::Equal, value: 3 },
+                within_ms: 1000,
+            },
             Step::Write(ParameterId(85), Operand::Is(1)),
             Step::Until {
                 read: ParameterId(86),
@@ -2728,7 +2760,12 @@ static CIA402_PLANS: [Plan; 12] = [
             Step::Skip {
                 read: ParameterId(80),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(80),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(79), Operand::Is(6)),
             Step::Until {
@@ -2794,7 +2831,12 @@ static CIA402_PLANS: [Plan; 12] = [
             Step::Skip {
                 read: ParameterId(80),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(80),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(79), Operand::Is(6)),
             Step::Until {

@@ -25348,10 +25348,15 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Skip {
                 read: ParameterId(821),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 8,
+                count: 9,
             },
             Step::Write(ParameterId(854), Operand::Is(0)),
             Step::Write(ParameterId(838), Operand::Is(0)),
+            Step::Skip {
+                read: ParameterId(821),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
+            },
             Step::Write(ParameterId(820), Operand::Is(6)),
             Step::Until {
                 read: ParameterId(821),
@@ -25453,7 +25458,12 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Skip {
                 read: ParameterId(821),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(821),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(820), Operand::Is(6)),
             Step::Until {
@@ -25498,7 +25508,12 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Skip {
                 read: ParameterId(821),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(821),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(820), Operand::Is(6)),
             Step::Until {
@@ -25536,6 +25551,18 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Write(ParameterId(840), Operand::Argument(Argument::Target)),
             Step::Write(ParameterId(842), Operand::Is(3000)),
             Step::Write(ParameterId(842), Operand::Given(Argument::Velocity)),
+            Step::Skip {
+                read: ParameterId(820),
+                test: Test { mask: 0x100, compare: Compare::Equal, value: 0 },
+                count: 3,
+            },
+            Step::Write(ParameterId(854), Operand::Is(0)),
+            Step::Write(ParameterId(822), Operand::Is(3)),
+            Step::Until {
+                read: ParameterId(823),
+                test: Test { mask: -1, compare: Compare::Equal, value: 3 },
+                within_ms: 1000,
+            },
             Step::Write(ParameterId(822), Operand::Is(1)),
             Step::Until {
                 read: ParameterId(823),
@@ -25545,7 +25572,12 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Skip {
                 read: ParameterId(821),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(821),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(820), Operand::Is(6)),
             Step::Until {
@@ -25600,6 +25632,18 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Write(ParameterId(840), Operand::Argument(Argument::Target)),
             Step::Write(ParameterId(842), Operand::Is(3000)),
             Step::Write(ParameterId(842), Operand::Given(Argument::Velocity)),
+            Step::Skip {
+                read: ParameterId(820),
+                test: Test { mask: 0x100, compare: Compare::Equal, value: 0 },
+                count: 3,
+            },
+            Step::Write(ParameterId(854), Operand::Is(0)),
+            Step::Write(ParameterId(822), Operand::Is(3)),
+            Step::Until {
+                read: ParameterId(823),
+                test: Test { mask: -1, compare: Compare::Equal, value: 3 },
+                within_ms: 1000,
+            },
             Step::Write(ParameterId(822), Operand::Is(1)),
             Step::Until {
                 read: ParameterId(823),
@@ -25609,7 +25653,12 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Skip {
                 read: ParameterId(821),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(821),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(820), Operand::Is(6)),
             Step::Until {
@@ -25677,7 +25726,12 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Skip {
                 read: ParameterId(821),
                 test: Test { mask: 0x6f, compare: Compare::Equal, value: 39 },
-                count: 6,
+                count: 7,
+            },
+            Step::Skip {
+                read: ParameterId(821),
+                test: Test { mask: 0x6f, compare: Compare::Equal, value: 7 },
+                count: 4,
             },
             Step::Write(ParameterId(820), Operand::Is(6)),
             Step::Until {

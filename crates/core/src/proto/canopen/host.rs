@@ -23,7 +23,9 @@ use crate::medium::{Can, CanLine, Frame};
 use crate::proto::HostOptions;
 use crate::proto::events::Events;
 use crate::proto::pace::tolerated;
-use crate::station::{self, Counters, Event, LineEvent, Request as _, Station, Ticket, Timed, To};
+use crate::station::{
+    self, Class, Counters, Event, LineEvent, Request as _, Station, Ticket, Timed, To,
+};
 use crate::time::{Instant, earliest};
 use channel::{Channel, Sort, Step};
 use fast_scan::Lss;
@@ -70,6 +72,12 @@ pub struct Host {
     urge: Option<Instant>,
     bit_rate: u32,
 }
+
+/// Every answer came twice.
+const TWINS: Failure = Failure::NotReady {
+    hint: "two nodes answer with this node-ID: disconnect one, give the other a node-ID of its own, \
+           and connect again",
+};
 
 /// Bytes of an SDO, whatever it says (CiA 301, 7.2.4.3).
 const SDO_BYTES: u8 = 8;
@@ -138,10 +146,12 @@ impl Host {
         self.events.push(To::Ticket(ticket), result);
     }
 
-    /// Tells what a node said unasked, unless nobody takes what there is to tell.
+    /// Tells what a node said unasked. Where nobody takes what there is to tell, it is only counted.
     fn tell(&mut self, node: u8, answer: Answer) {
         if self.events.room() > ENDS_MAX {
             self.events.push(To::Address(node.into()), Ok(answer));
+        } else {
+            self.counters.late += 1;
         }
     }
 
@@ -182,13 +192,11 @@ impl Host {
     #[inline]
     fn replied(&mut self, now: Instant, node: u8, frame: &Frame) {
         // What comes before the question is out answers an older one.
-        if self.waiting >> node & 1 == 0 {
-            self.counters.late += 1;
-            return;
-        }
         let channel = &mut self.channels[usize::from(node)];
         let sent = channel.deadline.0.saturating_sub(self.timeout_ns);
-        if now.0 < sent + self.soonest_ns && channel.long.is_none() {
+        let soon = now.0 < sent + self.soonest_ns && channel.long.is_none();
+        if self.waiting >> node & 1 == 0 || soon {
+            channel.spoke_again(frame.data);
             self.counters.late += 1;
             return;
         }
@@ -229,6 +237,11 @@ impl Host {
                 false => Err(Failure::Misbehaved),
             };
             return self.ended(node, result);
+        }
+        if beat.state == nmt::State::BootUp && channel.is_amid() {
+            // It restarted, and what it is sent now would begin something else.
+            self.counters.silent += 1;
+            self.ended(node, Err(Failure::Silent));
         }
         if self.network.heard(now, node, beat.state) {
             self.tell(node, Answer::State(beat.state));
@@ -287,6 +300,10 @@ impl Host {
             return Err(ask);
         }
         let channel = &mut self.channels[usize::from(node)];
+        if channel.are_twins() && !matches!(ask.class(), Class::Idempotent | Class::Stop) {
+            self.end(ticket, Err(TWINS));
+            return Ok(());
+        }
         let mut long = None;
         if matches!(ask, Ask::Upload { .. } | Ask::Download { .. }) {
             let free = self.longs.iter().position(Long::is_free).ok_or(ask)?;
@@ -320,8 +337,9 @@ impl Host {
         true
     }
 
-    fn long_of(&mut self, ticket: Ticket) -> Option<(usize, u8)> {
-        let at = self.longs.iter().position(|long| long.is_of(ticket))?;
+    /// The long transfer under `ticket`, if it goes that way.
+    fn long_of(&mut self, ticket: Ticket, writes: bool) -> Option<(usize, u8)> {
+        let at = self.longs.iter().position(|long| long.is_of(ticket) && long.writes == writes)?;
         Some((at, self.longs[at].node))
     }
 
@@ -521,14 +539,14 @@ impl station::Host<Can> for Host {
     }
 
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
-        let (at, node) = self.long_of(ticket)?;
+        let (at, node) = self.long_of(ticket, false)?;
         let taken = self.longs[at].take(out);
         self.stirred(at, node);
         Some(taken)
     }
 
     fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
-        let (at, node) = self.long_of(ticket)?;
+        let (at, node) = self.long_of(ticket, true)?;
         let taken = self.longs[at].give(bytes);
         self.stirred(at, node);
         Some(taken)

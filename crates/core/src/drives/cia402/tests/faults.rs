@@ -99,16 +99,17 @@ fn a_lost_master_stops_the_motor() {
 
 #[test]
 fn settings_survive_power_off_when_they_were_stored() {
-    let save = i64::from(u32::from_le_bytes(*b"save"));
+    let bits = u32::from_le_bytes(*b"save");
+    let save = Request::Write(Object::new(0x1010, 1), Short { bits, len: 4 }).emit(2);
     let mut desk = Desk::enabled(1);
     desk.write(0x6081, 0, 1234);
     desk.write(0x607A, 0, 77);
-    desk.write(0x1010, 1, save);
+    desk.send(save);
     desk.act(Act::PowerCycle);
     assert_eq!(desk.read(0x6081, 0), 100_000, "power went while it stored");
     desk.write(0x6081, 0, 1234);
     desk.write(0x607A, 0, 77);
-    desk.write(0x1010, 1, save);
+    desk.send(save);
     desk.pass(50);
     desk.act(Act::PowerCycle);
     assert_eq!((desk.read(0x6081, 0), desk.read(0x607A, 0)), (1234, 0), "a command is no setting");

@@ -17,6 +17,8 @@ pub(super) struct Mail {
     pub(super) time: Option<Frame>,
     /// An SDO reply.
     pub(super) sdo: Option<[u8; 8]>,
+    /// It waits until the settings are stored: it confirms that (CiA 301, object 1010h).
+    pub(super) stores: bool,
     /// An LSS reply.
     pub(super) lss: Option<[u8; 8]>,
     /// A bit rate is being changed until then: nothing is sent or heard.
@@ -58,7 +60,9 @@ impl<const N: usize> CanEnd<N> {
         if let Some(frame) = self.mail.time.take() {
             return Some(frame);
         }
-        if let Some(bytes) = self.mail.sdo.take().or_else(|| self.next_segment(firmware)) {
+        if !self.mail.stores
+            && let Some(bytes) = self.mail.sdo.take().or_else(|| self.next_segment(firmware))
+        {
             return Some(Frame::standard(cob::SDO_REPLY | u16::from(self.node), &bytes));
         }
         if let Some(frame) = self.alive() {

@@ -184,6 +184,7 @@ impl<const N: usize> CanEnd<N> {
             self.lose(now, emcy::NO_HEARTBEAT, firmware);
         }
         if let Some(group) = self.store.done(now) {
+            self.mail.stores = false;
             firmware.store(group);
         }
         self.sync_timers(now, firmware);

@@ -144,6 +144,7 @@ impl<const N: usize> CanEnd<N> {
             return Err(Abort::NOT_STORED);
         }
         let done = self.store.begin(now, group(sub)?, self.node, &self.comm);
+        self.mail.stores = true;
         self.arm(done);
         Ok(())
     }

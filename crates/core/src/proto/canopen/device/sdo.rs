@@ -75,7 +75,10 @@ impl<const N: usize> CanEnd<N> {
         let reply = match request {
             Request::Read(object) => self.read(object, firmware),
             Request::Write(object, short) => self.write(now, object, short, firmware),
-            Request::Abort(..) => return self.server.end(),
+            Request::Abort(..) => {
+                self.mail.sdo = None;
+                return self.server.end();
+            }
             _ if !self.options.segments => self.refuse(request, Abort::SPECIFIER),
             _ => match self.longer(now, request, firmware) {
                 Ok(None) => return,

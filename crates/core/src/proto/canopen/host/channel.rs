@@ -3,12 +3,16 @@
 use super::long::{Long, Sent};
 use crate::error::Failure;
 use crate::proto::canopen::ask::{Answer, Ask};
-use crate::proto::canopen::sdo::{Abort, BlockSegment, Object, Request, SEGMENT, Segment, Short};
+use crate::proto::canopen::sdo::{
+    Abort, BlockSegment, Object, Reply, Request, SEGMENT, Segment, Short,
+};
 use crate::station::{Class, Ticket};
 use crate::time::Instant;
 
 /// Times that a read or a stop is sent in all.
 const ATTEMPTS_MAX: u8 = 3;
+/// So many answers in a row that came twice are of two nodes.
+const DOUBLED_MAX: u8 = 3;
 /// What is asked in between: every node has one, and answers it whatever it says.
 const PROBES: [Object; 2] = [Object::new(0x1000, 0), Object::new(0x1001, 0)];
 
@@ -91,7 +95,11 @@ pub struct Channel {
     pub(super) bits: u64,
     /// An object whose answer may still come.
     pub(super) doubt: Option<Object>,
-    aborted: Object,
+    /// What was asked last: that is what an abort is about.
+    ended: Object,
+    /// The answer to it came again, and how many answers in a row did.
+    again: bool,
+    doubled: u8,
 }
 
 const NOTHING: Object = Object::new(0, 0);
@@ -138,7 +146,9 @@ impl Channel {
         size: None,
         bits: 0,
         doubt: None,
-        aborted: NOTHING,
+        ended: NOTHING,
+        again: false,
+        doubled: 0,
     };
 
     #[inline]
@@ -149,6 +159,11 @@ impl Channel {
     /// It is at, or before, its first frame.
     pub fn is_beginning(&self) -> bool {
         matches!(self.stage, Stage::Ahead | Stage::Probe | Stage::Begin)
+    }
+
+    /// It is beyond its first frame: only its node can go on with it.
+    pub fn is_amid(&self) -> bool {
+        !matches!(self.stage, Stage::Idle | Stage::Guard | Stage::Drain) && !self.is_beginning()
     }
 
     /// What it sends is a guarding request.
@@ -205,14 +220,32 @@ impl Channel {
     /// It is over; gives the place of its bytes.
     #[inline]
     pub fn end(&mut self) -> Option<usize> {
-        self.aborted = self.object();
+        self.ended = self.object();
+        self.doubled *= u8::from(self.again);
+        self.again = false;
         self.stage = Stage::Idle;
         self.long.take().map(usize::from)
     }
 
+    /// A reply came that nothing waits for: where the last question is answered, it may be a second
+    /// one to that.
+    #[cold]
+    pub fn spoke_again(&mut self, data: [u8; 8]) {
+        let again = self.doubt.is_none() && Reply::of(data).object() == Some(self.ended);
+        if again && !core::mem::replace(&mut self.again, true) {
+            self.doubled = self.doubled.saturating_add(1);
+        }
+    }
+
+    /// Two nodes have this number.
+    #[inline]
+    pub fn are_twins(&self) -> bool {
+        self.doubled >= DOUBLED_MAX
+    }
+
     /// What tells the node that the last transfer is over.
     pub fn abort_frame(&mut self) -> Request {
-        Request::Abort(self.aborted, core::mem::replace(&mut self.abort, Abort::TIMEOUT))
+        Request::Abort(self.ended, core::mem::replace(&mut self.abort, Abort::TIMEOUT))
     }
 
     pub fn probe(&self) -> Object {
@@ -298,7 +331,7 @@ impl Channel {
 
     /// Nothing came in time. Gives what comes next, and whether that says something again.
     pub fn silent(&mut self, long: Option<&mut Long>) -> (Step, bool) {
-        self.aborted = self.object();
+        self.ended = self.object();
         let again = self.attempts + 1 < ATTEMPTS_MAX;
         let over = Err(if self.stalled { Failure::Cancelled } else { Failure::Silent });
         match (self.stage, long) {

@@ -11,6 +11,8 @@ const BYTES_MAX: usize = BLOCK_MAX as usize * SEGMENT;
 pub struct Long {
     ticket: Option<Ticket>,
     pub node: u8,
+    /// Bytes go to the node; else they come from there.
+    pub writes: bool,
     ring: [u8; BYTES_MAX],
     /// Where the oldest byte is.
     first: usize,
@@ -40,6 +42,7 @@ impl Long {
     pub const FREE: Self = Self {
         ticket: None,
         node: 0,
+        writes: false,
         ring: [0; BYTES_MAX],
         first: 0,
         len: 0,
@@ -59,9 +62,12 @@ impl Long {
     }
 
     pub fn begin(&mut self, ticket: Ticket, node: u8, ask: &Ask) {
-        let left = if let Ask::Download { size, .. } = *ask { size } else { 0 };
+        let (writes, left) = match *ask {
+            Ask::Download { size, .. } => (true, size),
+            _ => (false, 0),
+        };
         let ring = self.ring;
-        *self = Self { ticket: Some(ticket), node, left, ring, ..Self::FREE };
+        *self = Self { ticket: Some(ticket), node, writes, left, ring, ..Self::FREE };
     }
 
     pub fn end(&mut self) {

@@ -73,14 +73,17 @@ fn settings_are_stored_and_restored() {
     let save = u32::from_le_bytes(*b"save");
     desk.write(0x1017, 0, 70, 2).unwrap();
     assert_eq!(desk.write(0x1010, 1, 1, 4), Err(Abort::NOT_STORED));
-    desk.write(0x1010, 1, save, 4).unwrap();
+    let store = Request::Write(Object::new(0x1010, 1), Short { bits: save, len: 4 }).emit(5);
+    assert_eq!(desk.answers(store), [], "it confirms what is stored");
     // Power goes while flash is written: what was there before stays.
     desk.end.power_cycle(desk.now, &mut desk.toy);
     desk.sent();
     assert_eq!((desk.read(0x1017, 0), desk.toy.stored.len()), (Ok(0), 0));
     desk.write(0x1017, 0, 70, 2).unwrap();
-    desk.write(0x1010, 1, save, 4).unwrap();
-    desk.pass(30);
+    desk.hear(store);
+    assert_eq!(desk.pass(15), []);
+    let stored = Reply::Written(Object::new(0x1010, 1), 0);
+    assert_eq!(desk.pass(15).iter().map(|sent| Reply::of(sent.data)).next_back(), Some(stored));
     assert_eq!(desk.toy.stored, [Group::All]);
     desk.hear(frame(0, &[129, 0]));
     desk.sent();

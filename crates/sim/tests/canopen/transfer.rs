@@ -1,0 +1,185 @@
+//! A node that is lost in the middle of a long transfer, in segments and in blocks, both ways.
+
+use super::*;
+
+const NODE: u8 = 2;
+/// The object that takes and gives any number of bytes, and how many it gives.
+const STREAM: Object = Object::new(0x2F01, 2);
+const LENGTH: Object = Object::new(0x2F01, 1);
+const SIZE: u32 = 3_000;
+
+/// What happens to the node in the middle.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Loss {
+    /// Its connector is pulled, and put in again when all is over.
+    Pulled,
+    /// It loses its supply for a moment.
+    Powered,
+}
+
+/// One node, and a host that asks for more than a lane does.
+struct Desk {
+    bench: Bench,
+    bare: Bare,
+    node: NodeId,
+}
+
+impl Desk {
+    fn new(seed: u64) -> Self {
+        let mut world = World::new(seed);
+        let wire = world.can(CanLine { bit_rate: BIT_RATE });
+        let bare = Bare::new();
+        let node = world.add(Box::new(LoneCan(bare.clone())));
+        world.plug_host(wire, node, 0);
+        let drives = vec![drive(cia402(), NODE.into()).build(&mut world, wire, false).unwrap()];
+        let (random, profiles, ends) = (Random::new(seed), vec![cia402()], Vec::new());
+        let mut bench =
+            Bench { world, random, wire, host: node, drives, profiles, tickets: 0, ends };
+        bench.pass(50);
+        let mut desk = Self { bench, bare, node };
+        let length = Ask::Write {
+            node: NODE,
+            object: LENGTH,
+            bits: SIZE.into(),
+            len: 4,
+            class: Class::Confirm,
+        };
+        assert!(desk.ask(length).is_ok());
+        desk
+    }
+
+    fn begin(&mut self, ask: Ask) -> Ticket {
+        self.bench.tickets += 1;
+        let ticket = Ticket(self.bench.tickets);
+        let bare = &self.bare;
+        let taken = self.bench.world.with(self.node, |_, now| bare.host().submit(now, ticket, ask));
+        taken.expect("the node is idle");
+        ticket
+    }
+
+    /// Lives on until that ends: what came of it, and the bytes that were read.
+    fn finish(&mut self, ticket: Ticket, until: Instant) -> Option<Result<Answer, Failure>> {
+        while self.bench.world.now() < until {
+            let mut bytes = [0; 100];
+            let bare = &self.bare;
+            let end = self.bench.world.with(self.node, |_, _| {
+                let mut host = bare.host();
+                let _ = host.poll_bytes(ticket, &mut bytes);
+                let _ = host.feed_bytes(ticket, &bytes);
+                let mut ends = std::iter::from_fn(|| host.poll_event().copied());
+                ends.find_map(|(to, result)| (to == To::Ticket(ticket)).then_some(result))
+            });
+            if end.is_some() {
+                return end;
+            }
+            self.bench.world.step();
+        }
+        None
+    }
+
+    fn ask(&mut self, ask: Ask) -> Result<Answer, Failure> {
+        let ticket = self.begin(ask);
+        let until = self.bench.world.now().plus_ms(20_000);
+        self.finish(ticket, until).expect("every ticket ends")
+    }
+
+    fn lose(&mut self, loss: Loss) {
+        match loss {
+            Loss::Pulled => self.bench.pull(0, true),
+            Loss::Powered => self.bench.act(0, Act::PowerCycle),
+        }
+    }
+}
+
+fn upload(block: bool) -> Ask {
+    Ask::Upload { node: NODE, object: STREAM, block }
+}
+
+fn download(block: bool) -> Ask {
+    Ask::Download { node: NODE, object: STREAM, block, size: SIZE }
+}
+
+/// The node is lost somewhere within the transfer; the ticket ends, whoever is asked next is
+/// answered, and the same transfer goes through.
+fn lost_in_the_middle(ask: Ask) {
+    seeds(|seed| {
+        let mut desk = Desk::new(seed);
+        // How long it takes when nothing goes wrong.
+        let begun = desk.bench.world.now();
+        let whole = Ok(Answer::Transferred(SIZE));
+        assert_eq!(desk.ask(ask), whole);
+        let took = desk.bench.world.now().since(begun).as_nanos() as u64;
+        for loss in [Loss::Pulled, Loss::Powered] {
+            if loss == Loss::Powered {
+                let length = Ask::Write {
+                    node: NODE,
+                    object: LENGTH,
+                    bits: SIZE.into(),
+                    len: 4,
+                    class: Class::Confirm,
+                };
+                assert!(desk.ask(length).is_ok());
+            }
+            let ticket = desk.begin(ask);
+            let middle =
+                desk.bench.world.now().plus_ns(took / 20 + desk.bench.random.below(took * 9 / 10));
+            assert_eq!(desk.finish(ticket, middle), None, "{loss:?}");
+            desk.lose(loss);
+            let lost = desk.bench.world.now();
+            let until = lost.plus_ms(20 * TIMEOUT_MS);
+            let ended = desk.finish(ticket, until);
+            let waited = desk.bench.world.now().since(lost).as_millis() as u32;
+            assert!(
+                matches!(ended, Some(Err(Failure::Silent | Failure::Refused { .. }))),
+                "{loss:?}: {ended:?}"
+            );
+            assert!(waited <= 4 * TIMEOUT_MS, "{loss:?}: {waited} ms");
+            desk.bench.pull(0, false);
+            desk.bench.pass(10);
+            // Its server is free: for something short, and for the same again.
+            let answer = desk.ask(Ask::Read { node: NODE, object: LENGTH });
+            assert!(matches!(answer, Ok(Answer::Value { .. })), "{loss:?}: {answer:?}");
+            if loss == Loss::Pulled {
+                assert_eq!(desk.ask(ask), whole, "{loss:?}");
+            }
+        }
+    });
+}
+
+#[test]
+fn node_lost_in_the_middle_of_an_upload_in_segments() {
+    lost_in_the_middle(upload(false));
+}
+
+#[test]
+fn node_lost_in_the_middle_of_a_download_in_segments() {
+    lost_in_the_middle(download(false));
+}
+
+#[test]
+fn node_lost_in_the_middle_of_an_upload_in_blocks() {
+    lost_in_the_middle(upload(true));
+}
+
+#[test]
+fn node_lost_in_the_middle_of_a_download_in_blocks() {
+    lost_in_the_middle(download(true));
+}
+
+/// The program dies in the middle; another one, which knows nothing of it, is answered.
+#[test]
+fn host_lost_in_the_middle_leaves_a_server_that_answers_the_next() {
+    seeds(|seed| {
+        for ask in [upload(false), download(false), upload(true), download(true)] {
+            let mut desk = Desk::new(seed);
+            let ticket = desk.begin(ask);
+            let middle = desk.bench.world.now().plus_ns(1 + desk.bench.random.below(20_000_000));
+            assert_eq!(desk.finish(ticket, middle), None);
+            *desk.bare.host() = Host::new(&HostOptions::new(BIT_RATE));
+            desk.bench.pass(5);
+            let answer = desk.ask(Ask::Read { node: NODE, object: LENGTH });
+            assert!(matches!(answer, Ok(Answer::Value { .. })), "{ask:?}: {answer:?}");
+            assert_eq!(desk.ask(ask), Ok(Answer::Transferred(SIZE)), "{ask:?}");
+        }
+    });
+}
