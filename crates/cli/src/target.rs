@@ -167,7 +167,7 @@ fn said(axis: &Axis, step: &Rehearsal) -> String {
 }
 
 /// The last part of the link's address, as captures name links.
-fn link_name(url: &str) -> String {
+pub fn link_name(url: &str) -> String {
     let link = url.split(['?', '#']).next().unwrap_or(url);
     let name = link.rsplit('/').next().unwrap_or(link);
     name.split(':').find(|part| !part.is_empty()).unwrap_or("link").to_owned()

@@ -13,6 +13,11 @@ pub fn colour_out() -> bool {
     io::stdout().is_terminal() && wanted()
 }
 
+/// Whether stdout is a terminal that a screen can be drawn on.
+pub fn is_screen() -> bool {
+    io::stdout().is_terminal() && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
+}
+
 /// Whether stderr takes colours.
 pub fn colour_err() -> bool {
     io::stderr().is_terminal() && wanted()

@@ -91,6 +91,12 @@ impl Served {
         self.stop.clone()
     }
 
+    /// True once it has ended; [`wait`](Self::wait) then tells why at once.
+    #[must_use]
+    pub fn ended(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
     /// Waits until it ends.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 //! What drives of several protocols must agree on to share a CAN bus: identifiers, and bits.
 
 use crate::registry::Spoken;
+use polepair_core::medium::Frame;
 use polepair_sim::can_bus::bits;
 
 /// The share of its bits that a bus may be planned for. Beyond it the frames of low priority wait
@@ -10,6 +11,12 @@ pub(crate) const LOAD_MAX: f64 = 0.8;
 const STANDARD_IDS: u32 = 0x800;
 /// What a drive is sent and answers where nothing is said: one full frame each.
 const EXCHANGE: [u32; 2] = [8, 8];
+
+/// Bits that a frame takes of a bus' time, stuff bits and the pause behind it counted.
+#[must_use]
+pub fn frame_bits(frame: &Frame) -> u32 {
+    bits::on_wire(frame)
+}
 
 /// An address on a bus, and what is spoken with it.
 #[derive(Clone, Debug)]

@@ -19,10 +19,10 @@ use crate::registry::{self, Spoken};
 use crate::scan::Found;
 use crate::simulate::{self, Description, Pace, Simulation};
 use crate::url::{Number, Target, Url};
-use crate::wire::{AnyLink, SharedLink};
+use crate::wire::{AnyLink, OpenWire, SharedLink};
 use crate::words;
 use options::{line_of, options, rate, standard, wire_options};
-use polepair_core::medium::{Can, CanLine, Frame, Stream};
+use polepair_core::medium::{Can, CanLine, Frame, MediumKind, Stream};
 use polepair_core::mux::Mux;
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
@@ -48,7 +48,7 @@ pub fn connect(url: &str) -> Result<Link, Error> {
 pub struct Connector {
     /// Named links and users' profiles.
     pub config: Config,
-    tap: Option<SharedTap>,
+    taps: Option<Taps>,
 }
 
 /// What sees the units of any link: runs of bytes on serial lines, frames on CAN.
@@ -58,6 +58,16 @@ impl<T: Tap<Stream> + Tap<Can>> AnyTap for T {}
 
 #[derive(Clone)]
 pub(crate) struct SharedTap(Arc<Mutex<dyn AnyTap>>);
+
+impl SharedTap {
+    pub(crate) fn new(tap: impl AnyTap + 'static) -> Self {
+        Self(Arc::new(Mutex::new(tap)))
+    }
+}
+
+/// What makes the tap of a wire, by its number.
+#[derive(Clone)]
+struct Taps(Arc<dyn Fn(usize) -> SharedTap + Send + Sync>);
 
 impl Tap<Stream> for SharedTap {
     fn unit(&mut self, at: Instant, direction: Direction, unit: &[u8]) {
@@ -73,9 +83,9 @@ impl Tap<Can> for SharedTap {
     }
 }
 
-impl std::fmt::Debug for SharedTap {
+impl std::fmt::Debug for Taps {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("SharedTap")
+        f.write_str("Taps")
     }
 }
 
@@ -85,7 +95,7 @@ impl Connector {
     /// # Errors
     /// [`Error::File`] when a file that was found is wrong.
     pub fn discover() -> Result<Self, Error> {
-        Ok(Self { config: Config::discover()?, tap: None })
+        Ok(Self { config: Config::discover()?, taps: None })
     }
 
     /// With a user's profile file besides.
@@ -100,8 +110,24 @@ impl Connector {
     /// With a tap that sees every unit on every link that is opened from now on.
     #[must_use]
     pub fn with_tap(mut self, tap: impl AnyTap + 'static) -> Self {
-        self.tap = Some(SharedTap(Arc::new(Mutex::new(tap))));
+        let tap = SharedTap::new(tap);
+        self.taps = Some(Taps(Arc::new(move |_| tap.clone())));
         self
+    }
+
+    /// With a tap for each wire that is opened from now on, made by the number that the wire has
+    /// among those of its connection string.
+    #[must_use]
+    pub fn with_taps<T: AnyTap + 'static>(
+        mut self,
+        make: impl Fn(usize) -> T + Send + Sync + 'static,
+    ) -> Self {
+        self.taps = Some(Taps(Arc::new(move |wire| SharedTap::new(make(wire)))));
+        self
+    }
+
+    fn tap(&self, wire: usize) -> Option<SharedTap> {
+        self.taps.as_ref().map(|taps| taps.0(wire))
     }
 
     /// The connection string with its name, if it is one, looked up.
@@ -136,11 +162,12 @@ impl Connector {
     pub fn connect(&self, text: &str) -> Result<Link, Error> {
         let url = self.url(text)?;
         let (lines, simulation) = self.lines(&url)?;
-        let mut axes = Vec::new();
+        let (mut axes, mut wires) = (Vec::new(), Vec::new());
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
             axes.extend(self.axes(&url, lines, simulation.as_ref())?);
+            wires.extend(Line::wire_of(lines));
         }
-        let link = Link { url, axes, simulation };
+        let link = Link { url, axes, wires, simulation };
         link.url.names.iter().try_for_each(|name| link.named(name).map(drop))?;
         Ok(link)
     }
@@ -170,14 +197,14 @@ impl Connector {
         let numbers =
             if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
         let names = vec![String::new(); numbers.len()];
-        let link = SharedLink::new(link, self.tap.clone());
+        let link = SharedLink::new(link, self.tap(0));
         let relay = url.axes.first().copied();
         Ok(Line { wire: 0, link, spoken, options, numbers, relay, names })
     }
 
     /// A line for each protocol that is spoken on a link.
     fn sim_lines(&self, url: &Url, simulation: &Simulation, n: usize) -> Result<Vec<Line>, Error> {
-        let link = SharedLink::new(simulation.open(n)?, self.tap.clone());
+        let link = SharedLink::new(simulation.open(n)?, self.tap(n));
         let mut spoken = simulation.description().spoken_on(n);
         // Who has no groups is not meant by one, unless nobody has.
         if url.axes.iter().any(|axis| Number(*axis).is_group())
@@ -444,7 +471,7 @@ fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
 /// One protocol on an opened wire, and what is to be found there.
 pub(crate) struct Line {
     /// Which wire: lines of one share it.
-    wire: usize,
+    pub(crate) wire: usize,
     pub(crate) link: SharedLink,
     pub(crate) spoken: Spoken,
     pub(crate) options: HostOptions,
@@ -455,6 +482,21 @@ pub(crate) struct Line {
 }
 
 impl Line {
+    /// The wire that these share.
+    pub(crate) fn wire_of(lines: &[Self]) -> Option<OpenWire> {
+        let first = lines.first()?;
+        let rate = match first.spoken.medium {
+            MediumKind::Serial => first.options.baud,
+            MediumKind::Can => first.options.bit_rate,
+        };
+        Some(OpenWire {
+            name: first.link.describe(),
+            medium: first.spoken.medium,
+            rate: Some(rate).filter(|rate| *rate > 0),
+            protocols: lines.iter().map(|line| line.spoken.name).collect(),
+        })
+    }
+
     /// A host with these axes on the wire, and before them the one that it is wired to if that is
     /// none of them: so many are before them. One at a time.
     pub(crate) fn probe(
@@ -518,6 +560,7 @@ impl Line {
 pub struct Link {
     url: Url,
     axes: Vec<Axis>,
+    wires: Vec<OpenWire>,
     simulation: Option<Simulation>,
 }
 
@@ -532,6 +575,12 @@ impl Link {
     #[must_use]
     pub fn axes(&self) -> &[Axis] {
         &self.axes
+    }
+
+    /// Every wire, in the order in which [taps](Connector::with_taps) count them.
+    #[must_use]
+    pub fn wires(&self) -> &[OpenWire] {
+        &self.wires
     }
 
     /// The axis of that number: the drive's address on the wire.

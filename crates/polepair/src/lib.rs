@@ -26,6 +26,7 @@ pub mod error;
 mod faults;
 mod file;
 mod identify;
+pub mod listen;
 pub mod profile;
 pub mod program;
 pub mod quantity;
@@ -40,7 +41,7 @@ mod words;
 
 pub use amount::{Amount, Value};
 pub use axis::{Armed, Axis, Running};
-pub use bus::Load;
+pub use bus::{Load, frame_bits};
 pub use connect::{AnyTap, Connector, Link, connect};
 pub use error::Error;
 pub use faults::faults;

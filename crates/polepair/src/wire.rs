@@ -40,6 +40,19 @@ impl std::fmt::Debug for AnyLink {
     }
 }
 
+/// A wire that was opened, for those who watch it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct OpenWire {
+    /// What it is called: `/dev/ttyUSB0`, `can0`, `sim:cell`.
+    pub name: String,
+    /// What it carries.
+    pub medium: MediumKind,
+    /// Bits per second, where it has such a rate and it is known.
+    pub rate: Option<u32>,
+    /// The words of the protocols that are spoken on it.
+    pub protocols: Vec<&'static str>,
+}
+
 /// A link that outlives the connection it is lent to.
 #[derive(Clone)]
 pub(crate) enum SharedLink {
@@ -67,6 +80,13 @@ impl SharedLink {
         match self {
             Self::Serial(link) => link.describe(),
             Self::Can(link) => link.describe(),
+        }
+    }
+
+    pub(crate) fn losses(&self) -> Losses {
+        match self {
+            Self::Serial(link) => link.losses(),
+            Self::Can(link) => link.losses(),
         }
     }
 }

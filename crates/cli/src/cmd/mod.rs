@@ -9,6 +9,7 @@ mod encode;
 mod explain;
 mod get;
 mod info;
+mod monitor;
 mod moves;
 mod params;
 mod ports;
@@ -98,6 +99,8 @@ pub enum Verb {
     Sync(sync::Sync),
     /// Show signals or parameters again and again
     Watch(watch::Watch),
+    /// Show axes, frames and faults of a link, live
+    Monitor(monitor::Options),
     /// List the serial adapters, and why one cannot be used
     Ports(ports::Ports),
     /// Show what a drive has: units, ranges, defaults, manual sections
@@ -135,6 +138,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Program(verb) => verb.run(),
         Verb::Sync(verb) => verb.run(),
         Verb::Watch(verb) => verb.run(),
+        Verb::Monitor(verb) => verb.run(),
         Verb::Ports(verb) => verb.run(),
         Verb::Params(verb) => verb.run(),
         Verb::Sim(verb) => verb.run(),

@@ -2,7 +2,10 @@
 
 use super::Axis;
 use crate::error::Error;
+use polepair_core::axis::Axes;
 use polepair_core::error::Outcome;
+use polepair_core::profile::ParameterId;
+use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 use polepair_link::{Pending, Waited};
 use std::time::Duration;
@@ -14,6 +17,22 @@ pub struct Running {
     pub(super) axis: Axis,
     pub(super) pending: Pending,
     pub(super) what: String,
+}
+
+impl Axis {
+    /// Begins to read a parameter and does not wait for its value, which the axis'
+    /// [`state`](Self::state) has afterwards as well, if it is a signal's.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`]: nothing was sent.
+    pub fn start_read(&self, id: ParameterId) -> Result<Running, Error> {
+        let what = format!("reading `{}`", self.parameter(id)?.name);
+        let submit = |axes: &mut dyn Axes, now: Instant, ticket: Ticket| {
+            axes.read(now, ticket, self.index, id)
+        };
+        let pending = self.connection.submit(submit).map_err(|why| self.refuse(&what, why))?;
+        Ok(Running { axis: self.clone(), pending, what })
+    }
 }
 
 impl Running {

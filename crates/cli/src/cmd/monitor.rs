@@ -1,0 +1,121 @@
+//! `polepair monitor URL`: axes, frames and faults of a link, live.
+
+mod axes;
+mod draw;
+mod ears;
+mod keys;
+mod model;
+mod plain;
+mod screen;
+mod stopping;
+mod traffic;
+
+use std::fs::File;
+use std::io::{BufWriter, IsTerminal as _};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use polepair_capture::Rules;
+use polepair_link::tap::Log;
+
+use crate::outcome;
+use crate::problem::{self, Problem, Result};
+use crate::{terminal, value};
+use ears::Ears;
+use model::Monitor;
+
+/// Shows the axes of a link, their faults, and the frames that pass, live.
+///
+/// It reads and never writes; Esc stops every axis that is shown. Where stdout is no terminal, or
+/// with --once or --format jsonl, axes and frames are printed as lines.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Keys: Esc stops every axis, q leaves, ? shows the others. Leaving stops nothing.
+
+Examples:
+  polepair monitor tmcl+serial:///dev/ttyUSB0#1
+  polepair monitor sim:docs/examples/one-bus.toml
+  polepair monitor canopen+socketcan://can0 --listen --as canopen@2,thruster@11
+  polepair monitor sim:tmcl --once
+  polepair monitor sim:tmcl --format jsonl --for 2s")]
+pub struct Options {
+    /// The link and its axes: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
+    #[arg(value_name = "URL")]
+    url: String,
+    /// Send nothing: show the frames that others exchange
+    #[arg(long, conflicts_with = "once")]
+    listen: bool,
+    /// Protocol, of everything, or @ an axis number; several with commas
+    #[arg(long = "as", value_name = "PROTO[@ID],…")]
+    rules: Option<String>,
+    /// How often each axis is asked, per second
+    #[arg(long, value_name = "HZ", default_value_t = 10.0)]
+    rate: f64,
+    /// Ask each axis once, print what it says, and end
+    #[arg(long)]
+    once: bool,
+    /// End after this time
+    #[arg(long = "for", value_name = "TIME", value_parser = value::span)]
+    seconds: Option<f64>,
+    /// How it is printed [default: a screen on a terminal, else text]
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// Keep the frames in a file that decode reads
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    #[command(flatten)]
+    profiles: super::ProfileFile,
+}
+
+/// How it is printed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum Format {
+    /// Tables and aligned lines
+    Text,
+    /// One JSON object a frame, an axis, a link
+    Jsonl,
+}
+
+impl Options {
+    pub fn run(self) -> Result {
+        if !(self.rate > 0.0 && self.rate <= 1000.0) {
+            return Err(Problem::usage("E245", "--rate is more than 0 and at most 1000."));
+        }
+        let monitor = self.open()?;
+        let span = self.seconds.map(Duration::from_secs_f64);
+        let screen = terminal::is_screen() && std::io::stdin().is_terminal();
+        match self.format {
+            None if screen && !self.once => screen::run(monitor, span),
+            format => {
+                let jsonl = format == Some(Format::Jsonl);
+                plain::run(monitor, plain::Style { jsonl, once: self.once }, span)
+            }
+        }
+    }
+
+    fn open(&self) -> Result<Monitor> {
+        let rules = self.rules.as_deref().map(Rules::parse).transpose();
+        let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
+        let ears = Ears::keeping(self.trace()?);
+        let taps = ears.clone();
+        let connector = self.profiles.connector()?.with_taps(move |wire| taps.on(wire));
+        let period = Duration::from_secs_f64(1.0 / self.rate);
+        if self.listen {
+            let listening = connector.listen(&self.url).map_err(outcome::error)?;
+            return Ok(Monitor::listening(listening, &self.url, rules, ears));
+        }
+        let link = connector.connect(&self.url).map_err(outcome::error)?;
+        Monitor::commanding(link, &self.url, rules, ears, period)
+    }
+
+    fn trace(&self) -> Result<Option<Log<BufWriter<File>>>> {
+        let Some(path) = &self.trace else { return Ok(None) };
+        let file = File::create(path).map_err(|error| problem::file(path, "write", &error))?;
+        let name = crate::target::link_name(&self.url);
+        Ok(Some(Log::new(BufWriter::new(file), &name)))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,337 @@
+//! The axes' values, asked for again and again without ever waiting for an answer.
+
+use std::time::Duration;
+
+use polepair::{Axis, Error, Running, faults};
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::plan::Step;
+use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
+use polepair_core::time::Instant;
+
+use super::stopping::Stopping;
+use crate::value;
+
+/// What is asked of every axis; the first that it has is asked alone, to see whether it answers.
+const SIGNALS: [Signal; 8] = [
+    Signal::Position,
+    Signal::Velocity,
+    Signal::Fault,
+    Signal::Enabled,
+    Signal::Moving,
+    Signal::Torque,
+    Signal::Current,
+    Signal::Mode,
+];
+/// What is asked of the chosen axis besides.
+const DETAILS: [Signal; 5] = [
+    Signal::TargetPosition,
+    Signal::TargetVelocity,
+    Signal::Voltage,
+    Signal::Temperature,
+    Signal::Reached,
+];
+/// Questions to one axis that wait for their answers at once.
+const ASKED_MAX: usize = 4;
+/// How long an axis that does not answer is left alone.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// An axis, and what is being asked of it.
+pub struct Watched {
+    /// The axis.
+    pub axis: Axis,
+    /// Its stop, since somebody asked for one.
+    pub stopping: Option<Stopping>,
+    /// Why it does not answer, and since when.
+    pub silent: Option<(Instant, String)>,
+    /// What it will not tell.
+    refused: Vec<ParameterId>,
+    to_ask: Vec<ParameterId>,
+    asked: Vec<(ParameterId, Running)>,
+    next: Instant,
+}
+
+/// A value of an axis.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Shown {
+    /// In its unit, or raw where its scale is not known.
+    pub value: f64,
+    /// Raw.
+    pub raw: i64,
+    /// The unit's symbol; empty without one.
+    pub unit: &'static str,
+    /// The value's name, where it has one.
+    pub word: Option<&'static str>,
+    /// How old it is.
+    pub age: Duration,
+}
+
+/// What an axis does, in one word.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Doing {
+    /// It told nothing yet.
+    Unknown,
+    /// It does not answer.
+    Silent,
+    /// A fault stopped it.
+    Fault,
+    /// It is powered, or not, and there is a warning.
+    Warning,
+    /// It turns.
+    Turns,
+    /// It is powered and stands.
+    Holds,
+    /// It stands, and does not tell whether it has power.
+    Stands,
+    /// It has no power.
+    Off,
+}
+
+impl Doing {
+    /// The word.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Unknown => "?",
+            Self::Silent => "no answer",
+            Self::Fault => "FAULT",
+            Self::Warning => "warning",
+            Self::Turns => "turns",
+            Self::Holds => "holds",
+            Self::Stands => "stands",
+            Self::Off => "off",
+        }
+    }
+}
+
+impl Watched {
+    /// An axis of which nothing was asked yet.
+    pub fn new(axis: Axis) -> Self {
+        Self {
+            axis,
+            stopping: None,
+            silent: None,
+            refused: Vec::new(),
+            to_ask: Vec::new(),
+            asked: Vec::new(),
+            next: Instant::ZERO,
+        }
+    }
+
+    /// Asks what is to be asked now, and takes what was answered. Waits for nothing. True when a
+    /// round of questions begins.
+    pub fn look(&mut self, period: Duration, chosen: bool) -> bool {
+        let now = self.axis.connection().now();
+        if let Some(stopping) = &mut self.stopping {
+            stopping.look(&self.axis, now);
+            if stopping.is_under_way() {
+                return false;
+            }
+        }
+        self.take();
+        self.judge_stop();
+        let due = self.asked.is_empty() && self.to_ask.is_empty() && now >= self.next;
+        if due {
+            self.begin(chosen);
+            // Rounds that the drive was too slow for are left out, not caught up with.
+            let on_time = self.next + period;
+            self.next = if on_time > now { on_time } else { now + period };
+        }
+        self.ask();
+        due
+    }
+
+    /// Waits for everything that was asked. Ends early when somebody interrupts.
+    pub fn settle(&mut self) {
+        while !(self.asked.is_empty() && self.to_ask.is_empty()) {
+            let Some((_, running)) = self.asked.first_mut() else { return };
+            if matches!(running.finish(), Err(Error::Interrupted { .. })) {
+                return;
+            }
+            self.take();
+            self.ask();
+        }
+    }
+
+    /// Stops the axis. What was asked of it is forgotten: the stop goes first.
+    pub fn stop(&mut self) {
+        self.to_ask.clear();
+        self.asked.clear();
+        self.stopping = Some(Stopping::begin(&self.axis));
+        self.next = Instant::ZERO;
+    }
+
+    fn judge_stop(&mut self) {
+        let at = self.axis.state().reading(Signal::Velocity).at;
+        if let (Some(at), false) = (at, self.turns())
+            && let Some(stopping) = &mut self.stopping
+        {
+            stopping.stands(at);
+        }
+    }
+
+    fn begin(&mut self, chosen: bool) {
+        let details = if chosen { &DETAILS[..] } else { &[] };
+        for signal in SIGNALS.iter().chain(details) {
+            let Some(source) = self.axis.profile().signal(*signal) else { continue };
+            let id = source.parameter;
+            if !self.to_ask.contains(&id) && !self.refused.contains(&id) {
+                self.to_ask.push(id);
+            }
+        }
+    }
+
+    fn ask(&mut self) {
+        // As long as nobody knows whether it answers, one question is enough.
+        let known = self.silent.is_none() && self.seen();
+        let most = if known { ASKED_MAX } else { 1 };
+        while self.asked.len() < most && !self.to_ask.is_empty() {
+            match self.axis.start_read(self.to_ask[0]) {
+                Ok(running) => self.asked.push((self.to_ask.remove(0), running)),
+                Err(Error::Unsupported {
+                    why: polepair_core::error::Unsupported::Busy, ..
+                }) => break,
+                Err(_) => self.refused.push(self.to_ask.remove(0)),
+            }
+        }
+    }
+
+    fn seen(&self) -> bool {
+        let state = self.axis.state();
+        Signal::ALL.iter().any(|signal| state.reading(*signal).at.is_some())
+    }
+
+    fn take(&mut self) {
+        let mut at = 0;
+        while at < self.asked.len() {
+            let (id, running) = &mut self.asked[at];
+            match running.poll() {
+                Ok(None) => at += 1,
+                Ok(Some(_)) => {
+                    drop(self.asked.remove(at));
+                    self.silent = None;
+                }
+                Err(error) => {
+                    let id = *id;
+                    drop(self.asked.remove(at));
+                    self.failed(id, &error);
+                    at = 0;
+                }
+            }
+        }
+    }
+
+    fn failed(&mut self, id: ParameterId, error: &Error) {
+        let failure = match error {
+            Error::Failed { outcome: Outcome::NotDone(why) | Outcome::Unknown(why), .. } => *why,
+            _ => Failure::Cancelled,
+        };
+        match failure {
+            Failure::Silent | Failure::LinkDown | Failure::Misbehaved => {
+                let now = self.axis.connection().now();
+                let since = self.silent.as_ref().map_or(now, |(since, _)| *since);
+                self.silent = Some((since, error.to_string()));
+                self.to_ask.clear();
+                self.asked.clear();
+                self.next = now + PATIENCE;
+            }
+            Failure::Refused { .. } | Failure::Impossible(_) => self.refused.push(id),
+            _ => {}
+        }
+    }
+
+    /// The last value of a signal.
+    pub fn shown(&self, wanted: Signal) -> Option<Shown> {
+        let profile = self.axis.profile();
+        let source = profile.signal(wanted)?;
+        let parameter = profile.parameter(source.parameter)?;
+        let reading = self.axis.state().reading(wanted);
+        let age = self.axis.connection().now().since(reading.at?);
+        let names = if source.values.is_empty() { parameter.values } else { source.values };
+        let word = names.iter().find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
+        let value = reading.value / parameter.unit.si();
+        let scaled = value.is_finite() && source.equals.is_none();
+        Some(Shown {
+            value: if scaled { value } else { reading.raw as f64 },
+            raw: reading.raw,
+            unit: if scaled { parameter.unit.symbol() } else { "" },
+            word,
+            age,
+        })
+    }
+
+    /// Whether a flag is set; `None` where the drive does not tell.
+    pub fn flag(&self, wanted: Signal) -> Option<bool> {
+        self.shown(wanted).map(|shown| shown.raw != 0)
+    }
+
+    /// Its faults and warnings. A code that its profile does not know is the inner `None`.
+    pub fn faults(&self) -> Vec<Option<&'static Fault>> {
+        let Some(shown) = self.shown(Signal::Fault).filter(|shown| shown.raw != 0) else {
+            return Vec::new();
+        };
+        let known = faults(self.axis.profile(), u32::try_from(shown.raw).unwrap_or(0));
+        if known.is_empty() {
+            return vec![None];
+        }
+        known.into_iter().filter(|fault| fault.severity != Severity::Note).map(Some).collect()
+    }
+
+    /// What it does.
+    pub fn doing(&self) -> Doing {
+        let faults = self.faults();
+        let stops = |fault: &Option<&Fault>| fault.is_none_or(|f| f.severity == Severity::Fault);
+        match self.flag(Signal::Enabled) {
+            _ if self.silent.is_some() => Doing::Silent,
+            _ if !self.seen() => Doing::Unknown,
+            _ if faults.iter().any(stops) => Doing::Fault,
+            _ if self.turns() => Doing::Turns,
+            _ if !faults.is_empty() => Doing::Warning,
+            Some(true) => Doing::Holds,
+            Some(false) => Doing::Off,
+            None => Doing::Stands,
+        }
+    }
+
+    /// Whether its last velocity is more than what its stop takes for standing.
+    pub fn turns(&self) -> bool {
+        let Some(velocity) = self.shown(Signal::Velocity) else { return false };
+        let source = self.axis.profile().signal(Signal::Velocity).map(|found| found.parameter);
+        let plan = self.axis.profile().plan(polepair_core::axis::Verb::Stop);
+        let steps = plan.map_or(&[][..], |plan| plan.steps);
+        let standing = steps.iter().find_map(|step| match step {
+            Step::Until { read, test, .. } if Some(*read) == source => Some(test),
+            _ => None,
+        });
+        standing.map_or(velocity.raw != 0, |test| !test.passes(velocity.raw))
+    }
+
+    /// The current, or what stands for it.
+    pub fn effort(&self) -> Option<Shown> {
+        self.shown(Signal::Torque).or_else(|| self.shown(Signal::Current))
+    }
+
+    /// The age of the oldest value that the table shows.
+    pub fn age(&self) -> Option<Duration> {
+        let shown = SIGNALS.iter().filter_map(|signal| self.shown(*signal));
+        shown.map(|shown| shown.age).max()
+    }
+
+    /// `5 x`: its number, and its name where it has one.
+    pub fn name(&self) -> String {
+        let number = polepair::url::Number(self.axis.number());
+        match self.axis.name() {
+            "" => number.to_string(),
+            name => format!("{number} {name}"),
+        }
+    }
+}
+
+impl std::fmt::Display for Shown {
+    /// Its word, or the number with its unit.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match (self.word, self.unit) {
+            (Some(word), _) => f.write_str(word),
+            (None, "") => f.write_str(&value::number(self.value)),
+            (None, unit) => write!(f, "{} {unit}", value::number(self.value)),
+        }
+    }
+}

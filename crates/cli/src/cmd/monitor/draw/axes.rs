@@ -1,0 +1,196 @@
+//! The axes as a table, and the chosen one in words.
+
+use std::time::Duration;
+
+use polepair_core::profile::Signal;
+use ratatui_core::text::{Line, Span};
+
+use super::super::axes::{Doing, Shown, Watched};
+use super::super::model::Monitor;
+use super::super::plain::{age, troubles};
+use super::super::stopping::Class;
+use super::{Role, Theme, cut};
+
+/// A value that is older is shown as old.
+const OLD: Duration = Duration::from_secs(1);
+/// Columns, in the order in which they are left out when there is no room for all.
+const LEFT_OUT: [&str; 4] = ["drive", "mode", "torque", "age"];
+/// The least share of the rows that is kept for frames: one part of so many.
+const FRAMES_PART: u16 = 2;
+
+/// One column of the table.
+struct Column {
+    head: &'static str,
+    right: bool,
+    cells: Vec<(String, Role)>,
+}
+
+impl Column {
+    fn width(&self) -> usize {
+        let cells = self.cells.iter().map(|(text, _)| text.chars().count());
+        cells.chain([self.head.len()]).max().unwrap_or(0)
+    }
+
+    fn pad(&self, text: &str) -> String {
+        let width = self.width();
+        if self.right { format!("{text:>width$}") } else { format!("{text:<width$}") }
+    }
+}
+
+/// As many lines as there is room for, frames given their share.
+pub fn lines(monitor: &Monitor, width: u16, room: u16, theme: Theme) -> Vec<Line<'static>> {
+    if monitor.axes.is_empty() {
+        return Vec::new();
+    }
+    let room = usize::from(room - room / FRAMES_PART);
+    let mut details = details(monitor, usize::from(width), theme);
+    let rows = monitor.axes.len().min(room.saturating_sub(1 + details.len()).max(room / 2)).max(1);
+    details.truncate(room.saturating_sub(1 + rows));
+    let first = (monitor.chosen + 1).saturating_sub(rows);
+    let columns = fitting(columns(monitor, first, rows), usize::from(width));
+    let mut lines = vec![heads(&columns, theme)];
+    for n in 0..rows.min(monitor.axes.len() - first) {
+        let chosen = first + n == monitor.chosen && monitor.axes.len() > 1;
+        lines.push(row(&columns, n, chosen, theme));
+    }
+    lines.extend(details);
+    lines
+}
+
+fn heads(columns: &[Column], theme: Theme) -> Line<'static> {
+    let heads = columns.iter().map(|column| format!("{}  ", column.pad(column.head)));
+    Line::from(theme.span(format!("  {}", heads.collect::<String>().trim_end()), Role::Dim))
+}
+
+fn row(columns: &[Column], n: usize, chosen: bool, theme: Theme) -> Line<'static> {
+    let mut spans = vec![theme.span(if chosen { "> " } else { "  " }, Role::Strong)];
+    for column in columns {
+        let (text, role) = &column.cells[n];
+        let role = if chosen && *role == Role::Plain { Role::Strong } else { *role };
+        spans.push(theme.span(column.pad(text), role));
+        spans.push(Span::raw("  "));
+    }
+    Line::from(spans)
+}
+
+fn columns(monitor: &Monitor, first: usize, rows: usize) -> Vec<Column> {
+    let axes: Vec<&Watched> = monitor.axes.iter().skip(first).take(rows).collect();
+    let column = |head, right, cell: &dyn Fn(&Watched) -> (String, Role)| Column {
+        head,
+        right,
+        cells: axes.iter().map(|axis| cell(axis)).collect(),
+    };
+    let signal = |head, right, signal| column(head, right, &|axis| value(axis.shown(signal)));
+    vec![
+        column("axis", false, &|axis| (axis.name(), Role::Plain)),
+        column("drive", false, &|axis| (axis.axis.profile().name.to_owned(), Role::Dim)),
+        column("state", false, &state),
+        signal("mode", false, Signal::Mode),
+        signal("position", true, Signal::Position),
+        signal("velocity", true, Signal::Velocity),
+        column("torque", true, &|axis| value(axis.effort())),
+        column("age", true, &|axis| match axis.age() {
+            Some(old) if old > OLD => (age(old), Role::Warn),
+            Some(fresh) => (age(fresh), Role::Dim),
+            None => ("-".to_owned(), Role::Dim),
+        }),
+    ]
+}
+
+/// Leaves columns out until the others fit.
+fn fitting(mut columns: Vec<Column>, width: usize) -> Vec<Column> {
+    for head in LEFT_OUT {
+        let taken: usize = columns.iter().map(|column| column.width() + 2).sum();
+        if taken <= width {
+            break;
+        }
+        columns.retain(|column| column.head != head);
+    }
+    columns
+}
+
+fn state(axis: &Watched) -> (String, Role) {
+    let stopping = axis.stopping.as_ref().map(|stopping| stopping.class());
+    match stopping {
+        Some(Class::Sent) => return ("stop sent".to_owned(), Role::Warn),
+        Some(Class::Acknowledged) => return ("stop taken".to_owned(), Role::Warn),
+        Some(Class::Failed(_)) => return ("STOP FAILED".to_owned(), Role::Bad),
+        Some(Class::Still) | None => {}
+    }
+    let doing = axis.doing();
+    let role = match doing {
+        Doing::Fault | Doing::Silent => Role::Bad,
+        Doing::Warning => Role::Warn,
+        Doing::Turns => Role::Good,
+        Doing::Holds => Role::Strong,
+        Doing::Off | Doing::Stands | Doing::Unknown => Role::Dim,
+    };
+    (doing.word().to_owned(), role)
+}
+
+fn value(shown: Option<Shown>) -> (String, Role) {
+    match shown {
+        None => ("-".to_owned(), Role::Dim),
+        Some(shown) if shown.age > OLD => (steady(&shown), Role::Dim),
+        Some(shown) => (steady(&shown), Role::Plain),
+    }
+}
+
+/// A value with as many decimals whatever it is, so that the eye finds it in its place.
+fn steady(shown: &Shown) -> String {
+    match (shown.word, shown.unit) {
+        (Some(word), _) => word.to_owned(),
+        (None, "") => crate::value::number(shown.value),
+        (None, "A" | "V") => format!("{:.2} {}", shown.value, shown.unit),
+        (None, unit) => format!("{:.1} {unit}", shown.value),
+    }
+}
+
+/// The chosen axis: what is wrong with it and what helps, then what else it tells.
+fn details(monitor: &Monitor, width: usize, theme: Theme) -> Vec<Line<'static>> {
+    let Some(axis) = monitor.axes.get(monitor.chosen) else { return Vec::new() };
+    let mut lines = Vec::new();
+    for (text, stops) in troubles(axis) {
+        let role = match (stops, text.starts_with(' ')) {
+            (true, _) => Role::Bad,
+            (false, true) => Role::Plain,
+            (false, false) => Role::Warn,
+        };
+        for piece in wrapped(&text, width.saturating_sub(2)) {
+            lines.push(Line::from(theme.span(format!("  {piece}"), role)));
+        }
+    }
+    let title = format!("  {}: {}", axis.axis.label(), axis.axis.profile().title);
+    let mut facts = String::new();
+    for (word, signal) in [
+        ("target", Signal::TargetPosition),
+        ("target", Signal::TargetVelocity),
+        ("supply", Signal::Voltage),
+        ("", Signal::Temperature),
+    ] {
+        if let Some(shown) = axis.shown(signal) {
+            let gap = if word.is_empty() { "" } else { " " };
+            facts.push_str(&format!("  {word}{gap}{} ({})", steady(&shown), age(shown.age)));
+        }
+    }
+    let name = cut(&title, width.saturating_sub(facts.chars().count()).max(24));
+    lines.push(Line::from(vec![theme.span(name, Role::Plain), theme.span(facts, Role::Dim)]));
+    lines
+}
+
+/// A text in lines of at most so many characters, broken between words.
+fn wrapped(text: &str, width: usize) -> Vec<String> {
+    let indent: String = text.chars().take_while(|letter| *letter == ' ').collect();
+    let mut lines = vec![indent.clone()];
+    for word in text.split_whitespace() {
+        let last = lines.last_mut().expect("there is one");
+        let used = last.chars().count();
+        if used > indent.len() && used + 1 + word.chars().count() > width {
+            lines.push(format!("{indent}    {word}"));
+        } else {
+            last.push_str(if used > indent.len() { " " } else { "" });
+            last.push_str(word);
+        }
+    }
+    lines
+}

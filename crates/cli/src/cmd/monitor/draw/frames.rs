@@ -1,0 +1,173 @@
+//! The frames: bytes and meaning on one line, aligned, changed bytes marked.
+
+use polepair_core::explain::Direction as Said;
+use ratatui_core::text::{Line, Span};
+
+use super::super::keys::View;
+use super::super::model::Monitor;
+use super::super::traffic::{Kind, Row};
+use super::{Role, Theme, cut};
+
+/// Bytes of a frame that are shown at most, where there is room and where there is not.
+const BYTES: [usize; 2] = [9, 16];
+/// Columns from which on bytes are set apart by spaces, and from which on more of them are shown.
+const WIDE: [u16; 2] = [80, 120];
+/// A kind of frame that did not come for so long is shown as old.
+const OLD_NS: u64 = 2_000_000_000;
+
+/// What is shown below it.
+pub fn title(monitor: &Monitor, view: &View, width: u16, theme: Theme) -> Line<'static> {
+    let mut text = match view.by_kind {
+        true => "── frames, the last of each kind: count, every, bytes ".to_owned(),
+        false => "── frames ".to_owned(),
+    };
+    let plain = text.chars().count();
+    if !view.filter.is_empty() {
+        text.push_str(&format!("── with \"{}\" ", view.filter));
+    }
+    if let Some((count, _)) = &view.halted {
+        let newer = monitor.traffic.counts().0.saturating_sub(*count);
+        text.push_str(&format!("── HALTED, {newer} newer; space goes on "));
+    }
+    let rest = usize::from(width).saturating_sub(text.chars().count());
+    let (head, special) = text.split_at(text.char_indices().nth(plain).map_or(text.len(), |c| c.0));
+    Line::from(vec![
+        theme.span(head.to_owned(), Role::Dim),
+        theme.span(special.to_owned(), Role::Warn),
+        theme.span("─".repeat(rest), Role::Dim),
+    ])
+}
+
+/// As many frames as there is room for.
+pub fn lines(
+    monitor: &Monitor,
+    view: &View,
+    width: u16,
+    room: u16,
+    theme: Theme,
+) -> Vec<Line<'static>> {
+    let grid = Grid::new(monitor, width, theme);
+    let room = usize::from(room);
+    if view.by_kind {
+        let kinds = view.kinds(monitor, room);
+        return kinds.into_iter().map(|kind| grid.kind(monitor, kind)).collect();
+    }
+    let began = monitor.began();
+    let frames = view.frames(monitor, room).into_iter();
+    frames
+        .map(|row| grid.line(grid.time(row.time.saturating_sub(began)), row, Role::Plain))
+        .collect()
+}
+
+/// How wide each part of a line is.
+struct Grid {
+    theme: Theme,
+    width: usize,
+    /// Bytes are set apart by spaces.
+    spaced: bool,
+    id: usize,
+    bytes: usize,
+    wire: usize,
+    protocol: usize,
+    wires: Vec<String>,
+}
+
+impl Grid {
+    fn new(monitor: &Monitor, width: u16, theme: Theme) -> Self {
+        let wires: Vec<String> = monitor.traffic.wires().map(|(name, _)| name.to_owned()).collect();
+        let longest = wires.iter().map(|name| name.chars().count()).max().unwrap_or(0).min(8);
+        let (mut id, mut bytes) = (0, 0);
+        let mut protocols: Vec<&str> = Vec::new();
+        for kind in monitor.traffic.kinds() {
+            id = id.max(match kind.last.id {
+                None => 0,
+                Some((_, extended)) => {
+                    if extended {
+                        9
+                    } else {
+                        4
+                    }
+                }
+            });
+            bytes = bytes.max(kind.last.bytes.len());
+            let protocol = kind.last.protocol.unwrap_or("?");
+            if !protocols.contains(&protocol) {
+                protocols.push(protocol);
+            }
+        }
+        let most = BYTES[usize::from(width >= WIDE[1])];
+        let named = protocols.len() > 1 && width >= WIDE[0];
+        let protocol = protocols.iter().map(|name| name.len()).max().filter(|_| named);
+        Self {
+            theme,
+            width: usize::from(width),
+            spaced: width >= WIDE[0],
+            id,
+            bytes: bytes.min(most),
+            wire: if wires.len() > 1 { longest } else { 0 },
+            protocol: protocol.unwrap_or(0),
+            wires,
+        }
+    }
+
+    /// Seconds since it was begun.
+    fn time(&self, since_ns: u64) -> String {
+        let seconds = since_ns as f64 / 1e9;
+        if self.spaced { format!("{seconds:>9.3} ") } else { format!("{seconds:>7.2} ") }
+    }
+
+    fn kind(&self, monitor: &Monitor, kind: &Kind) -> Line<'static> {
+        let every = kind.period.map_or_else(String::new, |ns| match ns {
+            0..100_000_000 => format!("{:.1} ms", ns as f64 / 1e6),
+            _ => format!("{:.1} s", ns as f64 / 1e9),
+        });
+        let now = monitor.began() + monitor.age().as_nanos() as u64;
+        let old = now.saturating_sub(kind.last.time) > OLD_NS;
+        let role = if old { Role::Dim } else { Role::Plain };
+        self.line(format!("{:>6} {every:>8} ", kind.count), &kind.last, role)
+    }
+
+    fn line(&self, before: String, row: &Row, role: Role) -> Line<'static> {
+        let (arrow, arrow_role) = match row.direction {
+            Some(Said::ToDrive) => ("> ", Role::ToDrive),
+            Some(Said::ToHost) => ("< ", Role::Plain),
+            None => ("  ", Role::Plain),
+        };
+        let mut spans =
+            vec![self.theme.span(before, Role::Dim), self.theme.span(arrow, arrow_role)];
+        for (text, width) in [
+            (self.wires.get(row.wire).map_or("", String::as_str), self.wire),
+            (row.protocol.unwrap_or("?"), self.protocol),
+        ] {
+            if width > 0 {
+                spans.push(self.theme.span(format!("{:<width$} ", cut(text, width)), Role::Dim));
+            }
+        }
+        self.bytes(row, role, &mut spans);
+        let used: usize = spans.iter().map(Span::width).sum();
+        let room = self.width.saturating_sub(used);
+        let text = cut(&row.text, room);
+        let room = room.saturating_sub(text.chars().count() + 2);
+        spans.push(self.theme.span(text, role));
+        if !row.wrong.is_empty() {
+            let wrong = format!("  ! {}", row.wrong);
+            spans.push(self.theme.span(cut(&wrong, room + 2), Role::Bad));
+        }
+        Line::from(spans)
+    }
+
+    fn bytes(&self, row: &Row, role: Role, spans: &mut Vec<Span<'static>>) {
+        let (id, gap) = (self.id, if self.spaced { " " } else { "" });
+        spans.push(self.theme.span(format!("{:>id$}", row.head()), Role::Strong));
+        for (n, byte) in row.bytes.iter().enumerate().take(self.bytes) {
+            let changed = row.changed >> n & 1 == 1;
+            let role = if changed { Role::Changed } else { role };
+            spans.push(self.theme.span(format!("{byte:02X}"), role));
+            spans.push(Span::raw(gap));
+        }
+        let missing = self.bytes.saturating_sub(row.bytes.len());
+        let more = if row.bytes.len() > self.bytes { "…" } else { " " };
+        let fill = " ".repeat(missing * (2 + gap.len()));
+        spans.push(Span::raw(format!("{fill}{more} ")));
+    }
+}

@@ -1,0 +1,60 @@
+//! Colours that can be read on a dark and on a light ground, and what stands for them without.
+
+use std::borrow::Cow;
+
+use ratatui_core::style::{Color, Modifier, Style};
+use ratatui_core::text::Span;
+
+/// What a piece of text is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Role {
+    /// Nothing special.
+    Plain,
+    /// Less important, or old.
+    Dim,
+    /// More important.
+    Strong,
+    /// As it should be.
+    Good,
+    /// To be looked at.
+    Warn,
+    /// Wrong.
+    Bad,
+    /// Sent by the host.
+    ToDrive,
+    /// A byte that changed.
+    Changed,
+    /// How to stop.
+    Stop,
+}
+
+/// With or without colours.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Theme {
+    /// The terminal takes them, and the person wants them.
+    pub colour: bool,
+}
+
+impl Theme {
+    /// A piece of text.
+    pub fn span<'a>(self, text: impl Into<Cow<'a, str>>, role: Role) -> Span<'a> {
+        Span::styled(text, self.style(role))
+    }
+
+    /// How a role looks. The terminal's own colours for text and ground are left alone.
+    pub fn style(self, role: Role) -> Style {
+        let (colour, modifier) = match role {
+            Role::Plain => (Color::Reset, Modifier::empty()),
+            Role::Dim => (Color::Reset, Modifier::DIM),
+            Role::Strong => (Color::Reset, Modifier::BOLD),
+            Role::Good => (Color::Green, Modifier::empty()),
+            Role::Warn => (Color::Magenta, Modifier::BOLD),
+            Role::Bad => (Color::Red, Modifier::BOLD),
+            Role::ToDrive => (Color::Cyan, Modifier::empty()),
+            Role::Changed => (Color::Magenta, Modifier::BOLD.union(Modifier::UNDERLINED)),
+            Role::Stop => (Color::Red, Modifier::BOLD.union(Modifier::REVERSED)),
+        };
+        let style = Style::new().add_modifier(modifier);
+        if self.colour && colour != Color::Reset { style.fg(colour) } else { style }
+    }
+}

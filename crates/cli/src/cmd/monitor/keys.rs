@@ -1,0 +1,161 @@
+//! What keys do. None of them blocks, and none but Esc sends anything.
+
+use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
+use super::model::Monitor;
+use super::traffic::{Kind, Row};
+
+/// Letters that a filter may have.
+const FILTER_MAX: usize = 64;
+/// Rows that a page of frames moves by.
+const PAGE: usize = 10;
+
+/// How the person wants to look at it.
+#[derive(Clone, Debug, Default)]
+pub struct View {
+    /// One row a kind of frame instead of every frame.
+    pub by_kind: bool,
+    /// Only frames that contain this, in small letters.
+    pub filter: String,
+    /// The filter is being typed.
+    pub typing: bool,
+    /// How many frames there were when it was halted, and the kinds as they were.
+    pub halted: Option<(u64, Vec<Kind>)>,
+    /// Frames scrolled back from the last, or kinds on from the first.
+    pub back: usize,
+    /// The help is shown.
+    pub help: bool,
+    /// A stop was asked for where nothing can be sent.
+    pub mute: bool,
+}
+
+/// What comes of a key.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Then {
+    /// It goes on.
+    Stay,
+    /// The person leaves.
+    Leave,
+    /// Ctrl-C.
+    Interrupted,
+}
+
+impl View {
+    /// Does what a key means.
+    pub fn key(&mut self, key: KeyEvent, monitor: &mut Monitor) -> Then {
+        if key.kind == KeyEventKind::Release {
+            return Then::Stay;
+        }
+        let control = key.modifiers.contains(KeyModifiers::CONTROL);
+        match key.code {
+            KeyCode::Char('c') if control => return Then::Interrupted,
+            // Whatever is on the screen: a stop gets through.
+            KeyCode::Esc => self.stop(monitor),
+            code if self.typing => self.type_filter(code, control),
+            KeyCode::Char('q') if self.help => self.help = false,
+            KeyCode::Char('q') => return Then::Leave,
+            KeyCode::Char('?') | KeyCode::F(1) => self.help = !self.help,
+            code => self.turn(code, monitor),
+        }
+        Then::Stay
+    }
+
+    fn stop(&mut self, monitor: &mut Monitor) {
+        (self.typing, self.help) = (false, false);
+        self.mute = monitor.is_listening();
+        monitor.stop();
+    }
+
+    fn type_filter(&mut self, code: KeyCode, control: bool) {
+        match code {
+            KeyCode::Enter => self.typing = false,
+            KeyCode::Backspace => drop(self.filter.pop()),
+            KeyCode::Char('u') if control => self.filter.clear(),
+            KeyCode::Char(letter) if !control && self.filter.len() < FILTER_MAX => {
+                self.filter.extend(letter.to_lowercase());
+            }
+            _ => {}
+        }
+    }
+
+    fn turn(&mut self, code: KeyCode, monitor: &mut Monitor) {
+        let last = monitor.axes.len().saturating_sub(1);
+        match code {
+            KeyCode::Char('/') => {
+                self.filter.clear();
+                self.typing = true;
+            }
+            KeyCode::Char(' ') => self.halt_or_go(monitor),
+            KeyCode::Char('t') => (self.by_kind, self.back) = (!self.by_kind, 0),
+            KeyCode::Char('c') => {
+                monitor.traffic.clear();
+                (self.halted, self.back) = (None, 0);
+            }
+            KeyCode::Up => monitor.chosen = monitor.chosen.saturating_sub(1),
+            KeyCode::Down => monitor.chosen = (monitor.chosen + 1).min(last),
+            KeyCode::PageUp => self.scroll(PAGE as isize, monitor),
+            KeyCode::PageDown => self.scroll(-(PAGE as isize), monitor),
+            KeyCode::Home => self.scroll(isize::MAX, monitor),
+            KeyCode::End => self.go(),
+            _ => {}
+        }
+    }
+
+    fn halt_or_go(&mut self, monitor: &Monitor) {
+        match self.halted {
+            Some(_) => self.go(),
+            None => self.halt(monitor),
+        }
+    }
+
+    fn go(&mut self) {
+        self.halted = None;
+        self.back = if self.by_kind { self.back } else { 0 };
+    }
+
+    fn halt(&mut self, monitor: &Monitor) {
+        let now = || (monitor.traffic.counts().0, monitor.traffic.kinds().cloned().collect());
+        self.halted.get_or_insert_with(now);
+    }
+
+    /// Scrolls up, or down by less than nothing. Frames that one scrolls in stand still.
+    fn scroll(&mut self, up: isize, monitor: &Monitor) {
+        if self.by_kind {
+            let most = monitor.traffic.kinds().count().saturating_sub(1);
+            self.back = self.back.saturating_add_signed(up.saturating_neg()).min(most);
+        } else {
+            self.halt(monitor);
+            let most = monitor.traffic.rows().len().saturating_sub(1);
+            self.back = self.back.saturating_add_signed(up).min(most);
+        }
+    }
+
+    /// Whether a frame is one that the person wants to see.
+    fn wants(&self, row: &Row) -> bool {
+        let passed = self.halted.as_ref().is_none_or(|(count, _)| row.number < *count);
+        passed && self.finds(row)
+    }
+
+    fn finds(&self, row: &Row) -> bool {
+        self.filter.is_empty() || row.haystack.contains(&self.filter)
+    }
+
+    /// The last so many frames that are to be seen, oldest first.
+    pub fn frames<'a>(&self, monitor: &'a Monitor, most: usize) -> Vec<&'a Row> {
+        let rows = monitor.traffic.rows().iter().rev().filter(|row| self.wants(row));
+        let mut rows: Vec<&Row> = rows.skip(self.back).take(most).collect();
+        rows.reverse();
+        rows
+    }
+
+    /// The kinds of frames that are to be seen, from the one scrolled to.
+    pub fn kinds<'a>(&'a self, monitor: &'a Monitor, most: usize) -> Vec<&'a Kind> {
+        let all: Vec<&Kind> = match &self.halted {
+            Some((_, kinds)) => kinds.iter().collect(),
+            None => monitor.traffic.kinds().collect(),
+        };
+        let found: Vec<&Kind> = all.into_iter().filter(|kind| self.finds(&kind.last)).collect();
+        let first = self.back.min(found.len().saturating_sub(most));
+        found.into_iter().skip(first).take(most).collect()
+    }
+}

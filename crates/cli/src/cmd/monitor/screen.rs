@@ -1,0 +1,115 @@
+//! The terminal: taken, drawn on, asked for keys, and given back whatever happens.
+
+use std::io::{self, BufWriter, Stdout, Write as _};
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+use polepair_link::clock;
+use ratatui_core::terminal::Terminal;
+use ratatui_crossterm::CrosstermBackend;
+use ratatui_crossterm::crossterm::cursor::{Hide, Show};
+use ratatui_crossterm::crossterm::event::{self, Event};
+use ratatui_crossterm::crossterm::execute;
+use ratatui_crossterm::crossterm::terminal::{
+    EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
+};
+
+use super::draw::{self, Theme};
+use super::keys::{Then, View};
+use super::model::Monitor;
+use crate::interrupt;
+use crate::problem::{Exit, Problem, Result};
+use crate::terminal::{self, say};
+
+/// How long a wait for keys is.
+const LOOK: Duration = Duration::from_millis(10);
+/// How often the screen is drawn while nobody presses a key.
+const DRAW_MS: u32 = 50;
+/// Keys that are taken before the link is looked after again.
+const KEYS_MAX: usize = 64;
+
+/// Shows it until the person leaves, or the time is over.
+pub fn run(mut monitor: Monitor, span: Option<Duration>) -> Result {
+    let mut screen = Screen::open().map_err(|error| refused(&error))?;
+    let ended = watch(&mut screen, &mut monitor, span);
+    drop(screen);
+    monitor.farewell().iter().for_each(|line| say(line));
+    ended
+}
+
+fn watch(screen: &mut Screen, monitor: &mut Monitor, span: Option<Duration>) -> Result {
+    let theme = Theme { colour: terminal::colour_out() };
+    let mut view = View::default();
+    let mut drawn = Instant::ZERO;
+    loop {
+        let mut pressed = false;
+        for _ in 0..KEYS_MAX {
+            let wait = if pressed { Duration::ZERO } else { LOOK };
+            if !event::poll(wait).map_err(|error| refused(&error))? {
+                break;
+            }
+            pressed = true;
+            let Event::Key(key) = event::read().map_err(|error| refused(&error))? else { continue };
+            match view.key(key, monitor) {
+                Then::Stay => {}
+                Then::Leave => return Ok(Exit::Ok),
+                Then::Interrupted => return Err(Problem::interrupted()),
+            }
+        }
+        monitor.look(&mut |_| ())?;
+        if interrupt::came() {
+            return Err(Problem::interrupted());
+        }
+        if span.is_some_and(|span| monitor.age() >= span) {
+            return Ok(Exit::Ok);
+        }
+        let now = clock::now();
+        if pressed || now >= drawn.plus_ms(DRAW_MS) || drawn == Instant::ZERO {
+            drawn = now;
+            screen.draw(monitor, &view, theme).map_err(|error| refused(&error))?;
+        }
+    }
+}
+
+fn refused(error: &io::Error) -> Problem {
+    Problem::new(Exit::Adapter, "E304", "cannot draw on the terminal.")
+        .why(format!("The system says: {error}."))
+        .hint("polepair monitor --format text prints lines instead")
+}
+
+/// A terminal that is given back when this is dropped, and before a panic tells of itself.
+struct Screen(Terminal<CrosstermBackend<BufWriter<Stdout>>>);
+
+impl Screen {
+    fn open() -> io::Result<Self> {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            give_back();
+            before(panic);
+        }));
+        // From here on it is given back, also where the next step fails.
+        let mut taken = Self(Terminal::new(CrosstermBackend::new(BufWriter::new(io::stdout())))?);
+        enable_raw_mode()?;
+        execute!(taken.0.backend_mut(), EnterAlternateScreen, Hide)?;
+        taken.0.clear()?;
+        Ok(taken)
+    }
+
+    fn draw(&mut self, monitor: &Monitor, view: &View, theme: Theme) -> io::Result<()> {
+        self.0.draw(|frame| draw::draw(monitor, view, theme, frame.buffer_mut()))?;
+        Ok(())
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        give_back();
+    }
+}
+
+/// Nothing can be done where the terminal is gone.
+fn give_back() {
+    let _ = disable_raw_mode();
+    let _ = execute!(io::stdout(), LeaveAlternateScreen, Show);
+    let _ = io::stdout().flush();
+}

@@ -1,0 +1,312 @@
+//! The screen as a person sees it, of simulated drives in virtual time.
+
+use std::time::Duration;
+
+use polepair::{Connector, simulate};
+use polepair_core::drives::bench::Act;
+use polepair_core::profile::Signal;
+use polepair_link::{Served, pty::Pty};
+use ratatui_core::backend::TestBackend;
+use ratatui_core::buffer::Buffer;
+use ratatui_core::style::{Color, Modifier};
+use ratatui_core::terminal::Terminal;
+use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+
+use super::axes::Doing;
+use super::draw::{Theme, draw};
+use super::ears::Ears;
+use super::keys::{Then, View};
+use super::model::Monitor;
+use super::stopping::Class;
+
+const PERIOD: Duration = Duration::from_millis(100);
+
+/// A view of a link, as a person has it before them.
+struct Seat {
+    monitor: Monitor,
+    view: View,
+    terminal: Terminal<TestBackend>,
+}
+
+impl Seat {
+    fn new(url: &str, width: u16, height: u16) -> Self {
+        let ears = Ears::default();
+        let taps = ears.clone();
+        let connector = Connector::default().with_taps(move |wire| taps.on(wire));
+        let link = connector.connect(url).expect("a link");
+        let monitor = Monitor::commanding(link, url, None, ears, PERIOD).expect("axes");
+        let terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
+        let mut seat = Self { monitor, view: View::default(), terminal };
+        seat.wait(1);
+        seat
+    }
+
+    /// Lets so many rounds of questions pass.
+    fn wait(&mut self, rounds: u32) {
+        for _ in 0..rounds {
+            self.monitor.look(&mut |_| ()).expect("a link");
+            self.monitor.settle(&mut |_| ());
+            self.monitor.sleep(PERIOD);
+        }
+    }
+
+    fn press(&mut self, code: KeyCode) -> Then {
+        self.view.key(KeyEvent::new(code, KeyModifiers::NONE), &mut self.monitor)
+    }
+
+    fn type_in(&mut self, text: &str) {
+        for letter in text.chars() {
+            self.press(KeyCode::Char(letter));
+        }
+    }
+
+    fn screen(&mut self) -> String {
+        self.screen_in(Theme { colour: true })
+    }
+
+    fn screen_in(&mut self, theme: Theme) -> String {
+        let Self { monitor, view, terminal } = self;
+        let drawn = terminal.draw(|frame| draw(monitor, view, theme, frame.buffer_mut()));
+        drawn.expect("a frame");
+        terminal
+            .backend()
+            .to_string()
+            .lines()
+            .map(|line| format!("{}\n", line.trim_matches('"')))
+            .collect()
+    }
+
+    /// Two axes on a port, of which only the first is there.
+    fn half_deserted() -> (Self, Served) {
+        let rack = simulate::rack_of_words(&["tmcm-171:1"], 1).expect("a rack");
+        let line = simulate::lines(&rack, 1).expect("a line").remove(0);
+        let pty = Pty::open(None).expect("a pseudo-terminal");
+        let url = format!("tmcl+serial://{}?profile=tmcm-171#1,9", pty.path());
+        let served = line.serve(Box::new(pty));
+        (Self::new(&url, 120, 24), served)
+    }
+
+    fn simulate(&self, drive: usize, act: Act) {
+        let link = self.monitor.link().expect("a link");
+        assert!(link.simulation().expect("simulated").act(0, drive, act));
+    }
+}
+
+fn one_bus() -> String {
+    let folder = env!("CARGO_MANIFEST_DIR");
+    format!("sim:{folder}/../../docs/examples/one-bus.toml?time=virtual")
+}
+
+#[test]
+fn axes_and_frames_are_shown_whatever_the_size() {
+    for (width, height) in [(80, 24), (120, 40), (60, 15), (40, 8), (1, 1)] {
+        let mut seat = Seat::new("sim:tmcl?time=virtual&axes=2", width, height);
+        let screen = seat.screen();
+        assert_eq!(screen.lines().count(), usize::from(height));
+        if width >= 60 {
+            for wanted in
+                ["STOP ALL: Esc", "position", "velocity", "0.0 rpm", "── frames", "q leave"]
+            {
+                assert!(screen.contains(wanted), "{width}x{height} lacks {wanted}:\n{screen}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_frame_has_its_bytes_its_meaning_and_what_changed() {
+    let mut seat = Seat::new("sim:tmcl?time=virtual", 120, 30);
+    seat.wait(3);
+    let screen = seat.screen();
+    let line = "< 02 01 64 06 00 00 00 00 6D  actual position = 0";
+    assert!(screen.contains(line), "{screen}");
+    let last = |seat: &Seat| {
+        let mut rows = seat.monitor.traffic.rows().iter().rev();
+        rows.find(|row| row.text.starts_with("actual velocity")).expect("a frame").clone()
+    };
+    assert_eq!(last(&seat).changed, 0);
+    let axis = seat.monitor.axes[0].axis.clone();
+    axis.arm(true);
+    axis.enable().expect("power");
+    axis.velocity("600 rpm").expect("a speed");
+    seat.wait(3);
+    let row = last(&seat);
+    assert!(row.changed & 0b1_0000_0000 > 0, "its sum changed: {:b}", row.changed);
+    seat.screen();
+    let cells = seat.terminal.backend().buffer().content();
+    let marked = cells.iter().any(|cell| cell.modifier.contains(Modifier::UNDERLINED));
+    assert!(marked, "changed bytes are underlined");
+}
+
+#[test]
+fn esc_stops_what_turns_and_says_how_far_that_came() {
+    let mut seat = Seat::new("sim:tmcl?time=virtual&axes=2", 100, 24);
+    let axis = seat.monitor.axes[1].axis.clone();
+    axis.arm(true);
+    axis.enable().expect("power");
+    axis.velocity("600 rpm").expect("a speed");
+    seat.wait(5);
+    assert_eq!(seat.monitor.axes[1].doing(), Doing::Turns);
+    assert!(seat.screen().contains("turns"));
+    assert!(seat.monitor.farewell()[0].contains("polepair stop sim:tmcl"));
+    // Not even a filter that is being typed keeps it from going out.
+    seat.type_in("/q");
+    assert_eq!(seat.press(KeyCode::Esc), Then::Stay);
+    assert!(!seat.view.typing);
+    assert_eq!(seat.monitor.axes[1].stopping.as_ref().expect("a stop").class(), &Class::Sent);
+    assert!(seat.screen().contains("stop sent"));
+    for _ in 0..200 {
+        seat.monitor.look(&mut |_| ()).expect("a link");
+        seat.monitor.sleep(Duration::from_millis(10));
+    }
+    let screen = seat.screen();
+    assert!(screen.contains("1, 2: standing still"), "{screen}");
+    assert!(seat.monitor.farewell().is_empty());
+    seat.wait(2);
+    assert_eq!(seat.monitor.axes[1].shown(Signal::Velocity).expect("a speed").raw, 0);
+}
+
+#[test]
+fn a_stop_without_an_answer_is_not_called_one() {
+    let (mut seat, _served) = Seat::half_deserted();
+    seat.press(KeyCode::Esc);
+    for watched in &mut seat.monitor.axes {
+        let stopping = watched.stopping.as_mut().expect("a stop");
+        stopping.settle(&watched.axis, Duration::from_secs(60));
+    }
+    let screen = seat.screen();
+    assert!(screen.contains("9: NOT CONFIRMED, cut its power"), "{screen}");
+    assert!(screen.contains("STOP FAILED") && screen.contains("1: standing still"), "{screen}");
+    assert!(seat.monitor.farewell()[0].contains("axis 9 may not have stopped"));
+}
+
+#[test]
+fn a_fault_comes_with_cause_and_remedy() {
+    let mut seat = Seat::new("sim:tmcm-171?time=virtual", 80, 24);
+    seat.simulate(0, Act::Supply(7.0));
+    seat.wait(3);
+    let screen = seat.screen();
+    assert_eq!(seat.monitor.axes[0].doing(), Doing::Fault, "{screen}");
+    assert!(screen.contains("FAULT") && screen.contains("remedy"), "{screen}");
+}
+
+#[test]
+fn an_axis_that_does_not_answer_keeps_no_other_waiting() {
+    let (mut seat, _served) = Seat::half_deserted();
+    seat.wait(3);
+    let screen = seat.screen();
+    assert_eq!(seat.monitor.axes[0].doing(), Doing::Off, "{screen}");
+    assert_eq!(seat.monitor.axes[1].doing(), Doing::Silent, "{screen}");
+    assert!(screen.contains("no answer") && screen.contains("silent"), "{screen}");
+}
+
+#[test]
+fn frames_are_filtered_halted_and_gathered_by_kind() {
+    let mut seat = Seat::new("sim:tmcl?time=virtual", 100, 24);
+    seat.wait(5);
+    seat.type_in("/Velocity");
+    seat.press(KeyCode::Enter);
+    let shown = seat.view.frames(&seat.monitor, 100);
+    assert!(!shown.is_empty() && shown.iter().all(|row| row.text.contains("velocity")));
+    seat.type_in(" ");
+    let halted = seat.screen();
+    seat.wait(2);
+    assert!(seat.screen().contains("HALTED"), "{halted}");
+    let frames = |screen: &str| -> Vec<String> {
+        screen.lines().filter(|line| line.contains("axis parameter")).map(str::to_owned).collect()
+    };
+    assert_eq!(frames(&halted), frames(&seat.screen()), "they stand still");
+    seat.type_in(" /");
+    seat.press(KeyCode::Enter);
+    seat.type_in("t");
+    let kinds = seat.view.kinds(&seat.monitor, 100);
+    let velocity: Vec<_> =
+        kinds.iter().filter(|kind| kind.last.text.contains("actual velocity")).collect();
+    assert_eq!(velocity.len(), 2, "the question and the answer");
+    assert_eq!((velocity[0].count, velocity[1].count), (8, 8));
+    assert!(seat.screen().contains("the last of each kind"));
+}
+
+#[test]
+fn every_protocol_of_a_bus_is_told_by_its_own_words() {
+    let mut seat = Seat::new(&one_bus(), 120, 40);
+    seat.wait(12);
+    assert_eq!(seat.monitor.traffic.counts().1, 0, "no frame breaks its protocol");
+    let (name, load) = seat.monitor.traffic.wires().next().expect("a wire");
+    assert!(load.is_some_and(|load| load > 0.0 && load < 0.8), "{name} {load:?}");
+    let screen = seat.screen();
+    for word in ["2 spindle", "5 x", "97 gripper", "12 starboard", "% busy"] {
+        assert!(screen.contains(word), "{word}:\n{screen}");
+    }
+    for protocol in ["canopen", "technocan", "tmcl", "thruster"] {
+        let mut kinds = seat.monitor.traffic.kinds();
+        assert!(kinds.any(|kind| kind.last.protocol == Some(protocol)), "{protocol}");
+    }
+}
+
+#[test]
+fn without_colours_nothing_is_told_by_colour() {
+    let mut seat = Seat::new("sim:tmcl?time=virtual", 100, 24);
+    let coloured = seat.screen();
+    assert_eq!(seat.screen_in(Theme { colour: false }), coloured);
+    let cells = seat.terminal.backend().buffer().content();
+    assert!(cells.iter().all(|cell| cell.fg == Color::Reset));
+}
+
+#[test]
+fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
+    let mut seat = Seat::new("sim:tmcl?time=virtual", 80, 24);
+    seat.type_in("?");
+    assert!(seat.screen().contains("stop every axis of this view"));
+    assert_eq!(seat.press(KeyCode::Char('q')), Then::Stay);
+    assert!(!seat.view.help);
+    seat.type_in("?");
+    seat.press(KeyCode::Esc);
+    assert!(!seat.view.help && seat.monitor.axes[0].stopping.is_some());
+    assert_eq!(seat.press(KeyCode::Char('q')), Then::Leave);
+}
+
+/// Draws what `docs/images/monitor.svg` is made from:
+/// `cargo test -p polepair-cli --bin polepair the_picture -- --ignored`, then
+/// `cargo xtask picture < target/monitor.txt > docs/images/monitor.svg`.
+#[test]
+#[ignore = "it writes a file"]
+fn the_picture_of_the_guide() {
+    let mut seat = Seat::new(&one_bus(), 104, 30);
+    for (n, speed) in [(0, "1200 rpm"), (1, "300 rpm")] {
+        let axis = seat.monitor.axes[n].axis.clone();
+        axis.arm(true);
+        axis.enable().expect("power");
+        axis.velocity(speed).expect("a speed");
+    }
+    seat.simulate(3, Act::Supply(7.0));
+    seat.wait(15);
+    seat.monitor.url = "sim:docs/examples/one-bus.toml".to_owned();
+    seat.press(KeyCode::Down);
+    seat.press(KeyCode::Down);
+    seat.press(KeyCode::Down);
+    seat.wait(2);
+    seat.screen();
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../target/monitor.txt");
+    std::fs::write(path, coloured(seat.terminal.backend().buffer())).expect("a file");
+}
+
+/// The screen as a terminal is told of it.
+fn coloured(buffer: &Buffer) -> String {
+    let mut text = String::new();
+    for row in buffer.content().chunks(usize::from(buffer.area.width)) {
+        for cell in row {
+            let code = match (cell.fg, cell.modifier.contains(Modifier::DIM)) {
+                (Color::Green, _) => "32",
+                (Color::Magenta, _) => "35",
+                (Color::Red, _) => "31",
+                (Color::Cyan, _) => "36",
+                (_, true) => "2",
+                _ => "0",
+            };
+            text.push_str(&format!("\x1b[{code}m{}", cell.symbol()));
+        }
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,113 @@
+//! Hearing what passes on a link, and saying nothing.
+//!
+//! ```
+//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! let connector = polepair::Connector::default(); // `with_taps` gives it ears
+//! let listening = connector.listen("sim:tmcl+can")?;
+//! assert_eq!(listening.wires()[0].protocols, ["tmcl"]);
+//! # }
+//! # Ok::<(), polepair::Error>(())
+//! ```
+
+use crate::connect::{Connector, Line};
+use crate::error::Error;
+use crate::wire::{OpenWire, SharedLink};
+use polepair_core::medium::{Can, CanLine, Medium, SerialLine, Stream};
+use polepair_core::station::{LineEvent, Station, Timed};
+use polepair_core::time::Instant;
+use polepair_link::{LinkError, Losses, Served};
+
+/// Wires that are listened to, each on a thread of its own, until this is dropped. What is heard
+/// goes to the connector's taps, all of it as if it came from a drive: who spoke is not known.
+#[derive(Debug)]
+pub struct Listening {
+    wires: Vec<OpenWire>,
+    ears: Vec<Ear>,
+}
+
+struct Ear {
+    link: SharedLink,
+    served: Served,
+}
+
+impl Connector {
+    /// Opens what the string names and listens. Nobody is asked anything, so axes are not looked
+    /// for; on CAN the controller still acknowledges what it hears, as every node does.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened.
+    pub fn listen(&self, text: &str) -> Result<Listening, Error> {
+        let (lines, _) = self.lines(&self.url(text)?)?;
+        let mut listening = Listening { wires: Vec::new(), ears: Vec::new() };
+        for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
+            listening.wires.extend(Line::wire_of(lines));
+            listening.ears.extend(lines.first().map(|line| Ear::new(line.link.clone())));
+        }
+        Ok(listening)
+    }
+}
+
+impl Listening {
+    /// Every wire, in the order in which [taps](Connector::with_taps) count them.
+    #[must_use]
+    pub fn wires(&self) -> &[OpenWire] {
+        &self.wires
+    }
+
+    /// What was noticed on a wire and could not be handed on.
+    #[must_use]
+    pub fn losses(&self, wire: usize) -> Losses {
+        self.ears.get(wire).map_or_else(Losses::default, |ear| ear.link.losses())
+    }
+
+    /// Why a wire is heard no more, if one is: told once.
+    pub fn trouble(&mut self) -> Option<LinkError> {
+        let at = self.ears.iter().position(|ear| ear.served.ended())?;
+        self.ears.remove(at).served.wait().err()
+    }
+}
+
+impl std::fmt::Debug for Ear {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Ear").field(&self.link.describe()).finish()
+    }
+}
+
+impl Ear {
+    fn new(link: SharedLink) -> Self {
+        let served = match link.clone() {
+            SharedLink::Serial(link) => {
+                Served::new(Box::new(link), Box::new(Silent::<Stream>(SerialLine::n81(0))))
+            }
+            SharedLink::Can(link) => {
+                Served::new(Box::new(link), Box::new(Silent::<Can>(CanLine { bit_rate: 0 })))
+            }
+        };
+        Self { link, served }
+    }
+}
+
+/// A station that never says anything. The link's tap hears, and the line stays as it was set.
+struct Silent<M: Medium>(M::Line);
+
+impl<M: Medium> Timed for Silent<M> {
+    fn handle_timeout(&mut self, _now: Instant) {}
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        None
+    }
+}
+
+impl<M: Medium> Station<M> for Silent<M> {
+    fn handle_input(&mut self, _now: Instant, _unit: &M::Unit) {}
+
+    fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}
+
+    fn poll_transmit(&mut self, _now: Instant, _out: &mut M::Out) -> Option<usize> {
+        None
+    }
+
+    fn line(&self) -> M::Line {
+        self.0
+    }
+}
