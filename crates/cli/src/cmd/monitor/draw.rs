@@ -140,10 +140,21 @@ fn stop(monitor: &Monitor, view: &View, theme: Theme) -> Option<Line<'static>> {
     }
     let stops = || monitor.axes.iter().filter_map(|axis| Some((axis, axis.stopping.as_ref()?)));
     let mut spans = vec![theme.span("STOP", Role::Strong)];
+    let failed: Vec<(String, &str)> = stops()
+        .filter_map(|(axis, stop)| match stop.class() {
+            Class::Failed(why) => Some((axis.name(), why.as_str())),
+            _ => None,
+        })
+        .collect();
+    if !failed.is_empty() {
+        let names: Vec<&str> = failed.iter().map(|(name, _)| name.as_str()).collect();
+        let text = format!("  {}: NOT CONFIRMED, cut its power", names.join(", "));
+        spans.push(theme.span(text, Role::Bad));
+    }
     let classes = [
-        (Class::Still, "standing still", Role::Good),
-        (Class::Acknowledged, "acknowledged", Role::Plain),
         (Class::Sent, "sent", Role::Warn),
+        (Class::Acknowledged, "acknowledged", Role::Plain),
+        (Class::Still, "standing still", Role::Good),
     ];
     for (class, word, role) in classes {
         let found: Vec<_> = stops().filter(|(_, stop)| *stop.class() == class).collect();
@@ -152,11 +163,8 @@ fn stop(monitor: &Monitor, view: &View, theme: Theme) -> Option<Line<'static>> {
         let text = format!("  {}: {word}, {:.2} s", names.join(", "), last.as_secs_f64());
         spans.push(theme.span(text, role));
     }
-    for (axis, stop) in stops() {
-        if let Class::Failed(why) = stop.class() {
-            let text = format!("  {}: NOT CONFIRMED, cut its power ({why})", axis.name());
-            spans.insert(1, theme.span(text, Role::Bad));
-        }
+    if let Some((_, why)) = failed.first() {
+        spans.push(theme.span(format!("  ({why})"), Role::Bad));
     }
     (spans.len() > 1).then(|| Line::from(spans))
 }

@@ -61,6 +61,9 @@ impl View {
     }
 
     fn stop(&mut self, monitor: &mut Monitor) {
+        if self.typing {
+            self.filter.clear();
+        }
         (self.typing, self.help) = (false, false);
         self.mute = monitor.is_listening();
         monitor.stop();

@@ -257,6 +257,15 @@ fn spoken(wire: &OpenWire, axes: &[Axis], stated: Option<&Rules>) -> Spoken {
     if wire.protocols.len() > 1 {
         own.iter().for_each(|axis| add(axis.protocol(), Scope::Axis(axis.number())));
     }
-    wire.protocols.iter().for_each(|word| add(word, Scope::Anywhere));
+    // An identifier that no protocol claims is of the one that claims fewest: its drives may have any.
+    let mut words = wire.protocols.clone();
+    words.sort_by_key(|word| claimed(word));
+    words.iter().for_each(|word| add(word, Scope::Anywhere));
     Spoken { rules: Rules(rules), profile }
+}
+
+/// How many identifiers of 11 bits a protocol claims.
+fn claimed(word: &str) -> usize {
+    let dissector = proto::dissector(word);
+    (0..0x800).filter(|id| dissector.is_some_and(|found| found.claims(*id, false))).count()
 }

@@ -146,7 +146,7 @@ pub fn troubles(watched: &Watched) -> Vec<(String, bool)> {
         lines.push((format!("{word} {}: {}", fault.name, fault.text), stops));
         for (word, sentence) in [("cause", fault.cause), ("remedy", fault.remedy)] {
             if !sentence.is_empty() {
-                lines.push((format!("  {word:<7}{sentence}"), false));
+                lines.push((format!("  {word}: {sentence}"), false));
             }
         }
     }

@@ -5,13 +5,15 @@ use std::time::Duration;
 
 use polepair_core::time::Instant;
 use polepair_link::clock;
-use ratatui_core::terminal::Terminal;
+use ratatui_core::layout::Rect;
+use ratatui_core::terminal::{Terminal, TerminalOptions, Viewport};
 use ratatui_crossterm::CrosstermBackend;
 use ratatui_crossterm::crossterm::cursor::{Hide, Show};
 use ratatui_crossterm::crossterm::event::{self, Event};
 use ratatui_crossterm::crossterm::execute;
 use ratatui_crossterm::crossterm::terminal::{
-    EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
+    Clear, ClearType, EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode,
+    enable_raw_mode, size,
 };
 
 use super::draw::{self, Theme};
@@ -78,7 +80,12 @@ fn refused(error: &io::Error) -> Problem {
 }
 
 /// A terminal that is given back when this is dropped, and before a panic tells of itself.
-struct Screen(Terminal<CrosstermBackend<BufWriter<Stdout>>>);
+struct Screen {
+    terminal: Drawn,
+    size: (u16, u16),
+}
+
+type Drawn = Terminal<CrosstermBackend<BufWriter<Stdout>>>;
 
 impl Screen {
     fn open() -> io::Result<Self> {
@@ -87,18 +94,31 @@ impl Screen {
             give_back();
             before(panic);
         }));
+        let size = size()?;
         // From here on it is given back, also where the next step fails.
-        let mut taken = Self(Terminal::new(CrosstermBackend::new(BufWriter::new(io::stdout())))?);
+        let mut taken = Self { terminal: of_size(size)?, size };
         enable_raw_mode()?;
-        execute!(taken.0.backend_mut(), EnterAlternateScreen, Hide)?;
-        taken.0.clear()?;
+        execute!(taken.terminal.backend_mut(), EnterAlternateScreen, Hide, Clear(ClearType::All))?;
         Ok(taken)
     }
 
     fn draw(&mut self, monitor: &Monitor, view: &View, theme: Theme) -> io::Result<()> {
-        self.0.draw(|frame| draw::draw(monitor, view, theme, frame.buffer_mut()))?;
+        let size = size()?;
+        if size != self.size {
+            (self.terminal, self.size) = (of_size(size)?, size);
+            execute!(self.terminal.backend_mut(), Clear(ClearType::All))?;
+        }
+        self.terminal.draw(|frame| draw::draw(monitor, view, theme, frame.buffer_mut()))?;
         Ok(())
     }
+}
+
+/// A fixed area: one that follows the terminal's size would ask it where its cursor is, and wait for
+/// an answer that some never give.
+fn of_size((width, height): (u16, u16)) -> io::Result<Drawn> {
+    let viewport = Viewport::Fixed(Rect::new(0, 0, width, height));
+    let backend = CrosstermBackend::new(BufWriter::new(io::stdout()));
+    Terminal::with_options(backend, TerminalOptions { viewport })
 }
 
 impl Drop for Screen {

@@ -173,8 +173,10 @@ fn details(monitor: &Monitor, width: usize, theme: Theme) -> Vec<Line<'static>> 
             facts.push_str(&format!("  {word}{gap}{} ({})", steady(&shown), age(shown.age)));
         }
     }
-    let name = cut(&title, width.saturating_sub(facts.chars().count()).max(24));
-    lines.push(Line::from(vec![theme.span(name, Role::Plain), theme.span(facts, Role::Dim)]));
+    lines.push(Line::from(theme.span(cut(&title, width), Role::Plain)));
+    if !facts.is_empty() {
+        lines.push(Line::from(theme.span(cut(&facts, width), Role::Dim)));
+    }
     lines
 }
 

@@ -10,8 +10,9 @@ use super::{Role, Theme, cut};
 
 /// Bytes of a frame that are shown at most, where there is room and where there is not.
 const BYTES: [usize; 2] = [9, 16];
-/// Columns from which on bytes are set apart by spaces, and from which on more of them are shown.
-const WIDE: [u16; 2] = [80, 120];
+/// Columns from which on bytes are set apart by spaces, from which on protocols are named, and from
+/// which on more bytes are shown.
+const WIDE: [u16; 3] = [80, 100, 120];
 /// A kind of frame that did not come for so long is shown as old.
 const OLD_NS: u64 = 2_000_000_000;
 
@@ -95,8 +96,8 @@ impl Grid {
                 protocols.push(protocol);
             }
         }
-        let most = BYTES[usize::from(width >= WIDE[1])];
-        let named = protocols.len() > 1 && width >= WIDE[0];
+        let most = BYTES[usize::from(width >= WIDE[2])];
+        let named = protocols.len() > 1 && width >= WIDE[1];
         let protocol = protocols.iter().map(|name| name.len()).max().filter(|_| named);
         Self {
             theme,
@@ -119,6 +120,7 @@ impl Grid {
     fn kind(&self, monitor: &Monitor, kind: &Kind) -> Line<'static> {
         let every = kind.period.map_or_else(String::new, |ns| match ns {
             0..100_000_000 => format!("{:.1} ms", ns as f64 / 1e6),
+            100_000_000..10_000_000_000 => format!("{} ms", ns / 1_000_000),
             _ => format!("{:.1} s", ns as f64 / 1e9),
         });
         let now = monitor.began() + monitor.age().as_nanos() as u64;
