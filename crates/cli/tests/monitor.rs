@@ -16,7 +16,7 @@ fn objects(text: &str) -> Vec<Value> {
 fn once_asks_each_axis_and_prints_what_it_said() {
     let out = ok(&["monitor", "sim:tmcl?axes=2&time=virtual", "--once"]);
     let line = |word: &str| out.lines().find(|line| line.starts_with(word)).expect(word).to_owned();
-    assert!(line("axis ").contains("velocity") && line("2 ").contains("tmcm-171"), "{out}");
+    assert!(line("axis ").contains("velocity") && line("3 ").contains("tmcm-171"), "{out}");
     assert!(out.contains("actual position = 0"), "{out}");
 }
 
