@@ -1,6 +1,7 @@
 """python canopen against our CANopen nodes: network management, service and process data, LSS."""
 
 import contextlib
+import math
 import socket
 import struct
 import time
@@ -8,7 +9,7 @@ import time
 import canopen
 import pytest
 from canopen_objects import dictionary
-from conftest import end, start, until
+from conftest import end, polepair, start, until
 
 GROUP = "239.74.163.2"
 NODE = 2
@@ -202,3 +203,46 @@ def answers(master, node):
         return master[node].sdo[0x1000].raw == 0x20192
     except canopen.SdoCommunicationError:
         return False
+
+
+def test_set_points_go_out_on_sync_at_their_rate(tmp_path):
+    """A foreign listener hears a SYNC each cycle, and the set-points of both axes before it."""
+    port = free_port()
+    url = f"canopen+udp://{GROUP}:{port}?timeout=1000#1,2"
+    lines = ["time s, 1 deg, 2 deg"]
+    for k in range(101):
+        angle = 20 * (1 - math.cos(k * math.tau / 100))
+        lines.append(f"{k * 0.02:.3f},{angle:.6f},{-angle:.6f}")
+    path = tmp_path / "path.csv"
+    path.write_text("\n".join(lines) + "\n")
+    process, _ = start("cia402:1,2", "--udp", f"{GROUP}:{port}")
+    listener, heard = canopen.Network(), []
+    listener.connect(interface="udp_multicast", channel=GROUP, port=port)
+    for cob in (0x080, 0x201, 0x202, 0x181, 0x182):
+        listener.subscribe(cob, lambda cob, data, at: heard.append((cob, bytes(data), at)))
+    try:
+        said = polepair("stream", url, str(path)).stderr
+    finally:
+        listener.disconnect()
+        end(process)
+    assert "101 cycles of 20 ms, axes: 2" in said
+    syncs = [at for cob, _, at in heard if cob == 0x080]
+    assert len(syncs) >= 101
+    # Half of the beats are within a quarter of their period, however busy this machine is.
+    steps = sorted(b - a for a, b in zip(syncs, syncs[1:]))
+    assert abs(steps[len(steps) // 2] - 0.02) < 0.005
+    # Between two SYNCs: a set-point for each axis, enable operation in its controlword.
+    points = {cob: [] for cob in (0x201, 0x202)}
+    between = []
+    for cob, data, _ in heard:
+        if cob == 0x080:
+            assert [c for c in between if c in points] in ([0x201, 0x202], []), between
+            between = []
+            continue
+        between.append(cob)
+        if cob in points and len(data) == 6 and data[4] == 0x0F:
+            points[cob].append(int.from_bytes(data[:4], "little", signed=True))
+    # 40 degrees of 10,000 increments a turn, there and back.
+    assert max(points[0x201]) == pytest.approx(1111, abs=2) and points[0x201][-1] == 0
+    assert min(points[0x202]) == pytest.approx(-1111, abs=2) and points[0x202][-1] == 0
+    assert sum(cob in (0x181, 0x182) for cob, _, _ in heard) >= 150

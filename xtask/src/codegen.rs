@@ -450,6 +450,9 @@ fn step(step: &Step) -> String {
             let (read, t) = (id(read), test(t));
             format!("Step::Skip {{ read: {read}, test: {t}, count: {count} }}")
         }
+        Step::Without { read, count } => {
+            format!("Step::Without {{ read: {}, count: {count} }}", id(read))
+        }
         Step::NoFault { read, mask: m } => {
             format!("Step::NoFault {{ read: {}, mask: {} }}", id(read), mask(m))
         }

@@ -131,6 +131,9 @@ fn step_text(profile: &Profile, step: Step) -> String {
         Step::Skip { read, test, count } => {
             format!("leave out the next {count} if {}", test_text(&name(read), test))
         }
+        Step::Without { read, count } => {
+            format!("leave out the next {count} if the drive has no {}", name(read))
+        }
         Step::NoFault { read, .. } => format!("go on only if {} shows no fault", name(read)),
         Step::Until { read, test, within_ms } => {
             let seconds = f64::from(within_ms) / 1000.0;

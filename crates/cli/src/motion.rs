@@ -96,6 +96,21 @@ pub fn watchdog(profile: &Profile) -> String {
 
 /// Carries a motion out on every axis of the session, and stops what it started when it ends early.
 pub fn run(session: &Session, commands: &[(Axis, Command)], then: Then) -> Result {
+    carry_out(session, commands, then, start_each)
+}
+
+/// The same with moves that begin at one signal.
+pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: Then) -> Result {
+    let start = |commands: &[_], _| polepair::start_together(commands).map_err(outcome::error);
+    carry_out(session, commands, then, start)
+}
+
+fn carry_out(
+    session: &Session,
+    commands: &[(Axis, Command)],
+    then: Then,
+    start: impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
+) -> Result {
     caution(session);
     session.listen();
     let mut started: Vec<Started> = Vec::new();
@@ -105,7 +120,8 @@ pub fn run(session: &Session, commands: &[(Axis, Command)], then: Then) -> Resul
     };
     // One span for all of it: homing is part of the command, the way to a target is not.
     let deadline = clock::now() + within;
-    let ended = begin(commands, deadline, &mut started).and_then(|()| match then {
+    let powered = power(commands, &mut started);
+    let ended = powered.and_then(|()| start(commands, deadline)).and_then(|()| match then {
         Then::Hold(seconds) => hold(commands, seconds),
         Then::Arrive(_) => arrive(commands, deadline),
         Then::Detach => Ok(()),
@@ -134,12 +150,8 @@ struct Started {
     enabled_here: bool,
 }
 
-/// Powers every axis first, then starts all of them back to back.
-fn begin(
-    commands: &[(Axis, Command)],
-    deadline: Instant,
-    started: &mut Vec<Started>,
-) -> Result<()> {
+/// Powers every axis, before any of them moves.
+fn power(commands: &[(Axis, Command)], started: &mut Vec<Started>) -> Result<()> {
     for (axis, _) in commands {
         let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
         axis.arm(true);
@@ -148,6 +160,11 @@ fn begin(
             verb_if_any(axis, Verb::Enable)?;
         }
     }
+    Ok(())
+}
+
+/// Starts all of them back to back.
+fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     // Each is on its way before the first is waited for; one that is refused ends all.
     let begun = commands.iter().map(|(axis, command)| axis.start(*command));
     let begun: Vec<_> = begun.collect::<std::result::Result<_, _>>().map_err(outcome::error)?;

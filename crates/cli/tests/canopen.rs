@@ -105,3 +105,71 @@ fn codes_words_and_frames_are_explained() {
     let named = [&named[..], &["--profile", "cia402"]].concat();
     assert_eq!(ok(&named), "602#2B4060000F000000\n");
 }
+
+/// A file that is gone with the test.
+struct Path(std::path::PathBuf);
+
+impl Path {
+    fn with(name: &str, text: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("polepair-{}-{name}", std::process::id()));
+        std::fs::write(&path, text).expect("a file");
+        Self(path)
+    }
+
+    fn name(&self) -> &str {
+        self.0.to_str().expect("a name")
+    }
+}
+
+impl Drop for Path {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+#[test]
+fn paths_of_several_axes_go_out_on_sync() {
+    let url = "sim:cia402:1,2?time=virtual";
+    let line = |k: f64| {
+        let angle = 90.0 * (1.0 - (k * std::f64::consts::TAU / 100.0).cos());
+        format!("{},{angle},{}\n", k * 0.01, -angle)
+    };
+    let smooth: String = (0..=100).map(|k| line(f64::from(k))).collect();
+    let file = Path::with("circle.csv", &format!("time s, 2 deg, 1 deg\n{smooth}"));
+    let ran = polepair(&["stream", url, file.name()]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("101 cycles of 10 ms, axes: 2"), "{}", ran.err);
+    assert!(ran.err.contains("missed cycles: 0; answers that came late: 0"), "{}", ran.err);
+    assert!(ran.err.contains("min/median/max"), "{}", ran.err);
+}
+
+#[test]
+fn paths_that_cannot_be_followed_move_nothing() {
+    let refused = |url: &str, text: &str, more: &[&str], reason: &str| {
+        let file = Path::with(&format!("{}.csv", reason.len()), text);
+        let ran = polepair(&[&["stream", url, file.name()], more].concat());
+        assert!(ran.code != 0 && ran.err.contains(reason), "{reason}: {} {}", ran.code, ran.err);
+        assert!(!ran.err.contains("cycles of"), "{}", ran.err);
+    };
+    let two = "sim:cia402:1,2?time=virtual";
+    let still = "time s, 1 rad, 2 rad\n0,0,0\n0.02,0,0\n";
+    refused(two, "time s, 1 rad, 2 rad\n0,0,0\n0.01,90,0\n", &[], "faster than the drive may be");
+    refused(two, "time s, 1 rad/s, 2 rad/s\n0,0,0\n0.1,1,1\n", &[], "does not end at rest");
+    refused(two, "time s, 1 deg, 3 deg\n0,0,0\n1,0,0\n", &[], "no column is named");
+    refused(two, "time s, 1 deg, 2 Nm\n0,0,0\n1,0,0\n", &[], "does not fit");
+    refused(two, "time s, 1 deg, 2 deg\n0,0,0\n1,0\n", &[], "columns, not 3");
+    refused(two, still, &["--period", "1500us"], "1.5 ms is none");
+    let ts = "sim:syntron-ts-canopen:1,2?time=virtual";
+    refused(ts, still, &["--period", "10ms"], "cannot do that");
+}
+
+#[test]
+fn moves_begin_on_one_sync() {
+    let ran = polepair(&["move", "sim:cia402:1,2?time=virtual", "90deg", "--sync"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    for axis in ["#1 position = 90", "#2 position = 90"] {
+        assert!(ran.out.contains(axis) || ran.out.contains("0.25"), "{}", ran.out);
+    }
+    let ran = polepair(&["move", "sim:tmcl:1?time=virtual", "90deg", "--sync"]);
+    assert!(ran.code != 0 && ran.err.contains("cannot do that"), "{}", ran.err);
+}

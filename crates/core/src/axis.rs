@@ -7,6 +7,7 @@ use crate::plan::Argument;
 use crate::profile::{Parameter, ParameterId, Profile, Signal};
 use crate::program::{MemoryRules, Order, TransferStep};
 use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
+use crate::stream::cyclic::{Account, Following, Order as CycleOrder, Setpoint};
 use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, Point};
 use crate::time::Instant;
 
@@ -48,11 +49,27 @@ pub enum Verb {
     WithholdTime,
     /// Put the settings into permanent memory.
     Store,
+    /// Power the motor where it stands, ready to follow positions cycle by cycle.
+    FollowPosition,
+    /// The same for speeds.
+    FollowVelocity,
+    /// The same for torques.
+    FollowTorque,
+    /// Take back what following needed of the drive. Moves nothing.
+    Unfollow,
+    /// Make ready to go to a position, and wait for [`Begin`](Self::Begin).
+    PrepareTo,
+    /// Make ready to go so far, and wait for [`Begin`](Self::Begin).
+    PrepareBy,
+    /// Let every drive of the bus that was made ready begin at once.
+    Begin,
+    /// Make sure that the drive has begun what it was made ready for.
+    Begun,
 }
 
 impl Verb {
     /// Every verb.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 25] = [
         Self::Enable,
         Self::Disable,
         Self::Stop,
@@ -70,6 +87,14 @@ impl Verb {
         Self::GiveTime,
         Self::WithholdTime,
         Self::Store,
+        Self::FollowPosition,
+        Self::FollowVelocity,
+        Self::FollowTorque,
+        Self::Unfollow,
+        Self::PrepareTo,
+        Self::PrepareBy,
+        Self::Begin,
+        Self::Begun,
     ];
 
     /// The word in profiles and messages.
@@ -93,13 +118,30 @@ impl Verb {
             Self::GiveTime => "give-time",
             Self::WithholdTime => "withhold-time",
             Self::Store => "store",
+            Self::FollowPosition => "follow-position",
+            Self::FollowVelocity => "follow-velocity",
+            Self::FollowTorque => "follow-torque",
+            Self::Unfollow => "unfollow",
+            Self::PrepareTo => "prepare-to",
+            Self::PrepareBy => "prepare-by",
+            Self::Begin => "begin",
+            Self::Begun => "begun",
         }
     }
 
     /// True for what sets an axis in motion or powers it: it needs an armed axis.
     #[must_use]
     pub const fn needs_arming(self) -> bool {
-        matches!(self, Self::Enable | Self::Velocity | Self::Torque | Self::Home) || self.is_move()
+        use Verb::{Begin, Enable, Home, PrepareBy, PrepareTo, Torque, Velocity};
+        matches!(self, Enable | Velocity | Torque | Home | PrepareTo | PrepareBy | Begin)
+            || self.is_move()
+            || self.follows()
+    }
+
+    /// True for what makes a drive follow set-points cycle by cycle.
+    #[must_use]
+    pub const fn follows(self) -> bool {
+        matches!(self, Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque)
     }
 
     /// True for what goes to a position, or so far, and tells when it is there.
@@ -116,14 +158,16 @@ impl Verb {
         match self {
             Self::Velocity => matches!(argument, Velocity | Acceleration),
             Self::Torque => matches!(argument, Torque),
-            Self::MoveTo | Self::MoveBy | Self::MoveOn => {
+            Self::MoveTo | Self::MoveBy | Self::MoveOn | Self::PrepareTo | Self::PrepareBy => {
                 matches!(argument, Target | Velocity | Acceleration)
             }
             Self::CurveTo | Self::CurveBy => {
                 matches!(argument, Target | Velocity | Acceleration | JerkTime)
             }
             Self::Home => matches!(argument, Velocity),
-            Self::GiveTime => matches!(argument, Period),
+            Self::GiveTime | Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque => {
+                matches!(argument, Period)
+            }
             _ => false,
         }
     }
@@ -343,6 +387,28 @@ pub trait Driver {
         PathStatus::default()
     }
 
+    /// The parameter that is commanded cycle by cycle; `None` where the drive is not ready for that.
+    fn followed(&self, setpoint: Setpoint) -> Option<ParameterId> {
+        let _ = setpoint;
+        None
+    }
+
+    /// Brings a drive its set-point, raw, for the next [`beat`](Self::beat). Nobody answers it.
+    fn follow(&self, setpoint: Setpoint, raw: i64, order: CycleOrder) -> Option<Self::Request> {
+        let _ = (setpoint, raw, order);
+        None
+    }
+
+    /// The request that makes all drives of the wire take over what they were brought.
+    fn beat(&self) -> Option<Self::Request> {
+        None
+    }
+
+    /// Bits that a cycle of this drive takes of the wire at most, and apart from it the beat for all.
+    fn cycle_bits(&self) -> (u32, u32) {
+        (0, 0)
+    }
+
     /// What is to be known of the memory that programs of this drive lie in; `None` where it takes
     /// none.
     fn memory(&self) -> Option<&'static MemoryRules> {
@@ -496,6 +562,42 @@ pub trait Axes {
     /// that path has ended.
     fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
         let _ = (ticket, points, complete);
+        None
+    }
+
+    /// Gives several axes of one wire, each made ready by its verb before, a set-point cycle by
+    /// cycle; see [`feed_cycles`](Self::feed_cycles). It ends in one outcome under `ticket`: the
+    /// number of cycles. One that fails, or is stopped, stops all and disarms them.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn follow(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        following: &Following<'_>,
+    ) -> Result<(), Unsupported> {
+        let _ = (now, ticket, following);
+        Err(Unsupported::NoPlan)
+    }
+
+    /// Takes set-points in SI for the cycles to come, those of a cycle side by side in the order of
+    /// the axes, as many whole cycles as there is room for, and tells how many. `complete` says that
+    /// the last of them ends the motion; it must be one at rest. `None` when there is no such motion.
+    fn feed_cycles(&mut self, ticket: Ticket, setpoints: &[f64], complete: bool) -> Option<usize> {
+        let _ = (ticket, setpoints, complete);
+        None
+    }
+
+    /// How the present, or the last, cyclic motion of an axis went.
+    fn account(&self, axis: AxisIndex) -> Option<&Account> {
+        let _ = axis;
+        None
+    }
+
+    /// What a cycle of those axes takes of their one wire at most, ns; zero without timing.
+    fn cycle_ns(&self, axes: &[AxisIndex]) -> Option<u64> {
+        let _ = axes;
         None
     }
 

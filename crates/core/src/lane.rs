@@ -2,6 +2,7 @@
 //!
 //! All storage is made when the lane is made, or a path is begun; nothing allocates afterwards.
 
+mod cycle;
 mod execute;
 mod job;
 mod path;
@@ -16,7 +17,7 @@ use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use core::marker::PhantomData;
 
-use crate::axis::{Axes, Command, Part, Rehearsed, RehearsedStep, State};
+use crate::axis::{Axes, Command, Part, Rehearsed, RehearsedStep, State, Verb};
 use crate::error::{Outcome, Unsupported};
 use crate::medium::Medium;
 use crate::plan::Step;
@@ -25,8 +26,10 @@ use crate::program::{MemoryRules, Order};
 use crate::station::{
     AxisIndex, Class, Counters, Event, Host, LineEvent, Request, Station, Ticket, Timed, To,
 };
+use crate::stream::cyclic::{Account, Following, LOAD_MAX_PERCENT, Setpoint};
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
+use cycle::Cycle;
 use job::{Asked, Run, Steps, Task, Write};
 use path::Path;
 pub use slot::BoxedDriver;
@@ -50,6 +53,8 @@ pub struct Lane<M: Medium, H: Host<M>> {
     jobs: Table<H::Request>,
     /// What drives of a group answered and nobody has taken yet.
     parts: VecDeque<Part>,
+    /// Axes that follow one beat, or did last.
+    cycle: Option<Box<Cycle>>,
     medium: PhantomData<fn() -> M>,
 }
 
@@ -72,6 +77,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             slots,
             jobs: Table::new(),
             parts: VecDeque::with_capacity(if groups { PARTS_MAX } else { 0 }),
+            cycle: None,
             medium: PhantomData,
         }
     }
@@ -90,6 +96,9 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     fn settle(&mut self, now: Instant) {
         while let Some(event) = self.host.poll_event() {
             take(now, &mut self.jobs, &mut self.slots, &mut self.parts, event);
+            if let (Some(cycle), (To::Address(address), Ok(_))) = (&mut self.cycle, event) {
+                cycle.heard(now, *address, &self.slots);
+            }
         }
     }
 
@@ -171,7 +180,8 @@ impl<M: Medium, H: Host<M>> Timed for Lane<M, H> {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest(self.host.poll_timeout(), self.jobs.wake)
+        let due = self.cycle.as_ref().and_then(|cycle| cycle.due());
+        earliest(due, earliest(self.host.poll_timeout(), self.jobs.wake))
     }
 }
 
@@ -179,8 +189,12 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     fn handle_input(&mut self, now: Instant, unit: &M::Unit) {
         self.host.handle_input(now, unit);
         while let Some(event) = self.host.poll_event() {
-            if !self.jobs.read_answered(now, &mut self.slots, event) {
-                take(now, &mut self.jobs, &mut self.slots, &mut self.parts, event);
+            if self.jobs.read_answered(now, &mut self.slots, event) {
+                continue;
+            }
+            take(now, &mut self.jobs, &mut self.slots, &mut self.parts, event);
+            if let (Some(cycle), (To::Address(address), Ok(_))) = (&mut self.cycle, event) {
+                cycle.heard(now, *address, &self.slots);
             }
         }
     }
@@ -190,6 +204,9 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
         self.settle(now);
         if matches!(event, LineEvent::Down | LineEvent::BusOff) {
             self.jobs.lose();
+            if let Some(cycle) = &mut self.cycle {
+                cycle.lose();
+            }
         }
         if event != LineEvent::Break {
             self.slots.iter_mut().for_each(Slot::forget);
@@ -197,6 +214,12 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut M::Out) -> Option<usize> {
+        // A beat keeps its time whatever else there is to say.
+        if let Some(cycle) = &mut self.cycle
+            && let Some(request) = cycle.poll(now, &mut self.slots)
+        {
+            return Some(self.host.say(now, &request, out));
+        }
         self.jobs.rouse(now);
         self.feed(now);
         let sent = self.host.poll_transmit(now, out);
@@ -249,12 +272,15 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
             if !slot.state.armed {
                 return Err(Unsupported::NotArmed);
             }
-            if self.jobs.moving(axis) {
+            if self.moving(axis) {
                 return Err(Unsupported::Busy);
             }
         }
         if verb.is_stop() {
-            self.jobs.cancel(axis);
+            self.cancel(axis);
+        }
+        if verb.needs_arming() || verb.is_stop() {
+            self.slot_mut(axis)?.follows = followed(verb);
         }
         let run = Run::new(Steps::Plan(plan.steps), plan.undo, command, Some(verb));
         self.jobs.add(ticket, axis, Task::Run(run), verb.is_stop())
@@ -284,6 +310,9 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let parameter = slot.writable(id, raw)?;
         if parameter.moves && !slot.state.armed {
             return Err(Unsupported::NotArmed);
+        }
+        if parameter.moves && self.follows_beat(axis) {
+            return Err(Unsupported::Busy);
         }
         let steps = Steps::Write(Write::new(slot.profile, id, raw, keep));
         let command = Command::new(crate::axis::Verb::Store);
@@ -315,7 +344,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         if !slot.state.armed {
             return Err(Unsupported::NotArmed);
         }
-        if self.jobs.moving(axis) {
+        if self.moving(axis) {
             return Err(Unsupported::Busy);
         }
         self.jobs.add(ticket, axis, Task::Path, false)?;
@@ -331,6 +360,49 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         Some(path.feed(points, complete))
     }
 
+    fn follow(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        following: &Following<'_>,
+    ) -> Result<(), Unsupported> {
+        const BEATS: &str = "other axes of this link follow a beat; there is one for all";
+        const FULL: &str = "the set-points of these axes and what the drives tell take more than 80 % \
+                            of the bus: choose a longer period, a higher bit rate or fewer axes";
+        if self.cycle.as_ref().is_some_and(|cycle| cycle.runs()) {
+            return Err(Unsupported::Forbidden(BEATS));
+        }
+        if following.axes.iter().any(|axis| self.moving(*axis)) {
+            return Err(Unsupported::Busy);
+        }
+        let cycle = Cycle::new(now, ticket, following, &self.slots)?;
+        let needs = u128::from(self.cycle_ns(following.axes).unwrap_or(0));
+        if needs * 100 > following.period.as_nanos() * u128::from(LOAD_MAX_PERCENT) {
+            return Err(Unsupported::Forbidden(FULL));
+        }
+        self.cycle = Some(Box::new(cycle));
+        Ok(())
+    }
+
+    fn feed_cycles(&mut self, ticket: Ticket, setpoints: &[f64], complete: bool) -> Option<usize> {
+        let cycle = self.cycle.as_mut().filter(|cycle| cycle.ticket() == ticket)?;
+        cycle.feed(&self.slots, setpoints, complete)
+    }
+
+    fn account(&self, axis: AxisIndex) -> Option<&Account> {
+        self.cycle.as_ref().filter(|cycle| cycle.has(axis)).map(|cycle| cycle.account())
+    }
+
+    fn cycle_ns(&self, axes: &[AxisIndex]) -> Option<u64> {
+        let mut bits = (0, 0);
+        for axis in axes {
+            let (own, beat) = self.slot(*axis).ok()?.driver.cycle_bits();
+            bits = (bits.0 + u64::from(own), u64::from(beat));
+        }
+        let ns = (bits.0 + bits.1) * 1_000_000_000;
+        Some(ns.checked_div(self.host.bit_rate().into()).unwrap_or(0))
+    }
+
     fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
         self.slot(axis).ok()?.driver.memory()
     }
@@ -344,7 +416,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         pieces: &[Piece],
     ) -> Result<(), Unsupported> {
         let rules = self.slot(axis)?.driver.memory().ok_or(Unsupported::NoPlan)?;
-        if self.jobs.moving(axis) || self.jobs.transfers(axis) {
+        if self.moving(axis) || self.jobs.transfers(axis) {
             return Err(Unsupported::Busy);
         }
         let transfer = Transfer::new(kind, rules, pieces.to_vec())?;
@@ -367,14 +439,15 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         order: Order,
     ) -> Result<(), Unsupported> {
         let request = self.slot(axis)?.driver.order(order).ok_or(Unsupported::NoPlan)?;
-        if request.class() == Class::Never && self.jobs.moving(axis) {
+        if request.class() == Class::Never && self.moving(axis) {
             return Err(Unsupported::Busy);
         }
         self.say(ticket, axis, request)
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        self.jobs.outcome()
+        let cycle = self.cycle.as_mut().and_then(|cycle| cycle.take_outcome());
+        cycle.or_else(|| self.jobs.outcome())
     }
 
     fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
@@ -417,7 +490,41 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     }
 }
 
+/// What a verb makes a drive ready to follow.
+const fn followed(verb: Verb) -> Option<Setpoint> {
+    match verb {
+        Verb::FollowPosition => Some(Setpoint::Position),
+        Verb::FollowVelocity => Some(Setpoint::Velocity),
+        Verb::FollowTorque => Some(Setpoint::Torque),
+        _ => None,
+    }
+}
+
 impl<M: Medium, H: Host<M>> Lane<M, H> {
+    fn slot_mut(
+        &mut self,
+        axis: AxisIndex,
+    ) -> Result<&mut Slot<H::Request, H::Answer>, Unsupported> {
+        self.slots.get_mut(usize::from(axis.0)).ok_or(Unsupported::NoSuchAxis)
+    }
+
+    fn follows_beat(&self, axis: AxisIndex) -> bool {
+        self.cycle.as_ref().is_some_and(|cycle| cycle.commands(axis))
+    }
+
+    /// Whether something moves an axis, or stops it.
+    fn moving(&self, axis: AxisIndex) -> bool {
+        self.jobs.moving(axis) || self.follows_beat(axis)
+    }
+
+    /// Ends what moves an axis: a stop is next. All that follow its beat stop with it.
+    fn cancel(&mut self, axis: AxisIndex) {
+        self.jobs.cancel(axis);
+        if let Some(cycle) = self.cycle.as_mut().filter(|cycle| cycle.commands(axis)) {
+            cycle.cancel();
+        }
+    }
+
     /// One request of the protocol's own: what may move the motor needs an armed axis, what stops it
     /// ends what runs.
     fn say(
@@ -431,7 +538,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
         let stop = request.is_stop();
         if stop {
-            self.jobs.cancel(axis);
+            self.cancel(axis);
         }
         self.jobs.add(ticket, axis, Task::Raw(request), stop)
     }
@@ -454,6 +561,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             Step::Read(id)
             | Step::Require { read: id, .. }
             | Step::Skip { read: id, .. }
+            | Step::Without { read: id, .. }
             | Step::NoFault { read: id, .. }
             | Step::Until { read: id, .. } => (RehearsedStep::Read(id), read(id)?),
             Step::Copy { from, to } => (RehearsedStep::WriteWhatWasRead(from, to), read(from)?),

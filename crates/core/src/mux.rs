@@ -13,11 +13,14 @@ use crate::medium::{Can, CanLine, Frame};
 use crate::profile::{ParameterId, Profile};
 use crate::program::{MemoryRules, Order};
 use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
+use crate::stream::cyclic::{Account, Following};
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
 
 #[cfg(test)]
 mod tests;
+
+const APART: &str = "axes that follow one beat must be of one protocol, on one wire";
 
 /// A lane whose host and drivers are erased.
 pub type BoxedLane = Box<dyn AnyLane<Can>>;
@@ -56,6 +59,14 @@ impl Mux {
             }
         }
         None
+    }
+
+    /// The lane that all these axes are in, and their places in it.
+    fn places(&self, axes: &[AxisIndex]) -> Option<(usize, Vec<AxisIndex>)> {
+        let all: Vec<_> = axes.iter().map(|axis| self.place(*axis)).collect::<Option<_>>()?;
+        let (first, _) = *all.first()?;
+        let together = all.iter().all(|(n, _)| *n == first);
+        together.then(|| (first, all.into_iter().map(|(_, axis)| axis).collect()))
     }
 
     fn of(&self, axis: AxisIndex) -> Option<(&dyn AnyLane<Can>, AxisIndex)> {
@@ -197,6 +208,30 @@ impl Axes for Mux {
 
     fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
         self.lanes.iter_mut().find_map(|lane| lane.feed(ticket, points, complete))
+    }
+
+    fn follow(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        following: &Following<'_>,
+    ) -> Result<(), Unsupported> {
+        let (n, axes) = self.places(following.axes).ok_or(Unsupported::Forbidden(APART))?;
+        self.lanes[n].follow(now, ticket, &Following { axes: &axes, ..*following })
+    }
+
+    fn feed_cycles(&mut self, ticket: Ticket, setpoints: &[f64], complete: bool) -> Option<usize> {
+        self.lanes.iter_mut().find_map(|lane| lane.feed_cycles(ticket, setpoints, complete))
+    }
+
+    fn account(&self, axis: AxisIndex) -> Option<&Account> {
+        let (lane, axis) = self.of(axis)?;
+        lane.account(axis)
+    }
+
+    fn cycle_ns(&self, axes: &[AxisIndex]) -> Option<u64> {
+        let (n, axes) = self.places(axes)?;
+        self.lanes[n].cycle_ns(&axes)
     }
 
     fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {

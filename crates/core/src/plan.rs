@@ -60,6 +60,14 @@ pub enum Step {
         /// How many steps.
         count: u8,
     },
+    /// Leaves out the next steps if the drive refuses to tell the parameter: for what not every
+    /// drive of a standard has.
+    Without {
+        /// The parameter to read.
+        read: ParameterId,
+        /// How many steps.
+        count: u8,
+    },
     /// Ends the plan with `Faulted` if the masked parameter is not zero.
     NoFault {
         /// The parameter to read.

@@ -164,6 +164,18 @@ pub trait Host<M: Medium>: Station<M> {
     /// What happened on the wire so far.
     fn counters(&self) -> Counters;
 
+    /// Puts a request that nobody answers on the wire ahead of everything else; no event tells of
+    /// it. The application is alive for whoever watches it.
+    fn say(&mut self, now: Instant, request: &Self::Request, out: &mut M::Out) -> usize {
+        let _ = now;
+        self.emit(request, out)
+    }
+
+    /// Bits a second of the wire; zero without timing.
+    fn bit_rate(&self) -> u32 {
+        0
+    }
+
     /// Takes bytes of a long value that is being read under `ticket`, and tells how many. The drive
     /// is paced by it. `None` when nothing of that kind is under way.
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {

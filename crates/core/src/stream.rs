@@ -5,6 +5,8 @@
 //! empty nor overrun. It knows when each point is used up, because each has its time; what the
 //! drive's status says corrects that clock, so that two clocks that differ do no harm.
 
+pub mod cyclic;
+
 use crate::profile::ParameterId;
 use crate::time::Instant;
 

@@ -106,6 +106,12 @@ impl Connection {
         self.0.0.trouble()
     }
 
+    /// Whether both are clones of one connection.
+    #[must_use]
+    pub fn is(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+
     /// What the link is called.
     #[must_use]
     pub fn describe(&self) -> String {

@@ -18,12 +18,16 @@
 
 mod armed;
 mod fail;
+mod following;
 mod program;
 mod running;
 mod streamed;
+mod together;
 
 pub use armed::Armed;
+pub use following::Following;
 pub use running::Running;
+pub use together::start_together;
 
 use crate::amount::{Amount, Meant, Value};
 use crate::error::Error;

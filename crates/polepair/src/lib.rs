@@ -40,7 +40,7 @@ pub mod wire;
 mod words;
 
 pub use amount::{Amount, Value};
-pub use axis::{Armed, Axis, Running};
+pub use axis::{Armed, Axis, Following, Running, start_together};
 pub use bus::{Load, frame_bits};
 pub use connect::{AnyTap, Connector, Link, connect};
 pub use error::Error;

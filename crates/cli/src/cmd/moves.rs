@@ -9,6 +9,7 @@ use polepair_core::profile::Signal;
 use crate::cmd::info;
 use crate::motion::{self, Then, argument};
 use crate::problem::Result;
+use crate::session::Session;
 use crate::target::Target;
 use crate::terminal::Output;
 use crate::value;
@@ -104,7 +105,8 @@ pub struct Torque {
 Examples:
   polepair move tmcl+serial:///dev/ttyUSB0#1 90deg --vel 200rpm
   polepair move sim:tmcl --rel 2turn --timeout 5s
-  polepair move tml+serial:///dev/ttyUSB0#1 90deg --s-curve 50ms")]
+  polepair move tml+serial:///dev/ttyUSB0#1 90deg --s-curve 50ms
+  polepair move canopen+socketcan://can0#2,3 1turn --sync")]
 pub struct Move {
     #[command(flatten)]
     target: Target,
@@ -126,6 +128,9 @@ pub struct Move {
     /// Acceleration
     #[arg(long, value_name = "VALUE")]
     acc: Option<String>,
+    /// Make every drive ready first, then start all on one SYNC
+    #[arg(long, conflicts_with_all = ["additive", "s_curve", "dry_run"])]
+    sync: bool,
     #[command(flatten)]
     arriving: Arriving,
 }
@@ -198,7 +203,8 @@ impl Move {
             command.jerk_time = given(axis, verb, Argument::JerkTime, &self.s_curve)?;
             Ok(command)
         };
-        arriving(&self.target, &self.arriving, command)
+        let run = if self.sync { motion::run_together } else { motion::run };
+        arriving(&self.target, &self.arriving, run, command)
     }
 }
 
@@ -209,7 +215,7 @@ impl Home {
             command.velocity = given(axis, Verb::Home, Argument::Velocity, &self.vel)?;
             Ok(command)
         };
-        arriving(&self.target, &self.arriving, command)
+        arriving(&self.target, &self.arriving, motion::run, command)
     }
 }
 
@@ -227,14 +233,19 @@ fn lasting(target: &Target, how: &Lasting, command: impl Fn(&Axis) -> Result<Com
     motion::run(&session, &commands, then)
 }
 
-fn arriving(target: &Target, how: &Arriving, command: impl Fn(&Axis) -> Result<Command>) -> Result {
+fn arriving(
+    target: &Target,
+    how: &Arriving,
+    run: fn(&Session, &[(Axis, Command)], Then) -> Result,
+    command: impl Fn(&Axis) -> Result<Command>,
+) -> Result {
     if how.dry_run {
         return target.rehearse_motion(command);
     }
     let session = target.open()?;
     let commands = each(session.axes(), command)?;
     let then = if how.detach { Then::Detach } else { Then::Arrive(how.timeout) };
-    let exit = motion::run(&session, &commands, then)?;
+    let exit = run(&session, &commands, then)?;
     if then != Then::Detach {
         let mut out = Output::stdout();
         for axis in session.axes() {

@@ -1,22 +1,35 @@
-//! `polepair stream URL FILE`
+//! `polepair stream URL FILE [--period TIME] [--mode csp|csv|cst] [--pt]`
+
+mod cyclic;
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
+use polepair_core::stream::cyclic::Setpoint;
 use polepair_core::stream::{PathKind, Point};
 
 use crate::motion::caution;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
+use crate::session::Session;
 use crate::target::Target;
 use crate::terminal::say;
+use crate::value;
 
-/// Moves an axis along the points of a file.
+/// Moves axes along the points of a file.
 ///
-/// A line is `position, velocity, time`: rad, rad/s (m, m/s on linear axes), and the seconds since
-/// the point before; `#` begins a comment. The path begins where the axis stands.
+/// Drives with a buffer take one axis: a line is `position, velocity, time`: rad, rad/s (m, m/s on
+/// linear axes), and the seconds since the point before. The path begins where the axis stands.
+///
+/// Drives with cyclic modes take any number of axes on one SYNC, when the file has a header, or with
+/// --period or --mode: a line is the time since the beginning and a set-point for each axis. The
+/// header names columns and units, `time s, 2 deg, 3 deg`; without one times are seconds, set-points
+/// in the order of the axes, in rad, rad/s or Nm. `#` begins a comment.
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  polepair stream tml+serial:///dev/ttyUSB0:115200#1 path.csv")]
+#[command(after_help = "\
+Examples:
+  polepair stream tml+serial:///dev/ttyUSB0:115200#1 path.csv
+  polepair stream canopen+socketcan://can0#2,3 circle.csv --period 2ms")]
 pub struct Stream {
     #[command(flatten)]
     target: Target,
@@ -24,19 +37,59 @@ pub struct Stream {
     #[arg(value_name = "FILE")]
     path: PathBuf,
     /// Lines are `position, time`: the drive interpolates positions alone
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["period", "mode"])]
     pt: bool,
+    /// From one SYNC to the next; points in between are interpolated [default: the file's]
+    #[arg(long, value_name = "TIME", value_parser = value::span)]
+    period: Option<f64>,
+    /// What set-points are [default: as the columns' units say]
+    #[arg(long, value_enum)]
+    mode: Option<Mode>,
+}
+
+/// Cyclic synchronous modes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum Mode {
+    /// Positions
+    Csp,
+    /// Velocities
+    Csv,
+    /// Torques
+    Cst,
+}
+
+impl Mode {
+    const fn setpoint(self) -> Setpoint {
+        match self {
+            Self::Csp => Setpoint::Position,
+            Self::Csv => Setpoint::Velocity,
+            Self::Cst => Setpoint::Torque,
+        }
+    }
 }
 
 impl Stream {
     pub fn run(self) -> Result {
-        let points = self.points()?;
+        let lines = self.lines()?;
+        let headed = lines.first().is_some_and(|(_, line)| cyclic::is_header(line));
+        if headed || self.period.is_some() || self.mode.is_some() {
+            let name = self.path.display().to_string();
+            let mode = self.mode.map(Mode::setpoint);
+            return cyclic::run(&self.target, &name, &lines, self.period, mode);
+        }
+        let points = self.points(&lines)?;
         let session = self.target.open()?;
+        self.along(&session, points)
+    }
+
+    /// Along a drive's own buffer.
+    fn along(&self, session: &Session, points: Vec<Point>) -> Result {
         let [axis] = session.axes() else {
             return Err(Problem::usage("E210", "A path is for one axis.")
-                .why("Name it in the connection string: URL#1."));
+                .why("Name it in the connection string: URL#1.")
+                .hint("drives with cyclic modes take several: --period 2ms"));
         };
-        caution(&session);
+        caution(session);
         session.listen();
         let armed = axis.armed().map_err(outcome::error)?;
         let kind = if self.pt { PathKind::Pt } else { PathKind::Pvt };
@@ -46,23 +99,27 @@ impl Stream {
         Ok(Exit::Ok)
     }
 
-    fn points(&self) -> Result<Vec<Point>> {
+    /// The lines that say something, with their numbers.
+    fn lines(&self) -> Result<Vec<(usize, String)>> {
         let name = self.path.display();
         let text = std::fs::read_to_string(&self.path).map_err(|error| {
             Problem::usage("E210", format!("{name} cannot be read.")).why(error.to_string())
         })?;
         let numbered = text.lines().enumerate().map(|(n, line)| (n + 1, line));
-        let lines = numbered.map(|(n, line)| (n, line.split('#').next().unwrap_or("").trim()));
-        lines
-            .filter(|(_, line)| !line.is_empty())
-            .map(|(n, line)| {
-                self.point(line).ok_or_else(|| {
-                    let form = if self.pt { "position, time" } else { "position, velocity, time" };
-                    Problem::usage("E210", format!("{name}:{n}: `{line}` is no point."))
-                        .why(format!("A line is `{form}`, in rad (or m) and seconds."))
-                })
+        let bare = numbered.map(|(n, line)| (n, line.split('#').next().unwrap_or("").trim()));
+        Ok(bare.filter(|(_, line)| !line.is_empty()).map(|(n, line)| (n, line.into())).collect())
+    }
+
+    fn points(&self, lines: &[(usize, String)]) -> Result<Vec<Point>> {
+        let points = lines.iter().map(|(n, line)| {
+            self.point(line).ok_or_else(|| {
+                let form = if self.pt { "position, time" } else { "position, velocity, time" };
+                let name = self.path.display();
+                Problem::usage("E210", format!("{name}:{n}: `{line}` is no point."))
+                    .why(format!("A line is `{form}`, in rad (or m) and seconds."))
             })
-            .collect()
+        });
+        points.collect()
     }
 
     fn point(&self, line: &str) -> Option<Point> {

@@ -174,6 +174,7 @@ fn request<R: Request, A: Copy + 'static>(
             | Step::Read(id)
             | Step::Require { read: id, .. }
             | Step::Skip { read: id, .. }
+            | Step::Without { read: id, .. }
             | Step::NoFault { read: id, .. }
             | Step::Until { read: id, .. },
             _,
@@ -375,6 +376,11 @@ fn answered_run<R: Request, A: Copy + 'static>(
         (Asked::Read(_), Err(Failure::NotReady { .. })) if run.is_stop() && group => {
             passed_over(run)
         }
+        (Asked::Read(_), Err(Failure::Refused { .. }))
+            if matches!(run.step(), Some(Step::Without { .. })) =>
+        {
+            left_out(run)
+        }
         (Asked::Confirm(..), Err(failure)) => {
             run.touched = true;
             failed(run, failure)
@@ -405,6 +411,14 @@ fn passed_over(run: &mut Run) -> Next {
         Some(_) => Next::Go,
         None => Next::End(finished(run)),
     }
+}
+
+/// The drive has no such parameter: what is done with it is left out.
+fn left_out(run: &mut Run) -> Next {
+    if let Some(Step::Without { count, .. }) = run.step() {
+        run.at = run.at.saturating_add(count);
+    }
+    passed_over(run)
 }
 
 /// What a step makes of the value it got.

@@ -9,6 +9,7 @@ use crate::axis::{Command, Driver, Part, Reading, State, Told};
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Operand, Step};
 use crate::profile::{Access, Parameter, ParameterId, Profile, Scale, SignalSource};
+use crate::stream::cyclic::Setpoint;
 use crate::time::Instant;
 
 /// A driver behind a pointer, so that one lane serves several families.
@@ -27,6 +28,8 @@ pub struct Slot<R, A> {
     pub driver: BoxedDriver<R, A>,
     pub profile: &'static Profile,
     pub state: State,
+    /// What it was last made ready to follow.
+    pub follows: Option<Setpoint>,
     /// The path that is streamed to it.
     pub path: Option<Box<Path>>,
     /// What is on its way into its memory or out of it; the last one, when that has ended.
@@ -71,6 +74,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             driver,
             profile,
             state: State::UNKNOWN,
+            follows: None,
             path: None,
             transfer: None,
             factors,
@@ -164,6 +168,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             (factor.raw, factor.tried) = (None, false);
         }
         self.state.armed = false;
+        self.follows = None;
     }
 
     /// A parameter that the scale of `id` depends on, not known and not yet asked for.

@@ -123,6 +123,7 @@ pub(crate) enum DraftStep {
     Copy { from: Named, to: Named },
     Require { read: Named, test: Test, hint: String },
     Skip { read: Named, test: Test, count: u8 },
+    Without { read: Named, count: u8 },
     NoFault { read: Named, mask: i64 },
     Until { read: Named, test: Test, within_ms: u32 },
     Send { function: u8, index: u16, operand: polepair_core::plan::Operand, like: Option<Named> },
@@ -254,6 +255,7 @@ impl Names<'_> {
             Step::Skip { read, test, count } => {
                 DraftStep::Skip { read: self.of(read), test, count }
             }
+            Step::Without { read, count } => DraftStep::Without { read: self.of(read), count },
             Step::NoFault { read, mask } => DraftStep::NoFault { read: self.of(read), mask },
             Step::Until { read, test, within_ms } => {
                 DraftStep::Until { read: self.of(read), test, within_ms }

@@ -96,6 +96,7 @@ fn named(step: &DraftStep) -> Vec<&Named> {
         DraftStep::Copy { from, to } => vec![from, to],
         DraftStep::Require { read, .. }
         | DraftStep::Skip { read, .. }
+        | DraftStep::Without { read, .. }
         | DraftStep::NoFault { read, .. }
         | DraftStep::Until { read, .. } => vec![read],
         DraftStep::Send { like, .. } => like.iter().collect(),

@@ -290,6 +290,9 @@ impl<'a> Names<'a> {
                 let id = self.tested(read, test)?;
                 Step::Skip { read: id, test: *test, count: *count }
             }
+            DraftStep::Without { read, count } => {
+                Step::Without { read: self.used(read, &[Use::Read])?, count: *count }
+            }
             DraftStep::NoFault { read, mask } => {
                 Step::NoFault { read: self.used(read, &[Use::Read])?, mask: *mask }
             }

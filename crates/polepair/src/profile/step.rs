@@ -5,6 +5,7 @@
 //! require NAME & 0x10 == 0 else HINT      (also == != and `within N` for magnitudes)
 //! require NAME in 1 14 else HINT          (one of these, 0 to 62)
 //! skip COUNT if NAME & 0x6F == 0x27       (steps behind this one)
+//! skip COUNT without NAME                 (where the drive refuses to tell it)
 //! no-fault NAME                 no-fault NAME & 0x1F
 //! until NAME & 0x80 == 0x80 within 60 s   until NAME within-magnitude 5 within 5 s
 //! send FUNCTION INDEX VALUE [like NAME]   keep NAME        wait 50 ms
@@ -62,10 +63,14 @@ pub(crate) fn parse(step: &Found<String>) -> Result<DraftStep, FileError> {
             Ok(DraftStep::Require { read, test, hint: hint.text.to_owned() })
         }
         "skip" => {
-            let (count, test) = rest.needed_cut(" if ", "`skip COUNT if TEST`")?;
+            let fits = "a plan, which has 64 steps at most";
+            if let Some((count, name)) = rest.cut_at(" without ") {
+                return Ok(DraftStep::Without { read: name.named()?, count: count.fitting(fits)? });
+            }
+            let form = "`skip COUNT if TEST`, or `skip COUNT without NAME`";
+            let (count, test) = rest.needed_cut(" if ", form)?;
             let (read, test) = condition(&test)?;
-            let count = count.fitting("a plan, which has 64 steps at most")?;
-            Ok(DraftStep::Skip { read, test, count })
+            Ok(DraftStep::Skip { read, test, count: count.fitting(fits)? })
         }
         "no-fault" => masked(&rest).map(|(read, mask)| DraftStep::NoFault { read, mask }),
         "until" => {

@@ -14,6 +14,7 @@ use crate::proto::canopen::sdo::{Abort, Object, Reply, Request, Short};
 use crate::station::{Station, Timed};
 use crate::time::Instant;
 
+mod cyclic;
 mod faults;
 mod homing;
 mod modes;

@@ -69,10 +69,18 @@ pub enum Ask {
         /// How many of them.
         len: u8,
     },
-    /// SYNC, once. Nobody answers.
-    Sync,
+    /// SYNC, once, with a counter or without. Nobody answers.
+    Sync(Option<u8>),
     /// SYNC every so many µs from now on; 0 is no more.
     SyncEvery(u32),
+    /// Has a node watch the host's heartbeat, which is to come within so many ms from now on; 0 is no
+    /// more. It is written to the first place of object 1016h.
+    Watch {
+        /// Which.
+        node: u8,
+        /// Within so long, ms.
+        ms: u16,
+    },
     /// The time of day. Nobody answers.
     Time(TimeOfDay),
     /// A layer setting service.
@@ -90,6 +98,7 @@ impl Ask {
             | Self::Write { node, .. }
             | Self::Upload { node, .. }
             | Self::Download { node, .. }
+            | Self::Watch { node, .. }
             | Self::Guard { node } => Some(node),
             _ => None,
         }
@@ -115,7 +124,7 @@ impl Request for Ask {
         match *self {
             Self::Write { class, .. } => class,
             Self::Order(Order { command: nmt::Command::Stop, .. }) => Class::Stop,
-            Self::Process { .. } | Self::Sync | Self::SyncEvery(1..) => Class::Never,
+            Self::Process { .. } | Self::Sync(_) | Self::SyncEvery(1..) => Class::Never,
             Self::Read { .. } | Self::Upload { .. } | Self::Guard { .. } => Class::Idempotent,
             Self::Lss(lss::Request::Inquire(_) | lss::Request::InquireNode) => Class::Idempotent,
             _ => Class::Confirm,

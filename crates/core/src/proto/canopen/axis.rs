@@ -3,28 +3,42 @@
 //! A parameter is an object: its index, and as space its sub-index. In plans,
 //! `send FUNCTION INDEX VALUE`: function 0 orders the state that INDEX names (1 start, 2 stop, 128
 //! pre-operational, 129 reset, 130 reset communication), 1 to 4 sends VALUE in INDEX bytes as that
-//! RPDO, 5 sends SYNC.
+//! RPDO, 5 sends SYNC, 6 switches RPDO INDEX on (VALUE 1, with its usual identifier) or off (0), 7
+//! the TPDO, 8 has the drive watch the host's heartbeat, which comes within INDEX ms, 9 takes that
+//! back, 10 gives the connection option (6007h) the value that it had when it was read.
 
 use super::ask::{Answer, Ask};
 use super::cob::Cob;
 use super::emcy::Emergency;
 use super::generic::GENERIC;
 use super::host::{HOST_ID, Host, sender};
+use super::mapped::Mapped;
 use super::nmt::{Command, Order, State};
+use super::pdo::{CobId, Field, frame_bits};
 use super::sdo::Object;
-use super::tpdo::Tpdo;
 use super::{NODE_MAX, text};
 use crate::axis::{Driver, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
 use crate::medium::{Can, Frame};
-use crate::profile::{Encoding, Parameter, Profile, Severity, Signal};
+use crate::profile::{Encoding, Parameter, ParameterId, Profile, Severity, Signal};
 use crate::proto::{HostOptions, Protocol};
 use crate::station::Class;
+use crate::stream::cyclic::{self, Setpoint};
 
 /// Object 1010h:1, and what is written there: store everything.
 const STORE: (Object, u64) = (Object::new(0x1010, 1), 0x6576_6173);
 /// What [`Driver::send`] calls SYNC.
 const SEND_SYNC: u8 = 5;
+const SWITCH_RPDO: u8 = 6;
+const SWITCH_TPDO: u8 = 7;
+const WATCH: u8 = 8;
+const WATCH_NO_MORE: u8 = 9;
+const GIVE_OPTION_BACK: u8 = 10;
+const CONTROLWORD: u16 = 0x6040;
+/// What a lost connection leads to (CiA 402-2), and quick stop among it.
+const CONNECTION_OPTION: Object = Object::new(0x6007, 0);
+const QUICK_STOP: u16 = 3;
+const CONSUMER: Object = Object::new(0x1016, 1);
 
 /// One node.
 #[derive(Clone, Copy, Debug)]
@@ -32,14 +46,40 @@ pub struct Axis {
     profile: &'static Profile,
     node: u8,
     /// How the node's process data lie, as far as was read or written.
-    tpdos: [Tpdo; 4],
+    rpdos: [Mapped; 4],
+    tpdos: [Mapped; 4],
+    /// What brings each kind of set-point.
+    bringers: [Option<Bringer>; 3],
+    /// It watches the host's heartbeat because it was told to.
+    watches: bool,
+    /// What the connection option was before it was made a quick stop.
+    option: Option<u16>,
+}
+
+/// An RPDO that brings a set-point and the controlword.
+#[derive(Clone, Copy, Debug)]
+struct Bringer {
+    target: ParameterId,
+    number: u8,
+    bytes: u8,
+    place: Field,
+    control: Field,
 }
 
 impl Axis {
     /// The node of that number.
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
-        Self { profile, node: address as u8, tpdos: [Tpdo::UNKNOWN; 4] }
+        let (rpdos, tpdos) = ([Mapped::UNKNOWN; 4], [Mapped::UNKNOWN; 4]);
+        Self {
+            profile,
+            node: address as u8,
+            rpdos,
+            tpdos,
+            bringers: [None; 3],
+            watches: false,
+            option: None,
+        }
     }
 
     /// What the node's fault code is from now on, unless it is a note.
@@ -56,13 +96,89 @@ impl Axis {
         })
     }
 
-    /// Takes what was read or written of a mapping.
+    /// Takes what was read or written of a PDO.
     fn learn(&mut self, object: Object, bits: u64) {
-        if let Some(n @ 0..=3) = object.index.checked_sub(0x1A00)
-            && let Some(tpdo) = self.tpdos.get_mut(usize::from(n))
-        {
-            tpdo.learn(object.sub, bits as u32, self.profile);
+        let pdos = match object.index {
+            0x1400..=0x17FF => &mut self.rpdos,
+            0x1800..=0x1BFF => &mut self.tpdos,
+            _ => return,
+        };
+        let Some(pdo) = pdos.get_mut(usize::from(object.index & 0x1FF)) else { return };
+        match (object.index & 0x200 != 0, object.sub) {
+            (true, sub) => pdo.learn(sub, bits as u32, self.profile),
+            (false, 1) => pdo.on = bits as u32 & CobId::INVALID == 0,
+            _ => return,
         }
+        self.bringers = SETPOINTS.map(|setpoint| self.bringer(setpoint));
+    }
+
+    fn learn_read(&mut self, object: Object, bits: u64) {
+        if object == CONNECTION_OPTION && bits as u16 != QUICK_STOP {
+            self.option = Some(bits as u16);
+        }
+        self.learn(object, bits);
+    }
+
+    fn learn_written(&mut self, object: Object, bits: u64) {
+        if object == CONSUMER {
+            self.watches = bits != 0;
+        }
+        self.learn(object, bits);
+    }
+
+    fn parameter(&self, index: u16) -> Option<ParameterId> {
+        let is = |p: &Parameter| (p.index, p.space) == (index, 0);
+        self.profile.parameters.iter().position(is).map(|at| ParameterId(at as u16))
+    }
+
+    fn bringer(&self, setpoint: Setpoint) -> Option<Bringer> {
+        let target = self.parameter(target(setpoint))?;
+        let control = self.parameter(CONTROLWORD)?;
+        (1..).zip(&self.rpdos).filter(|(_, pdo)| pdo.on).find_map(|(number, pdo)| {
+            let (place, control) = (pdo.field(target)?, pdo.field(control)?);
+            Some(Bringer { target, number, bytes: pdo.bytes(), place, control })
+        })
+    }
+
+    /// Switches PDO `number` on or off.
+    fn switch(&self, sends: bool, number: u16, on: bool) -> Result<Ask, Unsupported> {
+        let n = u8::try_from(number).ok().filter(|n| (1..=4).contains(n));
+        let n = n.ok_or(Unsupported::BadArgument)?;
+        let (cob, base) = match sends {
+            true => (Cob::Tpdo(n, self.node), 0x17FF),
+            false => (Cob::Rpdo(n, self.node), 0x13FF),
+        };
+        let off = if on { 0 } else { CobId::INVALID };
+        let bits = u64::from(u32::from(cob.id()) | off);
+        Ok(self.put(Object::new(base + number, 1), bits, 4))
+    }
+
+    const fn put(&self, object: Object, bits: u64, len: u8) -> Ask {
+        Ask::Write { node: self.node, object, bits, len, class: Class::Confirm }
+    }
+
+    const fn ask(&self, object: Object) -> Ask {
+        Ask::Read { node: self.node, object }
+    }
+}
+
+/// In the order of their numbers.
+const SETPOINTS: [Setpoint; 3] = [Setpoint::Position, Setpoint::Velocity, Setpoint::Torque];
+
+/// The object that is commanded cycle by cycle (CiA 402-2).
+const fn target(setpoint: Setpoint) -> u16 {
+    match setpoint {
+        Setpoint::Position => 0x607A,
+        Setpoint::Velocity => 0x60FF,
+        Setpoint::Torque => 0x6071,
+    }
+}
+
+/// The controlword that goes with a set-point: enable operation, or quick stop.
+const fn controlword(order: cyclic::Order) -> u64 {
+    match order {
+        cyclic::Order::Go => 0x0F,
+        cyclic::Order::Stop => 0x02,
     }
 }
 
@@ -132,7 +248,17 @@ impl Driver for Axis {
                 let data = value.cast_unsigned();
                 Ask::Process { cob: Cob::Rpdo(function, node), data, len: index as u8 }
             }
-            SEND_SYNC => Ask::Sync,
+            SEND_SYNC => Ask::Sync(None),
+            SWITCH_RPDO => self.switch(false, index, value != 0)?,
+            SWITCH_TPDO => self.switch(true, index, value != 0)?,
+            WATCH => Ask::Watch { node, ms: index },
+            // What was not set is not taken back, only asked.
+            WATCH_NO_MORE if self.watches => Ask::Watch { node, ms: 0 },
+            WATCH_NO_MORE => self.ask(CONSUMER),
+            GIVE_OPTION_BACK => match self.option {
+                Some(option) => self.put(CONNECTION_OPTION, option.into(), 2),
+                None => self.ask(CONNECTION_OPTION),
+            },
             _ => return Err(Unsupported::Forbidden("no such CANopen function in plans")),
         })
     }
@@ -151,13 +277,13 @@ impl Driver for Axis {
         let encoding = parameter.map(|parameter| width(parameter.encoding));
         match *answer {
             Answer::Value { object, bits, len } => {
-                self.learn(object, bits);
+                self.learn_read(object, bits);
                 // Of what has no length the profile's counts: the TS pads with zeros.
                 let (width, signed) = encoding.unwrap_or((0, false));
                 Ok(number(bits, if len == 0 { width.into() } else { len }, signed))
             }
             Answer::Written { object, bits } => {
-                self.learn(object, bits);
+                self.learn_written(object, bits);
                 let (width, signed) = encoding.unwrap_or((0, false));
                 Ok(number(bits, width.into(), signed))
             }
@@ -173,7 +299,7 @@ impl Driver for Axis {
         let mut told = [None; TOLD_MAX];
         match *answer {
             Answer::State(State::BootUp) => {
-                self.tpdos = [Tpdo::UNKNOWN; 4];
+                *self = Self::new(self.profile, self.node.into());
                 told[0] = Some(Told::Gone);
             }
             Answer::Lost => told[0] = Some(Told::Gone),
@@ -184,6 +310,25 @@ impl Driver for Axis {
             _ => {}
         }
         told
+    }
+
+    fn followed(&self, setpoint: Setpoint) -> Option<ParameterId> {
+        self.bringers[setpoint as usize].map(|bringer| bringer.target)
+    }
+
+    fn follow(&self, setpoint: Setpoint, raw: i64, order: cyclic::Order) -> Option<Ask> {
+        let Bringer { number, bytes, place, control, .. } = self.bringers[setpoint as usize]?;
+        let data = control.put(place.put(0, raw.cast_unsigned()), controlword(order));
+        Some(Ask::Process { cob: Cob::Rpdo(number, self.node), data, len: bytes })
+    }
+
+    fn beat(&self) -> Option<Ask> {
+        Some(Ask::Sync(None))
+    }
+
+    fn cycle_bits(&self) -> (u32, u32) {
+        let pdos = self.rpdos.iter().chain(&self.tpdos).filter(|pdo| pdo.on && pdo.bytes() > 0);
+        (pdos.map(|pdo| frame_bits(pdo.bytes())).sum(), frame_bits(0))
     }
 }
 

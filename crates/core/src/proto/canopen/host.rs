@@ -287,7 +287,7 @@ impl Host {
                 frame.data[usize::from(frame.len)..].fill(0);
                 frame
             }
-            Ask::Sync => Sync::default().emit(),
+            Ask::Sync(counter) => Sync { counter }.emit(),
             Ask::Time(time) => time.emit(),
             _ => return None,
         })
@@ -501,6 +501,12 @@ impl station::Host<Can> for Host {
             | Ask::Upload { .. }
             | Ask::Download { .. }
             | Ask::Guard { .. } => self.submit_channel(now, ticket, request),
+            Ask::Watch { node, ms } => {
+                let written = self.submit_channel(now, ticket, self.network.watched(node, ms));
+                written.map_err(|_| request)?;
+                self.network.beat_within(now, ms);
+                Ok(())
+            }
             Ask::Lss(lss) => self.lss.submit(ticket, Some(lss)).map_err(|()| request),
             Ask::FastScan => self.lss.submit(ticket, None).map_err(|()| request),
             Ask::SyncEvery(us) => {
@@ -524,6 +530,9 @@ impl station::Host<Can> for Host {
     fn emit(&self, request: &Ask, out: &mut Frame) -> usize {
         let frame = match (request.node(), *request) {
             (Some(node), Ask::Guard { .. }) => Some(guard(node)),
+            (Some(node), Ask::Watch { ms, .. }) => {
+                channel::first(&self.network.watched(node, ms)).map(|first| first.emit(node))
+            }
             (Some(node), ask) => channel::first(&ask).map(|first| first.emit(node)),
             (None, Ask::Lss(lss)) => Some(lss.emit()),
             (None, Ask::FastScan) => Some(fast_scan::BEGIN.emit()),
@@ -536,6 +545,19 @@ impl station::Host<Can> for Host {
 
     fn counters(&self) -> Counters {
         self.counters
+    }
+
+    #[inline]
+    fn say(&mut self, now: Instant, request: &Ask, out: &mut Frame) -> usize {
+        self.network.renew(now);
+        let Some(frame) = Self::frame_of(request) else { return 0 };
+        *out = frame;
+        self.counters.sent += 1;
+        1
+    }
+
+    fn bit_rate(&self) -> u32 {
+        self.bit_rate
     }
 
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {

@@ -15,6 +15,7 @@ pub mod generic;
 pub mod heartbeat;
 pub mod host;
 pub mod lss;
+pub mod mapped;
 pub mod nmt;
 pub mod od;
 pub mod pdo;
@@ -22,7 +23,6 @@ pub mod sdo;
 pub mod sync;
 pub mod text;
 pub mod time;
-pub mod tpdo;
 
 pub use ask::{Answer, Ask};
 pub use axis::{Axis, Canopen};

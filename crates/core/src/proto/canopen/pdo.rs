@@ -137,6 +137,14 @@ impl Entry {
     }
 }
 
+/// Bits of a standard frame with so many bytes at most: every stuff bit there can be, and the pause
+/// behind it (ISO 11898-1).
+#[must_use]
+pub const fn frame_bits(bytes: u8) -> u32 {
+    let stuffed = 34 + 8 * bytes as u32;
+    stuffed + 13 + (stuffed - 1) / 4
+}
+
 /// Where a value lies among the 64 bits of a frame, byte 0 lowest.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Field {

@@ -109,6 +109,8 @@ pub enum Said {
     Write(Object, u64, u8),
     /// Reads an object of any length, true in blocks; the first frame.
     Upload(Object, bool),
+    /// Writes an object of any length: how many bytes, true in blocks; the first frame.
+    Download(Object, u32, bool),
     /// A layer setting service.
     Lss(lss::Request),
     /// An answer to one.
@@ -196,6 +198,12 @@ impl Said {
                 let (crc, segments, threshold) = (true, SEGMENTS, 0);
                 Request::ReadBlock { object, crc, segments, threshold }.emit(node)
             }
+            Self::Download(object, size, false) => {
+                Request::WriteLong(object, Some(size)).emit(node)
+            }
+            Self::Download(object, size, true) => {
+                Request::WriteBlock { object, crc: true, size: Some(size) }.emit(node)
+            }
             Self::Lss(request) => request.emit(),
             Self::LssReply(reply) => reply.emit(),
             Self::FastScan => FAST_SCAN.emit(),
@@ -209,7 +217,7 @@ impl Said {
         Some(match self {
             Self::Order(Command::Other(_), _) | Self::Order(_, true) => return None,
             Self::Order(command, false) => Ask::Order(Order { command, node }),
-            Self::Sync(Sync { counter: None }) => Ask::Sync,
+            Self::Sync(Sync { counter }) => Ask::Sync(counter),
             Self::Time(time) => Ask::Time(time),
             Self::Guard => Ask::Guard { node },
             Self::Request(Request::Read(object), 8) => Ask::Read { node, object },
@@ -217,6 +225,7 @@ impl Said {
                 Ask::Write { node, object, bits, len, class: Class::Never }
             }
             Self::Upload(object, block) => Ask::Upload { node, object, block },
+            Self::Download(object, size, block) => Ask::Download { node, object, block, size },
             Self::FastScan => Ask::FastScan,
             Self::Lss(
                 request @ (lss::Request::SetNode(_)
@@ -235,7 +244,9 @@ impl Said {
         match *self {
             Self::Request(request, _) => request.object(),
             Self::Reply(reply, _) => reply.object(),
-            Self::Write(object, ..) | Self::Upload(object, _) => Some(object),
+            Self::Write(object, ..) | Self::Upload(object, _) | Self::Download(object, ..) => {
+                Some(object)
+            }
             _ => None,
         }
     }

@@ -135,7 +135,7 @@ impl Channel {
         long: None,
         abort: Abort::TIMEOUT,
         stage: Stage::Idle,
-        ask: Ask::Sync,
+        ask: Ask::Sync(None),
         toggle: false,
         copied: false,
         stalled: false,

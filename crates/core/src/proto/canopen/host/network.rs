@@ -2,16 +2,21 @@
 
 use crate::medium::Frame;
 use crate::proto::canopen::NODE_MAX;
-use crate::proto::canopen::ask::Answer;
+use crate::proto::canopen::ask::{Answer, Ask};
 use crate::proto::canopen::heartbeat::Heartbeat;
 use crate::proto::canopen::nmt::State;
 use crate::proto::canopen::sdo::Object;
 use crate::proto::canopen::sync::Sync;
+use crate::station::Class;
 use crate::time::{Instant, earliest};
 
 const NODES: usize = NODE_MAX as usize + 1;
 /// Producer heartbeat time, ms.
 const HEARTBEAT_TIME: Object = Object::new(0x1017, 0);
+/// Consumer heartbeat time: the first place.
+const CONSUMER: Object = Object::new(0x1016, 1);
+/// Heartbeats of the host within the time after which it is missed: one may be late, or lost.
+const BEATS: u32 = 3;
 /// A heartbeat is missed after so many of its periods.
 const PERIODS: u32 = 2;
 /// The application's lease: our own heartbeat goes on for so long after it last asked something, ms.
@@ -120,6 +125,21 @@ impl Network {
         if self.own.period_ms > 0 {
             self.own.lease = now.plus_ms(LEASE_MS);
             self.own.next = self.own.next.or(Some(now));
+        }
+    }
+
+    /// What has a node watch the host's heartbeat.
+    pub const fn watched(&self, node: u8, ms: u16) -> Ask {
+        let bits = if ms == 0 { 0 } else { (self.own.id as u64) << 16 | ms as u64 };
+        Ask::Write { node, object: CONSUMER, bits, len: 4, class: Class::Confirm }
+    }
+
+    /// The host's heartbeat comes at least thrice within so many ms from now on, if that is any.
+    pub fn beat_within(&mut self, now: Instant, ms: u16) {
+        let period_ms = u32::from(ms) / BEATS;
+        if period_ms > 0 && (self.own.period_ms == 0 || period_ms < self.own.period_ms) {
+            self.own.period_ms = period_ms;
+            self.renew(now);
         }
     }
 

@@ -49,7 +49,7 @@ fn plans_send_what_is_no_object() {
     assert_eq!(axis.send(0, 1, 0), Ok(Ask::Order(start)));
     assert_eq!(axis.send(0, 3, 0), Err(Unsupported::BadArgument));
     assert!(matches!(axis.send(1, 2, 0x0F), Ok(Ask::Process { data: 0x0F, len: 2, .. })));
-    assert!(axis.send(1, 9, 0).is_err() && axis.send(9, 0, 0).is_err());
+    assert!(axis.send(1, 9, 0).is_err() && axis.send(11, 0, 0).is_err());
 }
 
 #[test]
@@ -65,6 +65,11 @@ fn people_ask_in_words() {
     assert!(matches!(write, Ask::Write { bits: 0xEE, len: 1, .. }));
     assert!(axis.parse("nmt stop").unwrap().is_stop());
     assert_eq!(axis.parse("lss fastscan"), Ok(Ask::FastScan));
+    assert_eq!(axis.parse("sync 5"), Ok(Ask::Sync(Some(5))));
+    let download = Ask::Download { node: 2, object: Object::new(0x1F50, 1), block: true, size: 64 };
+    assert_eq!(axis.parse("download-block 0x1F50:1 64"), Ok(download));
+    assert_eq!(axis.parse("time 2026-11-21T16:00:00"), axis.parse("time 2026-11-21 16:00"));
+    assert!(matches!(axis.parse("time 2026-11-21T16:00:00.250"), Ok(Ask::Time(_))));
     for wrong in ["", "read", "read 0x10000:0", "write 0x6040:0 u8 256", "nmt go", "sync now"] {
         assert_eq!(axis.parse(wrong), Err(Unsupported::BadText), "{wrong}");
     }

@@ -449,7 +449,7 @@ fn what_nobody_answers_is_done_when_it_is_sent() {
     assert_eq!(b.events(), []);
     assert_eq!(b.said(), ["000#0106"]);
     assert_eq!(b.one(), Ok(Answer::Sent));
-    b.ask(2, Ask::Sync);
+    b.ask(2, Ask::Sync(None));
     b.ask(3, Ask::Process { cob: crate::proto::canopen::Cob::Rpdo(1, 2), data: 0x5F, len: 2 });
     assert_eq!(b.said(), ["080#", "202#5F00"]);
 }

@@ -76,6 +76,8 @@ fn sentence(words: &mut Words<'_>) -> Result<Said> {
         () if is("written") => written(words),
         () if is("upload") => Ok(Said::Upload(words.object()?.0, false)),
         () if is("upload-block") => Ok(Said::Upload(words.object()?.0, true)),
+        () if is("download") => download(words, false),
+        () if is("download-block") => download(words, true),
         () if is("abort") => Ok(Said::Request(
             Request::Abort(words.object()?.0, Abort(words.word("an abort code")?)),
             8,
@@ -88,6 +90,13 @@ fn sentence(words: &mut Words<'_>) -> Result<Said> {
         () if is("raw") => raw(words),
         () => Err(TextError { at, expected: VERB }),
     }
+}
+
+/// An object and how many bytes it will get.
+fn download(words: &mut Words<'_>, block: bool) -> Result<Said> {
+    let (object, _) = words.object()?;
+    let size = words.number("how many bytes", 0, u32::MAX.into())? as u32;
+    Ok(Said::Download(object, size, block))
 }
 
 /// `rpdo1` to `tpdo4`: whether the node tells it, and its number.
@@ -120,7 +129,7 @@ fn order(words: &mut Words<'_>) -> Result<Said> {
     Ok(Said::Order(command, words.take("all")))
 }
 
-/// `2026-11-21 14:24:37.000`, or days and milliseconds as they lie in the frame.
+/// `2026-11-21 14:24:37.000`, with a T in between if one likes, or days and milliseconds as they lie in the frame.
 fn time(words: &mut Words<'_>) -> Result<Said> {
     if words.take("day") {
         let days = words.number("days since 1984", 0, 0xFFFF)? as u16;
@@ -130,9 +139,13 @@ fn time(words: &mut Words<'_>) -> Result<Said> {
     }
     let expected = "a day such as 2026-11-21, 1984 to 2163";
     let (at, day) = words.next().ok_or(TextError { at: words.at, expected })?;
+    let (day, joined) = match day.split_once(['T', 't']) {
+        Some((day, clock)) => (day, Some((at + day.len() + 1, clock))),
+        None => (day, None),
+    };
     let days = days(day).ok_or(TextError { at, expected })?;
     let expected = "a time such as 14:24:37.500";
-    let ms = match words.next() {
+    let ms = match joined.or_else(|| words.next()) {
         None => 0,
         Some((at, clock)) => milliseconds(clock).ok_or(TextError { at, expected })?,
     };

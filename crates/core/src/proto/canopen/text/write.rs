@@ -73,7 +73,9 @@ pub fn write(said: &Said, signs: Signs<'_>, out: &mut dyn Write) -> Result<bool,
             bytes(frame.bytes(), out)?;
         }
         // Frames are read as the requests that these begin with.
-        Said::Write(..) | Said::Upload(..) | Said::FastScan => return Ok(false),
+        Said::Write(..) | Said::Upload(..) | Said::Download(..) | Said::FastScan => {
+            return Ok(false);
+        }
     }
     Ok(true)
 }

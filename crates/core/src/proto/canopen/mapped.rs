@@ -1,4 +1,4 @@
-//! What a node's process data tell, by the mapping that was read or written.
+//! How a node's process data lie, by the mapping that was read or written.
 
 use super::pdo::{BITS_MAX, Entry, Field};
 use crate::axis::{TOLD_MAX, Told};
@@ -7,9 +7,11 @@ use crate::profile::{ParameterId, Profile};
 /// Objects of one mapping that are kept.
 const ENTRIES_MAX: usize = super::pdo::MAPPED_MAX;
 
-/// One TPDO as far as it is known.
+/// One PDO as far as it is known.
 #[derive(Clone, Copy, Debug)]
-pub struct Tpdo {
+pub struct Mapped {
+    /// It is switched on, as far as is known.
+    pub on: bool,
     entries: [Option<Entry>; ENTRIES_MAX],
     /// Parameters in it; none until the whole mapping is known.
     fields: [Option<(ParameterId, Field, bool)>; TOLD_MAX],
@@ -17,10 +19,10 @@ pub struct Tpdo {
     bytes: u8,
 }
 
-impl Tpdo {
+impl Mapped {
     /// Nothing is known.
     pub const UNKNOWN: Self =
-        Self { entries: [None; ENTRIES_MAX], fields: [None; TOLD_MAX], bytes: 0 };
+        Self { on: false, entries: [None; ENTRIES_MAX], fields: [None; TOLD_MAX], bytes: 0 };
 
     /// Takes what sub-index `sub` of the mapping holds; 0 is how many count.
     pub fn learn(&mut self, sub: u8, raw: u32, profile: &'static Profile) {
@@ -52,6 +54,17 @@ impl Tpdo {
             at += bits;
         }
         self.bytes = at.div_ceil(8);
+    }
+
+    /// Where a parameter lies.
+    pub fn field(&self, wanted: ParameterId) -> Option<Field> {
+        let known = self.fields.iter().flatten();
+        known.clone().find(|(id, ..)| *id == wanted).map(|(_, field, _)| *field)
+    }
+
+    /// Bytes of its frame; 0 while that is not known.
+    pub const fn bytes(&self) -> u8 {
+        self.bytes
     }
 
     /// What `len` bytes tell: nothing if they are fewer than the mapping has.

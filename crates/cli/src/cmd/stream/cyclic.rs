@@ -1,0 +1,283 @@
+//! Set-points of several axes on one SYNC, from a file.
+
+use std::io::{IsTerminal as _, Write as _};
+use std::time::Duration;
+
+use polepair::{Axis, Error, Following};
+use polepair_core::stream::cyclic::{Account, Setpoint};
+use polepair_core::units::Quantity;
+
+use crate::motion::caution;
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::session::Session;
+use crate::target::Target;
+use crate::terminal::say;
+
+/// Times of a file that are apart by less than this are no other times, s.
+const SAME_S: f64 = 1e-6;
+/// Cycles of a file at most: an hour at 1 ms.
+const CYCLES_MAX: f64 = 3.6e6;
+
+/// A column of the file: whose, and what one of its unit is.
+struct Column {
+    name: String,
+    factor: f64,
+    quantity: Option<Quantity>,
+}
+
+/// A file's set-points, in the order of its columns.
+struct Table {
+    columns: Vec<Column>,
+    times: Vec<f64>,
+    rows: Vec<Vec<f64>>,
+}
+
+/// Whether a line names columns.
+pub fn is_header(line: &str) -> bool {
+    line.split(',').next().is_some_and(|cell| cell.trim().parse::<f64>().is_err())
+}
+
+pub fn run(
+    target: &Target,
+    file: &str,
+    lines: &[(usize, String)],
+    period: Option<f64>,
+    mode: Option<Setpoint>,
+) -> Result {
+    let table = Table::read(file, lines)?;
+    let setpoint = table.setpoint(mode)?;
+    let period = table.period(file, period)?;
+    let session = target.open()?;
+    let order = table.order(session.axes())?;
+    let setpoints = table.resampled(period, &order)?;
+    caution(&session);
+    session.listen();
+    follow(&session, setpoint, Duration::from_secs_f64(period), &setpoints)
+}
+
+fn follow(session: &Session, setpoint: Setpoint, period: Duration, setpoints: &[f64]) -> Result {
+    let following = Following::begin(session.axes(), setpoint, period).map_err(outcome::error)?;
+    let ended = following.check(setpoints).map_err(outcome::error).and_then(|()| {
+        let cycles = setpoints.len() / session.axes().len();
+        let live = Live { shown: std::io::stderr().is_terminal(), cycles };
+        let streamed = following.stream(setpoints.iter().copied(), |account| live.show(account));
+        streamed.map_err(|error| match error {
+            Error::Interrupted { .. } => Problem::interrupted(),
+            other => outcome::error(other),
+        })
+    });
+    let (load, last) = (following.load(), following.account());
+    let released = following.release().map_err(outcome::error);
+    if let Some(account) = last.filter(|account| account.beats > 0) {
+        let bus = load.map_or(String::new(), |load| format!("; {:.0} % of the bus", load * 100.0));
+        let axes = session.axes().len();
+        say(&format!("{} cycles of {} ms, axes: {axes}{bus}", account.cycles, ms(period)));
+        tell(&account, setpoint);
+    }
+    match ended {
+        Err(problem) => {
+            if problem.exit == Exit::Interrupted {
+                say("interrupted: the motion was stopped");
+            }
+            Err(problem)
+        }
+        Ok(_) => released.map(|()| Exit::Ok),
+    }
+}
+
+fn ms(span: Duration) -> f64 {
+    span.as_secs_f64() * 1e3
+}
+
+/// How well the drives followed, and how regular the beat was.
+fn tell(account: &Account, setpoint: Setpoint) {
+    let unit = match setpoint {
+        Setpoint::Position => "rad (or m)",
+        Setpoint::Velocity => "rad/s (or m/s)",
+        Setpoint::Torque => "Nm",
+    };
+    let lag = account.lag;
+    say(&format!("greatest distance from the set-point of the cycle before: {lag:.4} {unit}"));
+    say(&format!("missed cycles: {}; answers that came late: {}", account.missed, account.late));
+    if let Some((least, middle, most)) = account.lateness.summary() {
+        let (least, middle, most) = (ms(least), ms(middle), ms(most));
+        say(&format!("beats late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"));
+    }
+    say("this computer is no real-time controller: the beat is as regular as its scheduler");
+}
+
+/// One line on a terminal, drawn again and again.
+struct Live {
+    shown: bool,
+    cycles: usize,
+}
+
+impl Live {
+    fn show(&self, account: &Account) {
+        if self.shown {
+            let (done, missed) = (account.cycles, account.missed);
+            eprint!("\r\x1b[Kcycle {done} of {}  missed {missed}", self.cycles);
+            let _ = std::io::stderr().flush();
+        }
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        if self.shown {
+            eprint!("\r\x1b[K");
+        }
+    }
+}
+
+impl Table {
+    fn read(file: &str, lines: &[(usize, String)]) -> Result<Self> {
+        let headed = lines.first().is_some_and(|(_, line)| is_header(line));
+        let wrong = |n: usize, why: String| {
+            Problem::usage("E210", format!("{file}:{n}: {why}.")).why(
+                "A line is a time and a set-point for each axis; the header names them with \
+                 their units: `time s, 2 deg, 3 deg`.",
+            )
+        };
+        let mut cells = match lines.first() {
+            Some((n, line)) if headed => {
+                let columns = line.split(',').map(column);
+                columns.collect::<std::result::Result<_, _>>().map_err(|why| wrong(*n, why))?
+            }
+            _ => Vec::new(),
+        };
+        let mut table = Self { columns: Vec::new(), times: Vec::new(), rows: Vec::new() };
+        for (n, line) in lines.iter().skip(usize::from(headed)) {
+            let numbers = numbers(line)
+                .ok_or_else(|| wrong(*n, format!("`{line}` is no line of numbers")))?;
+            if cells.is_empty() {
+                cells.resize_with(numbers.len(), Column::bare);
+            }
+            if numbers.len() != cells.len() || numbers.len() < 2 {
+                return Err(wrong(*n, format!("{} columns, not {}", numbers.len(), cells.len())));
+            }
+            let mut scaled = numbers.iter().zip(&cells).map(|(number, cell)| number * cell.factor);
+            let time = scaled.next().unwrap_or(0.0);
+            if table.times.last().is_some_and(|last| time <= *last) {
+                return Err(wrong(*n, "time does not go on".into()));
+            }
+            table.times.push(time);
+            table.rows.push(scaled.collect());
+        }
+        if table.times.len() < 2 {
+            return Err(wrong(lines.len(), "two lines of numbers are the least".into()));
+        }
+        table.columns = cells.into_iter().skip(1).collect();
+        Ok(table)
+    }
+
+    /// What the set-points are, as the units say.
+    fn setpoint(&self, mode: Option<Setpoint>) -> Result<Setpoint> {
+        let mut kind = mode;
+        for column in &self.columns {
+            let found = match column.quantity {
+                None => continue,
+                Some(Quantity::Position) => Some(Setpoint::Position),
+                Some(Quantity::Velocity) => Some(Setpoint::Velocity),
+                Some(Quantity::Torque) => Some(Setpoint::Torque),
+                Some(_) => None,
+            };
+            if found.is_none() || kind.is_some_and(|kind| found != Some(kind)) {
+                let what = format!("the unit of column `{}` does not fit.", column.name);
+                return Err(Problem::usage("E217", what)
+                    .why("All columns are positions (csp), velocities (csv) or torques (cst)."));
+            }
+            kind = found;
+        }
+        Ok(kind.unwrap_or(Setpoint::Position))
+    }
+
+    /// The period asked for, or the one that the file has throughout, s.
+    fn period(&self, file: &str, asked: Option<f64>) -> Result<f64> {
+        if let Some(period) = asked.filter(|period| *period > 0.0) {
+            return Ok(period);
+        }
+        let steps = (self.times.len() - 1) as f64;
+        let begin = self.times[0];
+        let period = (self.times[self.times.len() - 1] - begin) / steps;
+        let is_even = |(k, time): (usize, &f64)| (time - begin - k as f64 * period).abs() < SAME_S;
+        // Decimal times leave a rest that no drive counts.
+        let whole = (period / SAME_S).round() * SAME_S;
+        if self.times.iter().enumerate().all(is_even) && (whole - period).abs() * steps < SAME_S {
+            return Ok(whole);
+        }
+        Err(Problem::usage("E217", format!("the times of {file} are not evenly spaced."))
+            .hint("say how often set-points go out: --period 2ms"))
+    }
+
+    /// For each axis its column.
+    fn order(&self, axes: &[Axis]) -> Result<Vec<usize>> {
+        if self.columns.len() != axes.len() {
+            let what = format!("{} columns for {} axes.", self.columns.len(), axes.len());
+            return Err(Problem::usage("E245", what)
+                .why("The file has a column for each axis in the connection string."));
+        }
+        if self.columns.iter().all(|column| column.name.is_empty()) {
+            return Ok((0..axes.len()).collect());
+        }
+        let of = |axis: &Axis| {
+            let number = axis.number().to_string();
+            let is = |column: &Column| column.name == number || column.name == axis.name();
+            self.columns.iter().position(is).ok_or_else(|| {
+                Problem::usage("E245", format!("no column is named `{number}`."))
+                    .why("The header names each axis by its number, or its name in the rack.")
+            })
+        };
+        axes.iter().map(of).collect()
+    }
+
+    /// Set-points every `period`, those of a cycle side by side in the order of the axes: on the
+    /// straight line between two of the file.
+    fn resampled(&self, period: f64, order: &[usize]) -> Result<Vec<f64>> {
+        let (first, last) = (self.times[0], self.times[self.times.len() - 1]);
+        let cycles = ((last - first - SAME_S) / period).ceil();
+        if cycles > CYCLES_MAX {
+            return Err(Problem::usage("E217", "the path has too many cycles.")
+                .hint("cut the file into parts, or choose a longer period"));
+        }
+        let (mut at, mut all) = (0, Vec::new());
+        for k in 0..=cycles as usize {
+            let time = (first + k as f64 * period).min(last);
+            while at + 2 < self.times.len() && self.times[at + 1] <= time {
+                at += 1;
+            }
+            let part = (time - self.times[at]) / (self.times[at + 1] - self.times[at]);
+            let between = |n: &usize| {
+                let (from, to) = (self.rows[at][*n], self.rows[at + 1][*n]);
+                from + (to - from) * part.clamp(0.0, 1.0)
+            };
+            all.extend(order.iter().map(between));
+        }
+        Ok(all)
+    }
+}
+
+impl Column {
+    fn bare() -> Self {
+        Self { name: String::new(), factor: 1.0, quantity: None }
+    }
+}
+
+fn numbers(line: &str) -> Option<Vec<f64>> {
+    let number = |cell: &str| cell.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    line.split(',').map(number).collect()
+}
+
+/// `2 deg`, `2 [deg]`, `time s`.
+fn column(cell: &str) -> std::result::Result<Column, String> {
+    let cell = cell.trim();
+    let (name, unit) = cell.split_once([' ', '[', '(']).unwrap_or((cell, ""));
+    let unit = unit.trim_matches([' ', '[', ']', '(', ')']);
+    let name = name.trim().to_owned();
+    if unit.is_empty() {
+        return Ok(Column { name, ..Column::bare() });
+    }
+    let measure = polepair::quantity::parse(&format!("1 {unit}")).map_err(|e| e.to_string())?;
+    Ok(Column { name, factor: measure.si, quantity: measure.quantity })
+}

@@ -1,0 +1,253 @@
+//! Set-points cycle by cycle, for many axes on one beat: what is ordered, the limits that each
+//! set-point is held to, and the account of how well time was kept.
+
+use core::time::Duration;
+
+use crate::station::AxisIndex;
+
+/// Axes that follow one beat at most.
+pub const AXES_MAX: usize = 127;
+/// Cycles that wait in a lane at most.
+pub const CYCLES_MAX: usize = 512;
+/// More of the wire's time than this share, in percent, is not planned for: what else is said on the
+/// wire needs room, and a disturbed frame is repeated.
+pub const LOAD_MAX_PERCENT: u64 = 80;
+
+/// What an axis is commanded cycle by cycle.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Setpoint {
+    /// Where to be: rad or m.
+    Position,
+    /// How fast: rad/s or m/s.
+    Velocity,
+    /// How hard: N·m, or what stands for it.
+    Torque,
+}
+
+/// What goes with a set-point.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Order {
+    /// Obey it.
+    Go,
+    /// Come to rest as quickly as the drive can.
+    Stop,
+}
+
+/// Several axes that follow one beat.
+#[derive(Clone, Copy, Debug)]
+pub struct Following<'a> {
+    /// Which, each once; set-points come in this order.
+    pub axes: &'a [AxisIndex],
+    /// What each is held to, in the same order; none for those that have no bounds here.
+    pub bounds: &'a [Bounds],
+    /// What is commanded.
+    pub setpoint: Setpoint,
+    /// From one beat to the next.
+    pub period: Duration,
+}
+
+/// What the set-points of an axis are held to, in SI. None is unlimited.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct Bounds {
+    /// Least and greatest position.
+    pub position: Option<(f64, f64)>,
+    /// Speed at most.
+    pub velocity: Option<f64>,
+    /// Gain or loss of speed at most.
+    pub acceleration: Option<f64>,
+    /// Torque at most.
+    pub torque: Option<f64>,
+}
+
+/// What a set-point exceeds.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Excess {
+    /// It is not a number.
+    Number,
+    /// The position limits.
+    Position,
+    /// The speed.
+    Velocity,
+    /// The acceleration.
+    Acceleration,
+    /// The torque.
+    Torque,
+}
+
+impl Excess {
+    /// What to do about it.
+    #[must_use]
+    pub const fn hint(self) -> &'static str {
+        match self {
+            Self::Number => "a set-point is not a number",
+            Self::Position => "a set-point lies beyond the drive's position limits",
+            Self::Velocity => {
+                "the way from one set-point to the next is faster than the drive may be: give it \
+                 more time, or smaller steps"
+            }
+            Self::Acceleration => {
+                "the speed changes more from one cycle to the next than the drive can do: begin and \
+                 end at rest, and smooth the path"
+            }
+            Self::Torque => "a set-point is more than the drive's greatest torque",
+        }
+    }
+}
+
+/// The set-points of one axis so far, as far as the next one is judged by them.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Trend {
+    /// The last one.
+    pub last: f64,
+    /// Speed of a position, from the one before.
+    speed: f64,
+}
+
+impl Trend {
+    /// At rest at that set-point.
+    #[must_use]
+    pub const fn resting(last: f64) -> Self {
+        Self { last, speed: 0.0 }
+    }
+
+    /// Takes the next set-point, `period` seconds behind the last.
+    ///
+    /// # Errors
+    /// [`Excess`], and nothing is taken.
+    pub fn take(
+        &mut self,
+        bounds: &Bounds,
+        setpoint: Setpoint,
+        next: f64,
+        period: f64,
+    ) -> Result<(), Excess> {
+        let rate = (next - self.last) / period;
+        if !rate.is_finite() {
+            return Err(Excess::Number);
+        }
+        let beyond = |value: f64, most: Option<f64>| most.is_some_and(|most| value.abs() > most);
+        let beside = |(least, most): (f64, f64)| !(least..=most).contains(&next);
+        match setpoint {
+            Setpoint::Position if bounds.position.is_some_and(beside) => Err(Excess::Position),
+            Setpoint::Position if beyond(rate, bounds.velocity) => Err(Excess::Velocity),
+            Setpoint::Position if beyond((rate - self.speed) / period, bounds.acceleration) => {
+                Err(Excess::Acceleration)
+            }
+            Setpoint::Velocity if beyond(next, bounds.velocity) => Err(Excess::Velocity),
+            Setpoint::Velocity if beyond(rate, bounds.acceleration) => Err(Excess::Acceleration),
+            Setpoint::Torque if beyond(next, bounds.torque) => Err(Excess::Torque),
+            _ => {
+                *self = Self { last: next, speed: rate };
+                Ok(())
+            }
+        }
+    }
+
+    /// Whether a motion may end here: the commanded speed or torque is zero. A position always is
+    /// one to rest at.
+    #[must_use]
+    pub fn may_end(&self, setpoint: Setpoint) -> bool {
+        setpoint == Setpoint::Position || self.last == 0.0
+    }
+}
+
+/// How well time was kept, and how well the drives followed.
+#[derive(Clone, Debug)]
+pub struct Account {
+    /// Beats that went out.
+    pub beats: u64,
+    /// Set-points of the motion that went out, for each axis.
+    pub cycles: u64,
+    /// Beats that were left out because the host was late; the motion took so much longer.
+    pub missed: u64,
+    /// Times that a drive had not told its state before the next beat.
+    pub late: u64,
+    /// The greatest distance of a drive from the set-point before, SI.
+    pub lag: f64,
+    /// How late beats went out.
+    pub lateness: Spread,
+}
+
+impl Account {
+    /// Nothing happened yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { beats: 0, cycles: 0, missed: 0, late: 0, lag: 0.0, lateness: Spread::new() }
+    }
+}
+
+impl Default for Account {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Times, counted by size: eight classes to each doubling.
+#[derive(Clone, Debug)]
+pub struct Spread {
+    least_ns: u64,
+    most_ns: u64,
+    count: u64,
+    classes: [u32; CLASSES],
+}
+
+/// Classes of a doubling, as a power of two.
+const FINE: u32 = 3;
+/// Up to 2^40 ns, eighteen minutes.
+const CLASSES: usize = 40 << FINE;
+
+impl Default for Spread {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Spread {
+    /// None yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { least_ns: u64::MAX, most_ns: 0, count: 0, classes: [0; CLASSES] }
+    }
+
+    /// Notes one.
+    pub fn note(&mut self, ns: u64) {
+        self.least_ns = self.least_ns.min(ns);
+        self.most_ns = self.most_ns.max(ns);
+        self.count += 1;
+        let class = &mut self.classes[Self::class(ns)];
+        *class = class.saturating_add(1);
+    }
+
+    const fn class(ns: u64) -> usize {
+        let above = if ns == 0 { 0 } else { ns.ilog2() };
+        let class = if above < FINE {
+            ns as usize
+        } else {
+            let fine = ns >> (above - FINE) & ((1 << FINE) - 1);
+            (((above - FINE + 1) << FINE) as u64 + fine) as usize
+        };
+        if class < CLASSES { class } else { CLASSES - 1 }
+    }
+
+    /// Least, middle and greatest; `None` before the first. The middle one is known to an eighth.
+    #[must_use]
+    pub fn summary(&self) -> Option<(Duration, Duration, Duration)> {
+        let mut left = self.count.div_ceil(2);
+        let middle = self.classes.iter().position(|class| {
+            left = left.saturating_sub((*class).into());
+            left == 0
+        });
+        let middle = Self::floor(middle.filter(|_| self.count > 0)?);
+        let middle = middle.clamp(self.least_ns, self.most_ns);
+        let [least, middle, most] = [self.least_ns, middle, self.most_ns].map(Duration::from_nanos);
+        Some((least, middle, most))
+    }
+
+    const fn floor(class: usize) -> u64 {
+        let (above, fine) = (class >> FINE, class as u64 & ((1 << FINE) - 1));
+        if above == 0 { fine } else { ((1 << FINE) + fine) << (above - 1) }
+    }
+}
+
+#[cfg(test)]
+mod tests;

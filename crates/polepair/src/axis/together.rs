@@ -1,0 +1,75 @@
+//! Moves of several axes that begin at one signal.
+
+use super::{Axis, Running};
+use crate::error::Error;
+use polepair_core::axis::{Command, Verb};
+
+/// Starts moves of several axes of one wire together: each drive is made ready, then one signal on
+/// the bus (SYNC) sets all of them going. Returns as soon as they go. The axes must be armed.
+///
+/// ```
+/// use polepair_core::axis::{Command, Verb};
+/// let link = polepair::connect("sim:cia402:1,2?time=virtual")?;
+/// let armed = [link.axes()[0].armed()?, link.axes()[1].armed()?];
+/// let to = |rad| Command { target: Some(rad), ..Command::new(Verb::MoveTo) };
+/// let moves = [(link.axes()[0].clone(), to(1.0)), (link.axes()[1].clone(), to(-1.0))];
+/// polepair::start_together(&moves)?;
+/// for axis in &armed {
+///     axis.wait(std::time::Duration::from_secs(10))?;
+/// }
+/// # Ok::<(), polepair::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::Unsupported`] for a drive that cannot wait for a signal, or a command that is no move to
+/// or by: nothing was sent. Others by blame; nothing moves before the signal, and what was made
+/// ready is then taken back by a stop.
+pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
+    super::following::on_one_wire(moves.iter().map(|(axis, _)| axis))?;
+    let prepared = moves.iter().map(|(axis, command)| {
+        let verb = match command.verb {
+            Verb::MoveTo => Verb::PrepareTo,
+            Verb::MoveBy => Verb::PrepareBy,
+            other => {
+                let what = format!("`{}` cannot wait for a signal", other.name());
+                return Err(Error::usage("E218", what, "only moves to, or by, start together"));
+            }
+        };
+        can(axis, verb).map(|()| (axis, Command { verb, ..*command }))
+    });
+    let prepared: Vec<_> = prepared.collect::<Result<_, _>>()?;
+    let Some((first, _)) = prepared.first() else { return Ok(()) };
+    let begun = all(&prepared).and_then(|()| first.run(Command::new(Verb::Begin)));
+    if let Err(error) = begun {
+        // What waits for a signal must not go off at the next one.
+        for verb in [Verb::Unfollow, Verb::Stop] {
+            let each: Vec<_> =
+                prepared.iter().map(|(axis, _)| (*axis, Command::new(verb))).collect();
+            let _ = all(&each);
+        }
+        return Err(error);
+    }
+    let begun: Vec<_> =
+        prepared.iter().map(|(axis, _)| (*axis, Command::new(Verb::Begun))).collect();
+    all(&begun)
+}
+
+/// Whether the profile has steps for a verb.
+pub(super) fn can(axis: &Axis, verb: Verb) -> Result<(), Error> {
+    match axis.profile.plan(verb) {
+        Some(_) => Ok(()),
+        None => Err(axis.refuse(verb.name(), polepair_core::error::Unsupported::NoPlan)),
+    }
+}
+
+/// Runs a command on each axis, all at once, to their ends; the first error counts.
+pub(super) fn all(commands: &[(&Axis, Command)]) -> Result<(), Error> {
+    let started: Vec<Result<Running, Error>> =
+        commands.iter().map(|(axis, command)| axis.start(*command)).collect();
+    // Each is waited for, whatever became of the others.
+    let ended: Vec<Result<(), Error>> = started
+        .into_iter()
+        .map(|started| started.and_then(|mut running| running.finish().map(drop)))
+        .collect();
+    ended.into_iter().collect()
+}
