@@ -164,7 +164,10 @@ pub fn age(age: Duration) -> String {
 
 fn summary(monitor: &Monitor) -> String {
     let (count, wrong) = monitor.traffic.counts();
-    let mut text = format!("{count} frames in {}", age(monitor.age()));
+    let mut text = format!("{count} frames");
+    if monitor.age() >= LINK_EVERY {
+        text.push_str(&format!(" in {}", age(monitor.age())));
+    }
     for (name, load) in monitor.traffic.wires() {
         if let Some(load) = load {
             text.push_str(&format!(", {name} {:.1} % busy", load * 100.0));

@@ -298,6 +298,7 @@ fn the_picture_of_the_guide() {
 fn coloured(buffer: &Buffer) -> String {
     let mut text = String::new();
     for row in buffer.content().chunks(usize::from(buffer.area.width)) {
+        let mut last = "";
         for cell in row {
             let code = match (cell.fg, cell.modifier.contains(Modifier::DIM)) {
                 (Color::Green, _) => "32",
@@ -307,7 +308,12 @@ fn coloured(buffer: &Buffer) -> String {
                 (_, true) => "2",
                 _ => "0",
             };
-            text.push_str(&format!("\x1b[{code}m{}", cell.symbol()));
+            // A blank looks alike in every colour.
+            if code != last && cell.symbol() != " " {
+                text.push_str(&format!("\x1b[{code}m"));
+                last = code;
+            }
+            text.push_str(cell.symbol());
         }
         text.push('\n');
     }
