@@ -33,7 +33,7 @@ pub trait Session: Clone + Send {
     fn take(&mut self, byte: u8, answer: &mut Saying<'_>) -> Taken;
 
     /// Writes a frame of the bus as this client is told of it; nothing when it is not.
-    fn show(&self, frame: &Frame, at: Instant, saying: &mut Saying<'_>);
+    fn show(&mut self, frame: &Frame, at: Instant, saying: &mut Saying<'_>);
 }
 
 /// What a byte of a client's came to.

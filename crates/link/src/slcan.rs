@@ -1,7 +1,7 @@
 //! Serial CAN adapters that speak Lawicel's ASCII language (CANUSB, CANable, USBtin and many
 //! others), on serial ports, pseudo-terminals and TCP.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};
@@ -22,10 +22,14 @@ mod tests;
 
 #[cfg(unix)]
 pub use adapter::{Adapter, listen, on_pty};
-use codec::{Answer, End, LINE_MAX, Lines, State};
+use codec::{Answer, End, Flags, LINE_MAX, Lines, State};
 
 /// How long an adapter may take to answer a command; some never do.
 const ANSWER_MS: u32 = 150;
+/// How often, while frames are sent, the adapter is asked for its status flags.
+const FLAGS_EVERY_NS: u64 = 1_000_000_000;
+/// Such questions without an answer before it is asked no more.
+const FLAGS_OWED_MAX: u8 = 2;
 /// Baud rate of adapters with a real serial line; those on USB take any.
 pub const BAUD: u32 = 115_200;
 
@@ -38,7 +42,11 @@ pub struct SlcanLink {
     lost: AtomicBool,
     malformed: AtomicU64,
     errors: AtomicU64,
+    overrun: AtomicU64,
     refused: AtomicU64,
+    /// When the flags are asked for next, ns, and how many such questions were not answered.
+    ask_at: AtomicU64,
+    flags_owed: AtomicU8,
 }
 
 /// What came and was not yet looked at.
@@ -83,7 +91,10 @@ impl SlcanLink {
             lost: AtomicBool::new(false),
             malformed: AtomicU64::new(0),
             errors: AtomicU64::new(0),
+            overrun: AtomicU64::new(0),
             refused: AtomicU64::new(0),
+            ask_at: AtomicU64::new(0),
+            flags_owed: AtomicU8::new(0),
         };
         link.begin(line)?;
         Ok(link)
@@ -161,7 +172,7 @@ impl SlcanLink {
             let answer = match unread.end()? {
                 End::Line => Answer::of(unread.lines.line()),
                 End::Bell => {
-                    self.refused.fetch_add(1, Ordering::Relaxed);
+                    self.refuse();
                     continue;
                 }
                 End::Spoilt => Answer::Unknown,
@@ -176,10 +187,37 @@ impl SlcanLink {
                         return Some(Received::Line { event, at });
                     }
                 }
+                Answer::Flags(flags) => self.note(flags),
                 Answer::Trouble => drop(self.errors.fetch_add(1, Ordering::Relaxed)),
                 Answer::Unknown => drop(self.malformed.fetch_add(1, Ordering::Relaxed)),
                 Answer::Done | Answer::Told => {}
             }
+        }
+    }
+
+    /// Behind a frame, lest two threads write at once: asks what else the controller has seen.
+    /// Not all adapters know the question.
+    fn ask_for_flags(&self) -> Result<(), LinkError> {
+        let (now, owed) = (self.inner.now(), self.flags_owed.load(Ordering::Relaxed));
+        if owed >= FLAGS_OWED_MAX || now.0 < self.ask_at.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        self.ask_at.store(now.plus_ns(FLAGS_EVERY_NS).0, Ordering::Relaxed);
+        self.flags_owed.store(owed + 1, Ordering::Relaxed);
+        self.inner.send(b"F\r")
+    }
+
+    fn note(&self, flags: Flags) {
+        self.flags_owed.store(0, Ordering::Relaxed);
+        self.errors.fetch_add(flags.any(Flags::ERRORS).into(), Ordering::Relaxed);
+        self.overrun.fetch_add(flags.any(Flags::OVERRUN).into(), Ordering::Relaxed);
+    }
+
+    /// The adapter has refused a frame, or does not know of flags.
+    fn refuse(&self) {
+        match self.flags_owed.load(Ordering::Relaxed) {
+            1..FLAGS_OWED_MAX => self.flags_owed.store(FLAGS_OWED_MAX, Ordering::Relaxed),
+            _ => drop(self.refused.fetch_add(1, Ordering::Relaxed)),
         }
     }
 
@@ -259,7 +297,7 @@ impl Link<Can> for SlcanLink {
     fn send(&self, frame: &Frame) -> Result<(), LinkError> {
         let mut text = [0; LINE_MAX];
         let len = codec::write_frame(frame, None, &mut text);
-        self.judged(self.inner.send(&text[..len]))
+        self.judged(self.inner.send(&text[..len]).and_then(|()| self.ask_for_flags()))
     }
 
     fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
@@ -301,7 +339,7 @@ impl Link<Can> for SlcanLink {
             malformed: self.malformed.load(Ordering::Relaxed),
             errors: self.errors.load(Ordering::Relaxed),
             refused: self.refused.load(Ordering::Relaxed),
-            ..self.inner.losses()
+            overrun: self.overrun.load(Ordering::Relaxed),
         }
     }
 

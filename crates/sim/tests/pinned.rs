@@ -1,16 +1,18 @@
-//! One world whose whole history is pinned: real hosts, drives of two protocols, motors that turn,
-//! wires that fail. Another platform, another build or another day must give these very numbers,
-//! or replays of seeds would be worth nothing. `make test` runs it in debug and in release.
+//! Two worlds whose whole history is pinned, one of serial wires and one with a CAN bus: real hosts,
+//! drives of every protocol, motors that turn, wires that fail. Another platform, another build or
+//! another day must give these very numbers, or replays of seeds would be worth nothing.
+//! `make test` runs them in debug and in release.
 
 use polepair_core::axis::{Axes, Command, Verb};
 use polepair_core::drives;
 use polepair_core::drives::bench::Truth;
 use polepair_core::error::Outcome;
-use polepair_core::medium::MediumKind;
+use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::ParameterId;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
+use polepair_sim::can_bus::{CanFaults, CanMade};
 use polepair_sim::fault::{Faults, Made};
 use polepair_sim::host;
 use polepair_sim::rack::RackDrive;
@@ -24,6 +26,10 @@ const STEPS: u32 = 500;
 const STEP_MS: u32 = 40;
 /// What everything adds up to. It changes with these drives and hosts only.
 const PINNED: u64 = 0xFE8F_9243_D075_0DE0;
+const PINNED_ON_CAN: u64 = 0x0A4B_E019_2136_0F53;
+const BIT_RATE: u32 = 1_000_000;
+/// The variant with CANopen, in the mode that obeys it.
+const TS_ON_CAN: [(&str, &str); 3] = [("variant", "all"), ("fn00", "20"), ("can", "true")];
 
 /// Something of everything.
 const FAULTS: Faults = Faults {
@@ -44,7 +50,18 @@ const FAULTS: Faults = Faults {
     ..Faults::NONE
 };
 
-/// A wire with a host at one end and a drive at the other.
+/// The same on a bus.
+const CAN_FAULTS: CanFaults = CanFaults {
+    error: Ppm(20_000),
+    twice: Ppm(2_000),
+    lose: Ppm(5_000),
+    late: Ppm(2_000),
+    latest_ms: 150,
+    cut: Ppm(2_000),
+    echo: true,
+};
+
+/// A host and a drive on a wire.
 struct Place {
     wire: WireId,
     host: NodeId,
@@ -67,15 +84,39 @@ impl Place {
         Self { wire, host, drive }
     }
 
+    /// On a bus that others are on, too.
+    fn on_bus(
+        world: &mut World,
+        wire: WireId,
+        (word, product, address): (&str, &str, u32),
+        options: &[(&str, &str)],
+    ) -> Self {
+        let profile = drives::profiles().iter().find(|p| p.name == product).expect(product);
+        let mut spec = RackDrive::new(profile, word);
+        spec.address = Some(address);
+        spec.extra =
+            options.iter().map(|(key, value)| (key.to_string(), value.to_string())).collect();
+        let drive = spec.build(world, wire, false).expect(product);
+        let host = host::mux(&[(word, HostOptions::new(BIT_RATE), vec![(profile, address)])]);
+        let host = world.add(host.expect(word));
+        world.plug_host(wire, host, 0);
+        Self { wire, host, drive }
+    }
+
     /// What the script asks at a step; refusals are answers too.
     fn ask(&self, world: &mut World, step: u32) {
         let ticket = Ticket(step);
+        let on_bus = world.bit_rate(self.wire) > 0;
         world.with(self.host, |node, now| {
             let axes = node.axes().expect("a host");
             axes.arm(AXIS, true);
             match command(step) {
                 Some(command) => axes.command(now, ticket, AXIS, command).is_ok(),
-                None if step < 10 => make_ready(axes, now, ticket),
+                // Anew after each stop: what was lost on the way may have been the last one.
+                None if step % 100 < 10 && on_bus => {
+                    axes.command(now, ticket, AXIS, Command::new(Verb::Enable)).is_ok()
+                }
+                None if step < 10 => set_mode(axes, now, ticket),
                 None => read(axes, now, ticket, step),
             }
         });
@@ -113,7 +154,7 @@ fn command(step: u32) -> Option<Command> {
 }
 
 /// Internal position mode, where a drive has such a thing.
-fn make_ready(axes: &mut dyn Axes, now: Instant, ticket: Ticket) -> bool {
+fn set_mode(axes: &mut dyn Axes, now: Instant, ticket: Ticket) -> bool {
     let profile = axes.profile(AXIS).expect("an axis");
     let mode = profile.parameters.iter().position(|p| p.name == "control mode");
     let id = mode.and_then(|at| u16::try_from(at).ok()).map(ParameterId);
@@ -126,6 +167,29 @@ fn read(axes: &mut dyn Axes, now: Instant, ticket: Ticket, step: u32) -> bool {
     axes.read(now, ticket, AXIS, signal.parameter).is_ok()
 }
 
+/// Lives through the script; the hash over all of it.
+fn lived(mut world: World, places: &[Place]) -> u64 {
+    let mut history = History::default();
+    for step in 1..=STEPS {
+        world.run_until(Instant::ZERO.plus_ms(step * STEP_MS));
+        for place in places {
+            place.tell(&mut world, &mut history);
+            place.ask(&mut world, step);
+        }
+    }
+    for (n, place) in places.iter().enumerate() {
+        let truth = place.truth(&mut world);
+        assert!(truth.starts >= 5 && truth.position.abs() > 0.1, "{n}: {truth:?}");
+        let made = (world.made(place.wire), world.can_made(place.wire));
+        assert_ne!(made, (Made::default(), CanMade::default()));
+        for value in [truth.position, truth.velocity, truth.current, truth.winding] {
+            history.note(value.to_bits());
+        }
+    }
+    history.note(world.history());
+    history.value()
+}
+
 #[test]
 fn a_world_with_motors_and_faults_is_the_same_everywhere() {
     let mut world = World::new(20);
@@ -134,22 +198,24 @@ fn a_world_with_motors_and_faults_is_the_same_everywhere() {
         Place::new(&mut world, "modbus-rtu", "syntron-ts", Serial::RS485),
         Place::new(&mut world, "modbus-ascii", "syntron-ds102", Serial::RS232),
     ];
-    let mut history = History::default();
-    for step in 1..=STEPS {
-        world.run_until(Instant::ZERO.plus_ms(step * STEP_MS));
-        for place in &places {
-            place.tell(&mut world, &mut history);
-            place.ask(&mut world, step);
-        }
-    }
-    for place in &places {
-        let truth = place.truth(&mut world);
-        assert!(truth.starts > 5 && truth.position.abs() > 0.1, "{truth:?}");
-        assert_ne!(world.made(place.wire), Made::default());
-        for value in [truth.position, truth.velocity, truth.current, truth.winding] {
-            history.note(value.to_bits());
-        }
-    }
-    history.note(world.history());
-    assert_eq!(history.value(), PINNED, "{:#018X}", history.value());
+    let history = lived(world, &places);
+    assert_eq!(history, PINNED, "{history:#018X}");
+}
+
+#[test]
+fn so_is_a_bus_with_every_protocol() {
+    let mut world = World::new(21);
+    let bus = world.can(CanLine { bit_rate: BIT_RATE });
+    *world.can_faults(bus).expect("a bus") = CAN_FAULTS;
+    let mut on = |drive, options: &[_]| Place::on_bus(&mut world, bus, drive, options);
+    let places = [
+        on(("tmcl", "tmcm-171", 1), &[]),
+        on(("tmlcan", "technosoft-fa00g", 3), &[]),
+        on(("technocan", "technosoft-f514l", 17), &[]),
+        on(("canopen", "cia402", 33), &[]),
+        on(("canopen", "syntron-ts-canopen", 34), &TS_ON_CAN),
+        on(("thruster", "thruster", 11), &[]),
+    ];
+    let history = lived(world, &places);
+    assert_eq!(history, PINNED_ON_CAN, "{history:#018X}");
 }

@@ -4,7 +4,7 @@
 use polepair_core::medium::{CanLine, Frame};
 use polepair_core::time::Instant;
 
-use super::codec::{self, End, LINE_MAX, Lines};
+use super::codec::{self, End, Flags, LINE_MAX, Lines};
 use crate::error::LinkError;
 use crate::hub::{Hub, Saying, Session, Taken};
 use crate::pty::Pty;
@@ -14,8 +14,6 @@ const REFUSED: u8 = 0x07;
 /// Hardware and software version, and serial number, as questions for them are answered.
 const VERSION: &[u8] = b"V1013\r";
 const SERIAL: &[u8] = b"NPLPR\r";
-/// Status flags: error warning, error passive, bus error (CAN232 manual, command F).
-const TROUBLED: u32 = 0xA4;
 /// Time stamps begin again after a minute.
 const STAMP_MS: u64 = 60_000;
 
@@ -95,7 +93,7 @@ impl Adapter {
             b"N" => return say(answer, SERIAL),
             b"F" if !closed => {
                 answer.0.byte(b'F');
-                answer.0.number(if self.is_in_tune() { 0 } else { TROUBLED }, 2);
+                answer.0.number(if self.is_in_tune() { 0 } else { Flags::ERRORS.into() }, 2);
                 true
             }
             _ => false,
@@ -148,7 +146,7 @@ impl Session for Adapter {
         }
     }
 
-    fn show(&self, frame: &Frame, at: Instant, saying: &mut Saying<'_>) {
+    fn show(&mut self, frame: &Frame, at: Instant, saying: &mut Saying<'_>) {
         if self.channel == Channel::Closed || !self.is_in_tune() {
             return;
         }

@@ -185,10 +185,29 @@ pub enum Answer {
     State(State),
     /// The controller saw errors on the wire, likewise.
     Trouble,
-    /// Version, serial number, status flags: the answer to a question.
+    /// What the controller has seen since it was asked last: the answer to `F`.
+    Flags(Flags),
+    /// Version, serial number: the answer to a question.
     Told,
     /// Nothing that an adapter says.
     Unknown,
+}
+
+/// Status flags of a controller; they go with the answer (CAN232 manual, command F).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Flags(pub u8);
+
+impl Flags {
+    /// Error warning, error passive, bus error.
+    pub const ERRORS: u8 = 1 << 2 | 1 << 5 | 1 << 7;
+    /// Receive queue full, data overrun.
+    pub const OVERRUN: u8 = 1 << 0 | 1 << 3;
+
+    /// Whether any of these is set.
+    #[must_use]
+    pub const fn any(self, of: u8) -> bool {
+        self.0 & of != 0
+    }
 }
 
 /// How far a controller is from falling silent.
@@ -227,7 +246,11 @@ impl Answer {
             [b'e', count @ b'1'..=b'9', kinds @ ..] if kinds.len() == usize::from(count - b'0') => {
                 Self::Trouble
             }
-            [b'V' | b'v' | b'N' | b'F', ..] => Self::Told,
+            [b'F', high, low] => match (hex::value(*high), hex::value(*low)) {
+                (Some(high), Some(low)) => Self::Flags(Flags(high << 4 | low)),
+                _ => Self::Unknown,
+            },
+            [b'V' | b'v' | b'N', ..] => Self::Told,
             _ => Self::Unknown,
         }
     }

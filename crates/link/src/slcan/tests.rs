@@ -5,7 +5,7 @@ use polepair_core::medium::{CanLine, Frame, Medium, Stream};
 use polepair_core::station::LineEvent;
 
 use super::adapter::Adapter;
-use super::codec::{Answer, End, LINE_MAX, Lines, State, parse_bit_rate, parse_frame};
+use super::codec::{Answer, End, Flags, LINE_MAX, Lines, State, parse_bit_rate, parse_frame};
 use super::*;
 use crate::clock;
 use crate::hex::Text;
@@ -81,7 +81,9 @@ fn states_are_read_in_the_kernels_dialect() {
         ("e1a", Answer::Trouble),
         ("e2as", Answer::Trouble),
         ("e2a", Answer::Unknown),
-        ("F04", Answer::Told),
+        ("F04", Answer::Flags(Flags(4))),
+        ("F4", Answer::Unknown),
+        ("F0G", Answer::Unknown),
         ("V1013", Answer::Told),
         ("Z", Answer::Done),
         ("hello", Answer::Unknown),
@@ -124,7 +126,7 @@ fn adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u8>>) {
         let (mut told, mut from) = (Vec::new(), 0);
         let mut buffer = Stream::buffer();
         let end = clock::now().plus_ms(5000);
-        while clock::now() < end && !told.ends_with(b"O\rt1231AB\rC\r") {
+        while clock::now() < end && !told.ends_with(b"O\rt1231AB\rF\rC\r") {
             let received = pty.receive(&mut buffer, clock::now().plus_ms(100)).unwrap();
             let Received::Bytes { len, .. } = received else { continue };
             told.extend_from_slice(&buffer[..len]);
@@ -159,7 +161,7 @@ fn an_adapter_is_set_up_used_and_closed() {
     link.send(&Frame::standard(0x123, &[0xAB])).unwrap();
     drop(link);
     let told = adapter.join().unwrap();
-    assert_eq!(String::from_utf8(told).unwrap(), "\rC\rS6\rO\rt1231AB\rC\r");
+    assert_eq!(String::from_utf8(told).unwrap(), "\rC\rS6\rO\rt1231AB\rF\rC\r");
 }
 
 #[test]
@@ -274,7 +276,7 @@ fn an_adapter_of_another_bit_rate_neither_hears_nor_is_heard() {
     let shown = |adapter: &Adapter| {
         let mut room = [0; crate::hub::SAYING_MAX];
         let mut saying = Saying(Text::new(&mut room));
-        adapter.show(&Frame::standard(0x123, &[]), Instant(61_234_000_000), &mut saying);
+        adapter.clone().show(&Frame::standard(0x123, &[]), Instant(61_234_000_000), &mut saying);
         let len = saying.0.len;
         String::from_utf8(room[..len].to_vec()).unwrap()
     };
@@ -284,6 +286,32 @@ fn an_adapter_of_another_bit_rate_neither_hears_nor_is_heard() {
     said_to(&mut adapter, "C\rS5\rO\r");
     assert_eq!(shown(&adapter), "", "out of tune");
     assert_eq!(said_to(&mut adapter, "t1230\r").1, [Taken::Refused]);
+}
+
+/// A client learns by its adapter's flags that it speaks past everybody.
+#[test]
+fn an_adapter_of_another_bit_rate_tells_of_errors() {
+    let bus = listen("0", LINE).unwrap();
+    let address = bus.address().unwrap().to_string();
+    thread::scope(|scope| {
+        let told = scope.spawn(|| {
+            let losses = [250_000, 500_000].map(|bit_rate| {
+                let link = open_tcp(&address, CanLine { bit_rate }).unwrap();
+                link.send(&Frame::standard(0x123, &[])).unwrap();
+                let end = clock::now().plus_ms(5_000);
+                while link.flags_owed.load(Ordering::Relaxed) > 0 && clock::now() < end {
+                    let _ = link.receive(&mut Frame::default(), clock::now().plus_ms(5)).unwrap();
+                }
+                link.losses()
+            });
+            assert_eq!(losses[0], Losses { errors: 1, ..Losses::default() });
+            assert_eq!(losses[1], Losses::default());
+        });
+        while !told.is_finished() {
+            let _ = bus.receive(&mut Frame::default(), clock::now().plus_ms(5)).unwrap();
+        }
+        told.join().unwrap();
+    });
 }
 
 /// The adapter goes and comes back under the same name, as serial ports do.

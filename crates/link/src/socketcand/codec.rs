@@ -7,9 +7,9 @@ use crate::hex::{self, Text};
 
 /// The longest element taken; socketcand's own buffer.
 pub const ELEMENT_MAX: usize = 128;
-/// Words of an element that are looked at: `send`, identifier, length and eight bytes, and one
-/// more to tell that there are too many.
-const WORDS_MAX: usize = 12;
+/// Words of an element that are looked at: `filter`, seconds, microseconds, identifier, length and
+/// eight bytes, and one more to tell that there are too many.
+const WORDS_MAX: usize = 14;
 
 /// Cuts a stream of bytes into elements, from `<` to `>`.
 #[derive(Clone, Debug)]
@@ -91,8 +91,26 @@ pub enum Request<'a> {
     Echo,
     /// A frame to be sent.
     Send(Frame),
+    /// Frames of an identifier, in place of what was wanted of it before.
+    Subscribe(Wanted),
+    /// No more of them.
+    Unsubscribe(Id),
     /// Nothing that is known here.
     Unknown,
+}
+
+/// An identifier, and whether it is an extended one.
+pub type Id = (u32, bool);
+
+/// What a client wants to hear of an identifier.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Wanted {
+    /// Which.
+    pub id: Id,
+    /// What comes sooner behind the last one than this, ns, is left out.
+    pub every_ns: u64,
+    /// Only frames in which one of these bits has changed; every one if `None`.
+    pub mask: Option<[u8; 8]>,
 }
 
 impl<'a> Request<'a> {
@@ -106,6 +124,17 @@ impl<'a> Request<'a> {
             [b"bcmmode"] => Self::BcmMode,
             [b"echo"] => Self::Echo,
             [b"send", id, len, data @ ..] => sent(id, len, data).map_or(Self::Unknown, Self::Send),
+            [b"subscribe", s, us, id] => {
+                let wanted = identified(id).and_then(|frame| wanted(s, us, &frame, None));
+                wanted.map_or(Self::Unknown, Self::Subscribe)
+            }
+            [b"filter", s, us, id, len, data @ ..] => {
+                let mask = sent(id, len, data);
+                let wanted = mask.and_then(|mask| wanted(s, us, &mask, Some(mask.data)));
+                wanted.map_or(Self::Unknown, Self::Subscribe)
+            }
+            [b"unsubscribe", id] => identified(id)
+                .map_or(Self::Unknown, |frame| Self::Unsubscribe((frame.id, frame.extended))),
             _ => Self::Unknown,
         }
     }
@@ -180,6 +209,13 @@ fn sent(id: &[u8], len: &[u8], data: &[&[u8]]) -> Option<Frame> {
     }
     frame.len = data.len() as u8;
     Some(frame)
+}
+
+/// `subscribe` and `filter`: the interval as decimal seconds and microseconds.
+fn wanted(s: &[u8], us: &[u8], of: &Frame, mask: Option<[u8; 8]>) -> Option<Wanted> {
+    let decimal = |word| str::from_utf8(word).ok()?.parse::<u32>().ok().map(u64::from);
+    let every_ns = decimal(s)? * 1_000_000_000 + decimal(us)? * 1000;
+    Some(Wanted { id: (of.id, of.extended), every_ns, mask })
 }
 
 /// `frame`: the bytes as one word of digits, or as several.

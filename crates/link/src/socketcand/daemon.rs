@@ -3,13 +3,16 @@
 use polepair_core::medium::Frame;
 use polepair_core::time::Instant;
 
-use super::codec::{self, Elements, End, Request};
+use super::codec::{self, Elements, End, Id, Request, Wanted};
 use crate::clock;
 use crate::error::LinkError;
 use crate::hub::{Hub, Saying, Session, Taken};
 
 /// The longest name of a bus, the kernel's limit for an interface.
 const BUS_MAX: usize = 15;
+
+/// Identifiers that one client hears of in BCM mode; what it asks for beyond is refused.
+pub const WANTED_MAX: usize = 64;
 
 /// One client of the server.
 #[derive(Clone, Debug)]
@@ -18,13 +21,36 @@ pub struct Daemon {
     bus_len: usize,
     elements: Elements,
     mode: Mode,
+    subscriptions: [Option<Subscription>; WANTED_MAX],
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Subscription {
+    wanted: Wanted,
+    /// When its client was told last, and which bytes.
+    told: Option<(Instant, [u8; 8])>,
+}
+
+impl Subscription {
+    fn takes(&mut self, frame: &Frame, at: Instant) -> bool {
+        let Wanted { every_ns, mask, .. } = self.wanted;
+        if let Some((when, data)) = self.told {
+            let pairs = || data.iter().zip(frame.data);
+            let same = |mask: [u8; 8]| pairs().zip(mask).all(|((a, b), mask)| (a ^ b) & mask == 0);
+            if at < when.plus_ns(every_ns) || mask.is_some_and(same) {
+                return false;
+            }
+        }
+        self.told = Some((at, frame.data));
+        true
+    }
 }
 
 /// How far a client has come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Mode {
     NoBus,
-    /// Nothing is subscribed to: subscriptions are not offered.
+    /// Hears what it has subscribed to.
     Bcm,
     Raw,
 }
@@ -43,7 +69,27 @@ impl Daemon {
         let mut name = [0; BUS_MAX];
         let bus_len = bus.len().min(BUS_MAX);
         name[..bus_len].copy_from_slice(&bus.as_bytes()[..bus_len]);
-        Self { bus: name, bus_len, elements: Elements::default(), mode: Mode::NoBus }
+        Self {
+            bus: name,
+            bus_len,
+            elements: Elements::default(),
+            mode: Mode::NoBus,
+            subscriptions: [None; WANTED_MAX],
+        }
+    }
+
+    /// The place of what is wanted of an identifier, else the first free one.
+    fn place(&mut self, id: Id) -> Option<&mut Option<Subscription>> {
+        let places = &mut self.subscriptions;
+        let its = places.iter().position(|each| each.is_some_and(|each| each.wanted.id == id));
+        let at = its.or_else(|| places.iter().position(Option::is_none))?;
+        places.get_mut(at)
+    }
+
+    fn wants(&mut self, frame: &Frame, at: Instant) -> bool {
+        let id = (frame.id, frame.extended);
+        let mut of = self.subscriptions.iter_mut().flatten().filter(|each| each.wanted.id == id);
+        of.next().is_some_and(|subscription| subscription.takes(frame, at))
     }
 
     fn request(&mut self, request: Request<'_>, answer: &mut Saying<'_>) -> Taken {
@@ -58,6 +104,7 @@ impl Daemon {
             }
             (Request::RawMode, Mode::Bcm | Mode::Raw) => {
                 self.mode = Mode::Raw;
+                self.subscriptions = [None; WANTED_MAX];
                 (&b"< ok >"[..], Taken::Nothing)
             }
             (Request::BcmMode, Mode::Bcm | Mode::Raw) => {
@@ -66,6 +113,20 @@ impl Daemon {
             }
             (Request::Echo, Mode::Bcm | Mode::Raw) => (&b"< echo >"[..], Taken::Nothing),
             (Request::Send(frame), Mode::Bcm | Mode::Raw) => (&b""[..], Taken::Frame(frame)),
+            // Neither is answered, as by the original.
+            (Request::Subscribe(wanted), Mode::Bcm) => match self.place(wanted.id) {
+                Some(place) => {
+                    *place = Some(Subscription { wanted, told: None });
+                    (&b""[..], Taken::Nothing)
+                }
+                None => (&b"< error too many subscriptions >"[..], Taken::Refused),
+            },
+            (Request::Unsubscribe(id), Mode::Bcm) => {
+                if let Some(place) = self.place(id) {
+                    *place = None;
+                }
+                (&b""[..], Taken::Nothing)
+            }
             _ => (&b"< error unknown command >"[..], Taken::Junk),
         };
         answer.0.bytes(said);
@@ -89,8 +150,13 @@ impl Session for Daemon {
         }
     }
 
-    fn show(&self, frame: &Frame, at: Instant, saying: &mut Saying<'_>) {
-        if self.mode == Mode::Raw {
+    fn show(&mut self, frame: &Frame, at: Instant, saying: &mut Saying<'_>) {
+        let told = match self.mode {
+            Mode::NoBus => false,
+            Mode::Bcm => self.wants(frame, at),
+            Mode::Raw => true,
+        };
+        if told {
             codec::write_frame(frame, clock::wall_ns(at) / 1000, &mut saying.0);
         }
     }

@@ -115,6 +115,64 @@ fn clients_of_a_server_hear_each_other_and_the_drives() {
     });
 }
 
+/// A client by hand, in the mode that a bus is opened in: `doc/protocol.md`, mode BCM.
+#[cfg(unix)]
+#[test]
+fn a_client_hears_what_it_has_subscribed_to() {
+    use super::daemon::{Daemon, WANTED_MAX};
+    use crate::hub::{SAYING_MAX, Saying, Session};
+    let mut daemon = Daemon::new("can0");
+    let say = |daemon: &mut Daemon, words: &str| {
+        let mut said = String::new();
+        for byte in words.bytes() {
+            said += &text(|to| {
+                let mut room = [0; SAYING_MAX];
+                let mut answer = Saying(Text::new(&mut room));
+                daemon.clone().take(byte, &mut answer);
+                let len = answer.0.len;
+                to.bytes(&room[..len]);
+            });
+            daemon.take(byte, &mut Saying(Text::new(&mut [0; SAYING_MAX])));
+        }
+        said
+    };
+    let hears = |daemon: &mut Daemon, ms: u64, frame: Frame| {
+        let mut room = [0; SAYING_MAX];
+        let mut saying = Saying(Text::new(&mut room));
+        daemon.show(&frame, Instant(ms * 1_000_000), &mut saying);
+        saying.0.len > 0
+    };
+    let frame = |id, data: &[u8]| Frame::standard(id, data);
+    assert!(!hears(&mut daemon, 0, frame(0x123, &[1])));
+    assert_eq!(say(&mut daemon, "< open can0 >< subscribe 0 0 123 >"), "< ok >");
+    assert!(hears(&mut daemon, 0, frame(0x123, &[1])));
+    assert!(hears(&mut daemon, 0, frame(0x123, &[1])));
+    assert!(!hears(&mut daemon, 0, frame(0x124, &[1])));
+    assert!(!hears(&mut daemon, 0, extended(0x123, &[1])));
+    // Changes in the first byte, in place of every frame; then no more often than 1.5 s.
+    assert_eq!(say(&mut daemon, "< filter 0 0 123 1 FF >"), "");
+    assert!(hears(&mut daemon, 1, frame(0x123, &[1, 1])));
+    assert!(!hears(&mut daemon, 2, frame(0x123, &[1, 2])));
+    assert!(hears(&mut daemon, 3, frame(0x123, &[2, 2])));
+    assert_eq!(say(&mut daemon, "< filter 1 500000 123 8 FF 00 F8 00 00 00 00 00 >"), "");
+    assert!(hears(&mut daemon, 10, frame(0x123, &[0, 0, 8])));
+    assert!(!hears(&mut daemon, 1509, frame(0x123, &[1, 0, 8])));
+    assert!(!hears(&mut daemon, 1510, frame(0x123, &[0, 7, 15])));
+    assert!(hears(&mut daemon, 1510, frame(0x123, &[0, 7, 16])));
+    assert_eq!(say(&mut daemon, "< subscribe 0 0 00000123 >< unsubscribe 123 >"), "");
+    assert!(!hears(&mut daemon, 9000, frame(0x123, &[9])));
+    assert!(hears(&mut daemon, 9000, extended(0x123, &[9])));
+    for wrong in ["subscribe 0 123", "subscribe x 0 123", "filter 0 0 123 2 FF", "unsubscribe"] {
+        assert_eq!(say(&mut daemon, &format!("< {wrong} >")), "< error unknown command >");
+    }
+    for id in 0..WANTED_MAX {
+        let full = say(&mut daemon, &format!("< subscribe 0 0 {id:X} >"));
+        assert_eq!(full.is_empty(), id + 1 < WANTED_MAX, "{id}: {full}");
+    }
+    assert_eq!(say(&mut daemon, "< rawmode >< bcmmode >"), "< ok >< ok >");
+    assert!(!hears(&mut daemon, 9000, extended(0x123, &[9])));
+}
+
 /// Anything may come from either end; it is refused, never worse, and a good element after it works.
 #[test]
 fn garbage_does_no_harm() {

@@ -180,6 +180,9 @@ impl Answer {
                     self.words[at / 2] |= u16::from(byte) << (8 * (at % 2));
                 }
             }
+            Ask::Read { count: 1, .. } => {
+                self.words[0] = words(data).next().unwrap_or_default();
+            }
             Ask::Read { .. } => {
                 self.words.iter_mut().zip(words(data)).for_each(|(place, word)| *place = word);
             }

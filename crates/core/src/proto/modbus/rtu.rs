@@ -152,9 +152,23 @@ fn of(zeros: usize, byte: u8) -> u16 {
     TABLES[zeros][usize::from(byte)]
 }
 
-/// The last up to seven bytes, in steps of four, two and one.
+/// The last up to seven bytes: those of a short request or answer at once, others in steps of four,
+/// two and one.
 #[inline(always)]
 fn crc_rest(mut crc: u16, mut rest: &[u8]) -> u16 {
+    match *rest {
+        [a, b, c, d, e, f] => {
+            let head = u16::from_le_bytes([a, b]) ^ crc;
+            let tail = of(3, c) ^ of(2, d) ^ of(1, e) ^ of(0, f);
+            return of(5, head as u8) ^ of(4, (head >> 8) as u8) ^ tail;
+        }
+        [a, b, c, d, e, f, g] => {
+            let head = u16::from_le_bytes([a, b]) ^ crc;
+            let tail = of(4, c) ^ of(3, d) ^ of(2, e) ^ of(1, f) ^ of(0, g);
+            return of(6, head as u8) ^ of(5, (head >> 8) as u8) ^ tail;
+        }
+        _ => {}
+    }
     if let Some((&[a, b, c, d], after)) = rest.split_first_chunk::<4>() {
         let head = u16::from_le_bytes([a, b]) ^ crc;
         crc = of(3, head as u8) ^ of(2, (head >> 8) as u8) ^ of(1, c) ^ of(0, d);

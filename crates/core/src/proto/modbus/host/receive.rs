@@ -343,9 +343,11 @@ impl Host {
     /// An exchange that could tell of an echo had none.
     #[inline]
     fn doubt_echo(&mut self) {
+        if self.echo != Echo::Learnt || self.echo_seen || self.junk {
+            return;
+        }
         let Some(Current { request, .. }) = &self.current else { return };
-        let single = matches!(request.ask, Ask::WriteCoil { .. } | Ask::WriteRegister { .. });
-        if self.echo == Echo::Learnt && !single && !self.echo_seen && !self.junk {
+        if !matches!(request.ask, Ask::WriteCoil { .. } | Ask::WriteRegister { .. }) {
             self.echo = Echo::Unknown;
         }
     }
@@ -359,13 +361,22 @@ impl Host {
             self.answered = None;
         }
         let suspect = self.suspect(now, data);
-        self.payload_len = data.len();
-        self.payload[..data.len()].copy_from_slice(data);
+        self.keep(data);
         if suspect {
             return self.hold(now);
         }
         self.remember(now, now);
         self.succeed();
+    }
+
+    /// Makes the data of a read the payload. One register is not worth a call that copies.
+    #[inline]
+    fn keep(&mut self, data: &[u8]) {
+        self.payload_len = data.len();
+        match *data {
+            [high, low] => self.payload[..2].copy_from_slice(&[high, low]),
+            _ => self.payload[..data.len()].copy_from_slice(data),
+        }
     }
 
     /// Holds the answer back until another had its time to come.
