@@ -16,6 +16,8 @@ SHEETS = Path(__file__).resolve().parent / "sheets"
 NODE = 5
 # What a device tells of itself, and what python canopen reads otherwise from the file.
 LIVE = {0x1010, 0x1011, 0x200D, 0x6041, 0x6061, 0x6064, 0x606C}
+# A type that python canopen gives as bytes.
+TIME_OF_DAY = 0x0C
 # The identifier of a PDO to which the sheet forgot to add the node-ID.
 FORGOTTEN = (0x1801, 1)
 ABORTS = {
@@ -106,6 +108,8 @@ def other(entry, value):
         return value + 0.5
     if entry.data_type == datatypes.BOOLEAN:
         return not value
+    if entry.data_type == TIME_OF_DAY:
+        return b"\1" + value[1:]
     return (value or "") + "x" if isinstance(value, str) else bytes(value or b"") + b"x"
 
 
