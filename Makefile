@@ -47,6 +47,7 @@ swarm:
 soak:
 	POLEPAIR_GARBAGE=1000000 $(CARGO) test --release --locked --quiet -p polepair-sim garbage -- --nocapture
 	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test stress -- --nocapture
+	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test mixed -- --nocapture
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 	fuzz/run $(or $(FUZZ_SECONDS),60)
 
