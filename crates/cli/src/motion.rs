@@ -20,6 +20,8 @@ use crate::terminal::{self, say};
 const LOOK_MS: u32 = 25;
 /// How often it reads the drive.
 const READ_MS: u32 = 250;
+/// How far ahead a held motion on an axis with ends looks: reading and stopping take their time.
+const AHEAD: Duration = Duration::from_millis(150);
 /// How long a stopping motor keeps its power: Ctrl-C ends a verb within a second.
 const REST_MAX: Duration = Duration::from_millis(800);
 /// How long a move may take unless the user says otherwise.
@@ -111,6 +113,13 @@ fn carry_out(
     then: Then,
     start: impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
 ) -> Result {
+    let watched = commands.iter().find(|(axis, command)| axis.has_ends() && lasts(command.verb));
+    if let Some((axis, _)) = watched.filter(|_| then == Then::Detach) {
+        let what = format!("{} has ends, and nobody would watch them.", axis.label());
+        return Err(Problem::usage("E223", what)
+            .why("A speed or torque that is left running would pass the limits of its position.")
+            .hint("leave --detach out, or give a target: polepair move"));
+    }
     caution(session);
     session.listen();
     let mut started: Vec<Started> = Vec::new();
@@ -143,6 +152,11 @@ fn carry_out(
     }
 }
 
+/// Whether a motion goes on until it is stopped.
+const fn lasts(verb: Verb) -> bool {
+    matches!(verb, Verb::Velocity | Verb::Torque)
+}
+
 /// An axis that this verb set in motion.
 struct Started {
     axis: Axis,
@@ -152,6 +166,10 @@ struct Started {
 
 /// Powers every axis, before any of them moves.
 fn power(commands: &[(Axis, Command)], started: &mut Vec<Started>) -> Result<()> {
+    // What the limits of a file refuse is refused before anything has power.
+    for (axis, command) in commands {
+        axis.prepare(*command).map(drop).map_err(outcome::error)?;
+    }
     for (axis, _) in commands {
         let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
         axis.arm(true);
@@ -166,7 +184,9 @@ fn power(commands: &[(Axis, Command)], started: &mut Vec<Started>) -> Result<()>
 /// Starts all of them back to back.
 fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     // Each is on its way before the first is waited for; one that is refused ends all.
-    let begun = commands.iter().map(|(axis, command)| axis.start(*command));
+    let ready = commands.iter().map(|(axis, command)| axis.prepare(*command));
+    let ready: Vec<_> = ready.collect::<std::result::Result<_, _>>().map_err(outcome::error)?;
+    let begun = ready.iter().map(polepair::axis::Prepared::start);
     let begun: Vec<_> = begun.collect::<std::result::Result<_, _>>().map_err(outcome::error)?;
     for (mut running, (axis, command)) in begun.into_iter().zip(commands) {
         if running.wait(deadline.since(clock::now())).map_err(outcome::error)?.is_none() {
@@ -199,6 +219,13 @@ pub fn hold(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
         }
         if end.is_some_and(|end| now >= end) {
             return Ok(());
+        }
+        for (axis, _) in commands {
+            if let Some(why) = axis.leaving(AHEAD).map_err(outcome::error)? {
+                return Err(Problem::new(Exit::Negative, "E105", outcome::sentence(&why))
+                    .why("It was stopped.")
+                    .hint("hold it for less time: --for; `polepair move` ends by itself"));
+            }
         }
         if now >= next {
             next = now.plus_ms(READ_MS);

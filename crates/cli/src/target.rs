@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
+use polepair::url::Target::Rack;
 use polepair::{Axis, Connector};
 use polepair_capture::{Decoder, Rules, Stamp, text};
 use polepair_core::axis::{Command, RehearsedStep, Verb};
@@ -20,7 +21,7 @@ use polepair_link::tap::{Direction, Log, Tap};
 use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::session::Session;
-use crate::terminal::{self, Output};
+use crate::terminal::{self, Output, say};
 
 /// A drive, and how the talk with it is shown.
 #[derive(Args, Debug)]
@@ -117,6 +118,9 @@ impl Target {
         let link = self.connector()?.connect(url).map_err(outcome::error)?;
         if link.axes().is_empty() {
             return Err(Problem::new(Exit::NoReply, "E402", format!("there is no axis on {url}.")));
+        }
+        if matches!(link.url().target, Rack { .. }) && link.simulation().is_some() {
+            say(&format!("{url} is simulated: its file does not say where it is (`connect`)"));
         }
         if let Some(axis) = link.axes().first() {
             self.name_frames(axis.profile());

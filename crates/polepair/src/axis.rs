@@ -19,6 +19,7 @@
 mod armed;
 mod fail;
 mod following;
+mod mounted;
 mod program;
 mod running;
 mod streamed;
@@ -26,12 +27,13 @@ mod together;
 
 pub use armed::Armed;
 pub use following::Following;
-pub use running::Running;
+pub use running::{Prepared, Running};
 pub use together::start_together;
 
 use crate::amount::{Amount, Meant, Value};
 use crate::error::Error;
 use crate::identify::Identified;
+use crate::mounting::{self, Mounted};
 use crate::simulate::Simulation;
 use crate::url::Number;
 use crate::words;
@@ -45,6 +47,7 @@ use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 use polepair_link::Connection;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// One axis of an open link. Clones are the same axis; any thread may use it.
@@ -59,6 +62,8 @@ pub struct Axis {
     pub(crate) profile: &'static Profile,
     pub(crate) identified: Identified,
     pub(crate) simulation: Option<Simulation>,
+    /// How a file says that it is built into a machine.
+    pub(crate) mounted: Option<Arc<Mounted>>,
 }
 
 /// A step of a rehearsal: what a command would send. Nothing was sent.
@@ -130,7 +135,8 @@ impl Axis {
     /// What is known of it without asking: every value carries its age.
     #[must_use]
     pub fn state(&self) -> State {
-        self.connection.with(|axes, _| axes.state(self.index).copied()).unwrap_or(State::UNKNOWN)
+        let state = self.connection.with(|axes, _| axes.state(self.index).copied());
+        self.of_machine(state.unwrap_or(State::UNKNOWN))
     }
 
     /// Every parameter that the profile has.
@@ -245,6 +251,7 @@ impl Axis {
     /// As [`set`](Self::set).
     pub fn write(&self, id: ParameterId, raw: i64, keep: bool) -> Result<(), Error> {
         let what = format!("setting `{}`", self.parameter(id)?.name);
+        self.check_write(id, raw)?;
         let write = |axes: &mut dyn polepair_core::axis::Axes, now, ticket| {
             axes.write(now, ticket, self.index, id, raw, keep)
         };
@@ -257,9 +264,9 @@ impl Axis {
     /// [`Error::Usage`] `E217`; or what reading the parameters brings that the scale depends on.
     pub fn raw_of(&self, id: ParameterId, amount: &Amount) -> Result<i64, Error> {
         let parameter = self.parameter(id)?;
-        let si = match amount.for_parameter(parameter, parameter.unit)? {
+        let si = match amount.for_parameter(parameter, self.unit(id))? {
             Meant::Raw(raw) => return Ok(raw),
-            Meant::Si(si) => si,
+            Meant::Si(si) => si * self.factor(id),
         };
         let convert = || self.connection.with(|axes, _| axes.to_raw(self.index, id, si));
         if let Some(raw) = convert() {
@@ -285,13 +292,15 @@ impl Axis {
             si = convert();
         }
         let next = self.connection.with(|axes, _| axes.to_si(self.index, id, raw + 1));
-        let step = si.zip(next).map_or(0.0, |(si, next)| (next - si).abs() / parameter.unit.si());
+        let (unit, factor) = (self.unit(id), self.factor(id));
+        let shown = |si: f64| si / factor / unit.si();
+        let step = si.zip(next).map_or(0.0, |(si, next)| (shown(next) - shown(si)).abs());
         let word = parameter.values.iter().find(|(value, _)| *value == raw);
         Ok(Value {
             raw,
-            value: si.map_or(f64::NAN, |si| si / parameter.unit.si()),
+            value: si.map_or(f64::NAN, shown),
             step,
-            unit: parameter.unit,
+            unit,
             word: word.map(|(_, word)| *word),
         })
     }
@@ -479,10 +488,12 @@ impl Axis {
     }
 
     /// The unit in which an argument of a verb is shown and, where none is given, meant: that of the
-    /// parameter which the plan writes. `None` when the verb has no use for it.
+    /// parameter which the plan writes, or the machine's where a file mounts the axis. `None` when
+    /// the verb has no use for it.
     #[must_use]
     pub fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
         let unit = self.destination(verb, which)?.map_or(Unit::None, |parameter| parameter.unit);
+        let unit = self.unit_here(verb, which, unit);
         Some(if unit == Unit::None { customary(self.profile.axis, which) } else { unit })
     }
 
@@ -490,30 +501,27 @@ impl Axis {
     /// `None` when it has no use for it.
     #[must_use]
     pub fn destination(&self, verb: Verb, which: Argument) -> Option<Option<&'static Parameter>> {
-        let takes = |operand: Operand| match operand {
-            Operand::Argument(found) | Operand::Given(found) => found == which,
-            Operand::Is(_) => false,
-        };
-        let steps = self.profile.plan(verb)?.steps;
-        let id = steps.iter().find_map(|step| match *step {
-            Step::Write(id, operand) if takes(operand) => Some(Some(id)),
-            Step::Send { operand, like, .. } if takes(operand) => Some(like),
-            _ => None,
-        })?;
+        let id = mounting::destination(self.profile, verb, which)?;
         Some(id.and_then(|id| self.profile.parameter(id)))
+    }
+
+    /// Makes a verb ready to be started: where a file mounts the axis, its arguments are turned into
+    /// the drive's and held against the limits, for which its position may be read. Nothing moves
+    /// yet, so that of several axes none starts when one is refused.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E223` for what a file's limits do not let through; what reading the position
+    /// brings.
+    pub fn prepare(&self, command: Command) -> Result<Prepared, Error> {
+        Ok(Prepared { axis: self.clone(), command: self.fitted(command)? })
     }
 
     /// Starts a verb and does not wait for its end.
     ///
     /// # Errors
-    /// [`Error::Unsupported`]: nothing was sent.
+    /// As [`prepare`](Self::prepare); [`Error::Unsupported`]: nothing was sent.
     pub fn start(&self, command: Command) -> Result<Running, Error> {
-        let submit = |axes: &mut dyn polepair_core::axis::Axes, now: Instant, ticket: Ticket| {
-            axes.command(now, ticket, self.index, command)
-        };
-        let verb = command.verb.name();
-        let pending = self.connection.submit(submit).map_err(|why| self.refuse(verb, why))?;
-        Ok(Running { axis: self.clone(), pending, what: verb.to_owned() })
+        self.prepare(command)?.start()
     }
 
     /// Runs a verb to its end. The value is the last one read.
@@ -555,6 +563,7 @@ impl Axis {
     /// [`Error::Unsupported`] as the command itself would give.
     pub fn rehearse(&self, command: Command) -> Result<Vec<Rehearsal>, Error> {
         self.read_factors_of(command.verb)?;
+        let command = self.fitted(command)?;
         let rehearsed = self.rehearsed(command);
         rehearsed.map_err(|why| self.refuse(command.verb.name(), why))
     }

@@ -39,7 +39,8 @@ impl Seat {
         (0..STANDARD_IDS).find(|id| both(*id, false)).map(|id| (id, false)).or(extended)
     }
 
-    fn named(&self) -> String {
+    /// `canopen 2`.
+    pub(crate) fn named(&self) -> String {
         format!("{} {}", self.spoken.name, self.address)
     }
 }
@@ -49,6 +50,26 @@ pub(crate) fn claimed(seats: &[Seat]) -> Vec<bool> {
     let could =
         |seat: &Seat, id| seat.spoken.every.clone().any(|a| (seat.spoken.uses)(a, id, false));
     (0..STANDARD_IDS).map(|id| seats.iter().any(|seat| could(seat, id))).collect()
+}
+
+/// Orders protocols so that one whose drives have no identifiers but another's comes after it: its
+/// questions could be commands to the other's drives, which are then known.
+pub(crate) fn guests_last<T>(asked: &mut [T], spoken: impl Fn(&T) -> &Spoken) {
+    let ids = |one: &Spoken| -> Vec<bool> {
+        let uses = |id| one.addresses.clone().any(|address| (one.uses)(address, id, false));
+        (0..STANDARD_IDS).map(uses).collect()
+    };
+    let all: Vec<(&'static str, Vec<bool>)> =
+        asked.iter().map(|one| (spoken(one).name, ids(spoken(one)))).collect();
+    let inside = |(name, ids): &(&str, Vec<bool>)| {
+        let within = |other: &Vec<bool>| ids.iter().zip(other).all(|(mine, its)| !mine || *its);
+        let any = ids.contains(&true);
+        all.iter().filter(|(other, its)| other != name && any && within(its)).count()
+    };
+    let ranks: Vec<(&str, usize)> = all.iter().map(|one| (one.0, inside(one))).collect();
+    asked.sort_by_key(|one| {
+        ranks.iter().find(|(name, _)| *name == spoken(one).name).map_or(0, |(_, rank)| *rank)
+    });
 }
 
 /// Whether an address has one of those identifiers.

@@ -3,14 +3,30 @@
 //! ```toml
 //! # polepair.toml, found in the working folder, in any folder above it, or in the configuration
 //! # folder ($XDG_CONFIG_HOME/polepair, ~/.config/polepair; on Windows %APPDATA%\polepair)
+//! name = "machine"                # optional: what all links of the rack below are called together
+//!
 //! [links]
 //! arm = "tmcl+serial:///dev/ttyUSB0:9600#1,2"
+//!
+//! [[link]]                        # a rack, as in a file for `sim:`
+//! name = "cell"
+//! connect = "socketcan://can0"    # without it, it is simulated
+//! bitrate = 1000000
+//!
+//! [[link.drive]]
+//! name = "x"
+//! profile = "tmcm-171"
+//! address = 3
+//! lead = "5 mm"
 //! ```
-//! `@arm` is then a connection string, as are `@arm#2` and `@arm?timeout=50`.
+//! `@arm` is then a connection string, as are `@arm#2`, `@arm?timeout=50`, `@cell#x`, and `@machine`
+//! for every [[link]]. A rack is read when it is asked for: what is wrong with it stops nobody else.
 
 use crate::error::Error;
 use crate::file::{FileError, Text};
 use crate::profile::{self, text_of};
+use crate::simulate;
+use crate::url;
 use crate::words;
 use polepair_core::profile::Profile;
 use std::path::{Path, PathBuf};
@@ -105,7 +121,9 @@ impl Config {
                 |file| format!("{} does not have it", file.display()),
             );
             let what = format!("no link is called `@{name}`{near}");
-            let hint = format!("{place}; write `{name} = \"…\"` below [links]");
+            let hint = format!(
+                "{place}; write `{name} = \"…\"` below [links], or a [[link]] of that name"
+            );
             return Err(Error::usage("E211", what, hint));
         };
         Ok(joined(url, more))
@@ -134,13 +152,27 @@ fn joined(url: &str, more: &str) -> String {
     out
 }
 
+/// Every name of a file with its connection string.
 fn links(file: &str, text: &str) -> Result<Vec<(String, String)>, FileError> {
-    Text::new(file, text).read(&["links"], |node| {
-        let Some(table) = node.table("links", &[])? else { return Ok(Vec::new()) };
-        let link = |key: crate::file::Found<&str>| {
-            Ok((key.value.to_owned(), table.needed_text(key.value)?.value))
-        };
-        table.keys().into_iter().map(link).collect()
+    Text::new(file, text).read(&simulate::FILE_KEYS, |node| {
+        let mut links: Vec<(String, String)> = Vec::new();
+        if let Some(table) = node.table("links", &[])? {
+            for key in table.keys() {
+                links.push((key.value.to_owned(), table.needed_text(key.value)?.value));
+            }
+        }
+        let whole = node.text("name")?.map(|name| (name, None));
+        let racks = node.tables("link", &[])?;
+        let racks: Vec<_> = racks.iter().map(|rack| rack.text("name")).collect::<Result<_, _>>()?;
+        let racks = racks.into_iter().flatten().map(|name| (name.clone(), Some(name.value)));
+        for (name, link) in whole.into_iter().chain(racks) {
+            if links.iter().any(|(other, _)| *other == name.value) {
+                let reason = format!("`{}` is the name of something else already", name.value);
+                return Err(name.place.error(reason));
+            }
+            links.push((name.value, url::of_rack(file, link.as_deref())));
+        }
+        Ok(links)
     })
 }
 

@@ -10,18 +10,22 @@
 //! ```
 
 mod options;
+mod rack;
 
 use crate::axis::Axis;
+use crate::bus;
 use crate::config::Config;
 use crate::error::Error;
+use crate::file::Place;
 use crate::identify::{Identified, Prober};
+use crate::mounting::{Mounted, Mounting};
 use crate::registry::{self, Spoken};
 use crate::scan::Found;
 use crate::simulate::{self, Description, Pace, Simulation};
 use crate::url::{Number, Target, Url};
 use crate::wire::{AnyLink, OpenWire, SharedLink};
 use crate::words;
-use options::{line_of, options, rate, standard, wire_options};
+use options::{line_of, rate, standard, wire_options};
 use polepair_core::medium::{Can, CanLine, Frame, MediumKind, Stream};
 use polepair_core::mux::Mux;
 use polepair_core::profile::Profile;
@@ -29,7 +33,7 @@ use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
 use polepair_link::{Connection, Direction, Interrupter, Link as _, Tap, clock};
-use polepair_sim::rack::RackDrive;
+use rack::{expected, seed_of};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -138,15 +142,54 @@ impl Connector {
         self.config.expand(text)?.parse()
     }
 
+    /// The connection strings of each protocol that a scan is to ask on one link:
+    /// `canopen,thruster+udp://…`.
+    pub(crate) fn urls(&self, text: &str) -> Result<Vec<Url>, Error> {
+        let text = self.config.expand(text)?;
+        let (head, rest) = text.split_at(text.find("://").unwrap_or(0));
+        let (words, link) = head.split_at(head.find('+').unwrap_or(head.len()));
+        if !words.contains(',') {
+            return Ok(vec![text.parse()?]);
+        }
+        let words = words.split(',').map(str::trim);
+        words.map(|word| format!("{word}{link}{rest}").parse()).collect()
+    }
+
+    /// Opens the link of several protocols, once.
+    pub(crate) fn lines_of(&self, urls: &[Url]) -> Result<(Vec<Line>, Option<Simulation>), Error> {
+        let [first, others @ ..] = urls else { return Ok((Vec::new(), None)) };
+        let (mut lines, simulation) = self.lines(first)?;
+        for url in others {
+            let link = lines[0].link.clone();
+            let adapter = matches!(url.target, Target::Slcan { .. } | Target::SlcanTcp { .. });
+            let what = match (&link, adapter && url.key("bitrate").is_none()) {
+                (SharedLink::Serial(_), _) => "a serial line carries one protocol",
+                (_, true) => "protocols have different bit rates from the factory: say `bitrate=`",
+                _ if lines.iter().any(|line| line.spoken.name == url.protocol) => {
+                    "a protocol is named twice"
+                }
+                _ => {
+                    lines.push(self.line_on(url, Some(link))?);
+                    continue;
+                }
+            };
+            return Err(Error::usage("E210", what, "nothing was sent"));
+        }
+        Ok((lines, simulation))
+    }
+
     /// The words of the protocols that are spoken on a link, without opening it.
     ///
     /// # Errors
     /// [`Error::Usage`], and [`Error::File`] of a rack.
     pub fn protocols(&self, text: &str) -> Result<Vec<&'static str>, Error> {
-        let url = self.url(text)?;
-        let Target::Sim { what } = &url.target else { return Ok(vec![url.spoken()?.name]) };
+        let urls = self.urls(text)?;
+        let description = match &urls[0].target {
+            Target::Sim { what } => describe(&urls[0], what, 1)?,
+            Target::Rack { file } => simulate::rack_of_file(Path::new(file), 1)?,
+            _ => return urls.iter().map(|url| Ok(url.spoken()?.name)).collect(),
+        };
         let mut words = Vec::new();
-        let description = describe(&url, what, 1)?;
         for spoken in (0..description.wires.len()).flat_map(|n| description.spoken_on(n)) {
             if !words.contains(&spoken.name) {
                 words.push(spoken.name);
@@ -160,11 +203,17 @@ impl Connector {
     /// # Errors
     /// As [`connect`].
     pub fn connect(&self, text: &str) -> Result<Link, Error> {
+        self.connect_with(text, true)
+    }
+
+    /// Opens a link; unless it is to `ask`, the drives are taken for what the string or the rack says,
+    /// so that one that is silent keeps nobody waiting.
+    pub(crate) fn connect_with(&self, text: &str, ask: bool) -> Result<Link, Error> {
         let url = self.url(text)?;
         let (lines, simulation) = self.lines(&url)?;
         let (mut axes, mut wires) = (Vec::new(), Vec::new());
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
-            axes.extend(self.axes(&url, lines, simulation.as_ref())?);
+            axes.extend(self.axes(&url, lines, simulation.as_ref(), ask)?);
             wires.extend(Line::wire_of(lines));
         }
         let link = Link { url, axes, wires, simulation };
@@ -175,89 +224,27 @@ impl Connector {
     /// Opens what the string names, without asking anybody anything.
     pub(crate) fn lines(&self, url: &Url) -> Result<(Vec<Line>, Option<Simulation>), Error> {
         match &url.target {
-            Target::Sim { what } => {
-                let simulation = simulated(url, what)?;
-                // What a relay brings its host to needs no host of its own.
-                let own = |n: &usize| simulation.description().relay_to(*n).is_none();
-                let lines = (0..simulation.links()).filter(own);
-                let lines = lines.map(|n| self.sim_lines(url, &simulation, n));
-                let lines: Vec<Vec<Line>> = lines.collect::<Result<_, _>>()?;
-                Ok((lines.into_iter().flatten().collect(), Some(simulation)))
-            }
-            _ => Ok((vec![self.wire_line(url)?], None)),
+            Target::Sim { what } => self.sim(url, describe(url, what, seed_of(url)?)?, None),
+            Target::Rack { file } => self.rack(url, file),
+            _ => Ok((vec![self.line_on(url, None)?], None)),
         }
     }
 
-    fn wire_line(&self, url: &Url) -> Result<Line, Error> {
+    /// One protocol on a link, which is opened unless it is already.
+    fn line_on(&self, url: &Url, opened: Option<SharedLink>) -> Result<Line, Error> {
         let spoken = url.spoken()?;
         url.axes.iter().try_for_each(|axis| spoken.check(*axis))?;
         let mut options = wire_options(url, &spoken)?;
         options.host = options.host.or_else(|| spoken.other_host(&url.axes));
-        let link = open(url, &spoken, &options)?;
+        let link = match opened {
+            Some(link) => link,
+            None => SharedLink::new(open(url, &spoken, &options)?, self.tap(0)),
+        };
         let numbers =
             if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
-        let names = vec![String::new(); numbers.len()];
-        let link = SharedLink::new(link, self.tap(0));
+        let seats = vec![Seat::default(); numbers.len()];
         let relay = url.axes.first().copied();
-        Ok(Line { wire: 0, link, spoken, options, numbers, relay, names })
-    }
-
-    /// A line for each protocol that is spoken on a link.
-    fn sim_lines(&self, url: &Url, simulation: &Simulation, n: usize) -> Result<Vec<Line>, Error> {
-        let link = SharedLink::new(simulation.open(n)?, self.tap(n));
-        let mut spoken = simulation.description().spoken_on(n);
-        // Who has no groups is not meant by one, unless nobody has.
-        if url.axes.iter().any(|axis| Number(*axis).is_group())
-            && spoken.iter().any(|spoken| spoken.groups > 0)
-        {
-            spoken.retain(|spoken| spoken.groups > 0);
-        }
-        let line = |spoken| self.sim_line(url, simulation, n, spoken, link.clone());
-        spoken.into_iter().map(line).collect()
-    }
-
-    fn sim_line(
-        &self,
-        url: &Url,
-        simulation: &Simulation,
-        n: usize,
-        spoken: Spoken,
-        link: SharedLink,
-    ) -> Result<Line, Error> {
-        let description = simulation.description();
-        let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
-        let first = *spoken.addresses.start();
-        let address = |drive: &RackDrive| drive.address.unwrap_or(first);
-        let own = rack.drives.iter().zip(wire.names.iter().cloned());
-        let own = own.filter(|(drive, _)| simulate::speaks(drive, &spoken));
-        let mut all: Vec<(u32, String)> = own.map(|(drive, name)| (address(drive), name)).collect();
-        let here = all.len();
-        for behind in description.behind(n) {
-            let drives = description.rack.links[behind].drives.iter().map(address);
-            all.extend(drives.zip(description.wires[behind].names.iter().cloned()));
-        }
-        let groups = url.axes.iter().filter(|axis| Number(**axis).is_group());
-        groups.clone().try_for_each(|axis| spoken.check(*axis))?;
-        let every = url.axes.is_empty() && url.names.is_empty();
-        let wanted = |(number, name): &(u32, String)| {
-            every || url.axes.contains(number) || url.names.contains(name)
-        };
-        let addresses: Vec<u32> = all.iter().map(|(number, _)| *number).collect();
-        let groups = groups.map(|axis| (*axis, String::new()));
-        let (numbers, names) = all.into_iter().filter(wanted).chain(groups).unzip();
-        let mut options = options(url, wire.baud)?;
-        options.bit_rate = wire.baud;
-        options.wire = options.wire.or(description.standard(n));
-        // Behind a relay are axes that the host must not be taken for either.
-        let beside = description.host(n, &spoken);
-        options.host = options.host.or(beside).or_else(|| spoken.other_host(&addresses));
-        if let SharedLink::Serial(link) = &link
-            && let Some(lane) = registry::lane::<Stream>(spoken.name, options, &[])
-        {
-            link.set_line(lane.line())?;
-        }
-        let relay = addresses.first().copied().filter(|_| addresses.len() > here);
-        Ok(Line { wire: n, link, spoken, options, numbers, relay, names })
+        Ok(Line { wire: 0, link, spoken, options, numbers, relay, seats })
     }
 
     /// The axes of one wire, on one connection: a line for each protocol that is spoken on it.
@@ -266,9 +253,10 @@ impl Connector {
         url: &Url,
         lines: &[Line],
         simulation: Option<&Simulation>,
+        ask: bool,
     ) -> Result<Vec<Axis>, Error> {
         let found: Vec<Vec<(&'static Profile, Identified)>> =
-            lines.iter().map(|line| self.identified(url, line)).collect::<Result<_, _>>()?;
+            lines.iter().map(|line| self.identified(url, line, ask)).collect::<Result<_, _>>()?;
         let profiles: Vec<Vec<(&'static Profile, u32)>> = lines
             .iter()
             .zip(&found)
@@ -279,35 +267,44 @@ impl Connector {
         let mut axes = Vec::new();
         for (line, found) in lines.iter().zip(found) {
             for (n, (profile, identified)) in found.into_iter().enumerate() {
+                let mounted = line.mounting(n).map(|m| Arc::new(Mounted::new(m, profile)));
                 axes.push(Axis {
                     connection: connection.clone(),
                     index: AxisIndex(u8::try_from(axes.len()).unwrap_or(u8::MAX)),
                     number: line.numbers[n],
-                    name: line.names[n].clone(),
+                    name: line.seats[n].name.clone(),
                     protocol: line.spoken.name,
                     medium: line.spoken.medium,
                     profile,
                     identified,
                     simulation: simulation.cloned(),
+                    mounted,
                 });
             }
         }
         Ok(axes)
     }
 
-    /// What each axis of a line is: as the string says, or by asking.
+    /// What each axis of a line is: as the string says, or by asking, where a rack says what is to be
+    /// there.
     fn identified(
         &self,
         url: &Url,
         line: &Line,
+        ask: bool,
     ) -> Result<Vec<(&'static Profile, Identified)>, Error> {
         let named = self.chosen_profile(url, line)?;
         let mut found = Vec::new();
-        for &number in &line.numbers {
-            found.push(match named {
-                Some(profile) => (profile, Identified::Named),
-                None if Number(number).is_group() => (line.spoken.generic, Identified::Group),
-                None => Prober::new(line, &self.config).identify(number)?,
+        for (&number, seat) in line.numbers.iter().zip(&line.seats) {
+            found.push(match (named, &seat.profile) {
+                (Some(profile), _) => (profile, Identified::Named),
+                _ if Number(number).is_group() => (line.spoken.generic, Identified::Group),
+                (None, Some((profile, _))) if !ask => (*profile, Identified::Named),
+                (None, Some((profile, place))) => {
+                    let prober = Prober::new(line, &self.config);
+                    expected(prober.expecting(profile), number, profile, place.as_ref())?
+                }
+                (None, None) => Prober::new(line, &self.config).identify(number)?,
             });
         }
         // Drives of a group cannot all be asked: they are taken for what the first axis is.
@@ -333,6 +330,7 @@ impl Connector {
             profile: one.profile,
             identified: one.identified.clone(),
             simulation: None,
+            mounted: None,
         };
         Ok(found.iter().enumerate().map(axis).collect())
     }
@@ -413,9 +411,8 @@ fn open(url: &Url, spoken: &Spoken, options: &HostOptions) -> Result<AnyLink, Er
     })
 }
 
-fn simulated(url: &Url, what: &str) -> Result<Simulation, Error> {
-    let seed = url.number("seed")?.unwrap_or(1);
-    let mut description = describe(url, what, seed)?;
+fn simulated(url: &Url, mut description: Description) -> Result<Simulation, Error> {
+    let seed = seed_of(url)?;
     if let Some(file) = url.key("eds") {
         description.take_sheet_where_fit(Path::new(file))?;
     }
@@ -426,8 +423,10 @@ fn simulated(url: &Url, what: &str) -> Result<Simulation, Error> {
     if url.key("echo").is_some() {
         description.set_echo(url.flag("echo")?);
     }
+    // What is behind a rack's file is the file's to say.
+    let own = if matches!(url.target, Target::Sim { .. }) { url.extra() } else { Vec::new() };
     for drive in description.rack.links.iter_mut().flat_map(|link| &mut link.drives) {
-        drive.extra.extend(url.extra());
+        drive.extra.extend(own.iter().cloned());
     }
     if let Some(host) = url.key("host") {
         description.answer_to(host);
@@ -478,7 +477,17 @@ pub(crate) struct Line {
     pub(crate) numbers: Vec<u32>,
     /// The axis that a host is wired to, where others may be behind it.
     relay: Option<u32>,
-    names: Vec<String>,
+    /// What is known of each axis, whoever answers.
+    seats: Vec<Seat>,
+}
+
+/// What a rack says of the drive at an address.
+#[derive(Clone, Debug, Default)]
+struct Seat {
+    name: String,
+    mounting: Option<Arc<Mounting>>,
+    /// Which drive it is to be, and where that is said.
+    profile: Option<(&'static Profile, Option<Place>)>,
 }
 
 impl Line {
@@ -495,6 +504,25 @@ impl Line {
             rate: Some(rate).filter(|rate| *rate > 0),
             protocols: lines.iter().map(|line| line.spoken.name).collect(),
         })
+    }
+
+    /// A place on the line's wire.
+    pub(crate) fn seat(&self, address: u32) -> bus::Seat {
+        bus::Seat { spoken: self.spoken.clone(), address }
+    }
+
+    fn mounting(&self, axis: usize) -> Option<Arc<Mounting>> {
+        self.seats[axis].mounting.clone()
+    }
+
+    /// Sets a simulated port as the protocol's host wants it.
+    fn set_port(&self) -> Result<(), Error> {
+        if let SharedLink::Serial(link) = &self.link
+            && let Some(lane) = registry::lane::<Stream>(self.spoken.name, self.options, &[])
+        {
+            link.set_line(lane.line())?;
+        }
+        Ok(())
     }
 
     /// A host with these axes on the wire, and before them the one that it is wired to if that is

@@ -120,9 +120,15 @@ pub fn link(
         }
     };
     let mut silent = false;
+    let mut heard = None;
     for line in &mut lines {
-        hear(Check::ok("port", format!("{} opens, and nobody else has it", line.link.describe())));
-        if let Err(error) = examine(connector, &url, line, &mut silent, hear) {
+        // Protocols of one bus share what is to be said of it.
+        let first = heard.replace(line.wire) != Some(line.wire);
+        if first {
+            let said = format!("{} opens, and nobody else has it", line.link.describe());
+            hear(Check::ok("port", said));
+        }
+        if let Err(error) = examine(connector, &url, (line, first), &mut silent, hear) {
             hear(Check::error("line", &error));
         }
     }
@@ -138,7 +144,7 @@ pub fn link(
 fn examine(
     connector: &Connector,
     url: &Url,
-    line: &mut Line,
+    (line, first): (&mut Line, bool),
     silent: &mut bool,
     hear: &mut dyn FnMut(Check),
 ) -> Result<(), Error> {
@@ -148,7 +154,9 @@ fn examine(
             Some(serial::Echo::on(line))
         }
         SharedLink::Can(link) => {
-            bus::listen(&link, line, url, hear)?;
+            if first {
+                bus::listen(&link, line, url, hear)?;
+            }
             None
         }
     };
@@ -185,7 +193,8 @@ fn look_for(
     line: &Line,
     hear: &mut dyn FnMut(Check),
 ) -> Result<Vec<Found>, Error> {
-    let named = !url.axes.is_empty() || matches!(url.target, Target::Sim { .. });
+    let named =
+        !url.axes.is_empty() || matches!(url.target, Target::Sim { .. } | Target::Rack { .. });
     let mut wanted = if named { line.numbers.clone() } else { scan::everybody(line)? };
     wanted.retain(|number| !Number(*number).is_group());
     wanted.truncate(if named { wanted.len() } else { FEW });

@@ -80,6 +80,12 @@ impl Place {
     }
 }
 
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}:{}:{}", self.file, self.line, self.column)
+    }
+}
+
 /// A file's text, for turning byte offsets into places.
 #[derive(Clone, Debug)]
 pub(crate) struct Text<'a> {
@@ -116,7 +122,7 @@ impl<'a> Text<'a> {
 }
 
 /// A value and where it stands.
-#[derive(Clone, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Found<T> {
     pub(crate) value: T,
     pub(crate) place: Place,

@@ -72,6 +72,13 @@ impl<'a> Prober<'a> {
         Self { line, candidates, patience: None, looking: false }
     }
 
+    /// Asks for one product alone: whoever is another is served by the generic profile.
+    pub(crate) fn expecting(mut self, profile: &'static Profile) -> Self {
+        self.candidates =
+            profile.identity.map(|identity| (profile, identity)).into_iter().collect();
+        self
+    }
+
     /// Waits for each answer at most so long, whatever the host would.
     pub(crate) fn patient(mut self, patience: Option<Duration>) -> Self {
         self.patience = patience;

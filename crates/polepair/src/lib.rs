@@ -27,6 +27,7 @@ mod faults;
 mod file;
 mod identify;
 pub mod listen;
+mod mounting;
 pub mod profile;
 pub mod program;
 pub mod quantity;

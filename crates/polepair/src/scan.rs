@@ -10,11 +10,12 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+use crate::bus::{self, Seat};
 use crate::connect::{Connector, Line};
 use crate::error::Error;
 use crate::identify::{Identified, Probe, Prober};
 use crate::registry::Listener;
-use crate::url::{Number, Target};
+use crate::url::{Number, Target, Url};
 use crate::wire::{Shared, SharedLink};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::Profile;
@@ -77,7 +78,9 @@ pub struct Progress {
 /// break the scan off: what was found is kept.
 ///
 /// On a CAN bus it first listens who speaks by himself, and where the protocol has a question that
-/// every drive answers, that one question stands for asking each address.
+/// every drive answers, that one question stands for asking each address. Of a bus several
+/// protocols may be asked, `canopen,thruster+udp://…`, one after the other: an address is not asked
+/// where a drive that was found before would take the question for a command.
 ///
 /// # Errors
 /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened or
@@ -88,15 +91,19 @@ pub fn scan(
     numbers: impl Into<Numbers>,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Scan, Error> {
-    let mut url = connector.url(url)?;
-    // All drives of a simulated rack are there, whichever axes the string names.
-    let axes = match url.target {
-        Target::Sim { .. } => std::mem::take(&mut url.axes),
-        _ => url.axes.clone(),
-    };
-    let (lines, _simulation) = connector.lines(&url)?;
+    let urls = connector.urls(url)?;
+    // All drives of a rack are there, whichever axes the string names.
+    let rack = matches!(urls[0].target, Target::Sim { .. } | Target::Rack { .. });
+    let axes = if rack { Vec::new() } else { urls[0].axes.clone() };
+    let whole = urls.into_iter().map(|url| match rack {
+        true => Url { axes: Vec::new(), names: Vec::new(), ..url },
+        false => url,
+    });
+    let (mut lines, _simulation) = connector.lines_of(&whole.collect::<Vec<_>>())?;
+    bus::guests_last(&mut lines, |line| &line.spoken);
     let numbers = numbers.into();
     let mut scan = Scan { tried: Vec::new(), found: Vec::new(), unasked: 0 };
+    let mut seats: Vec<(usize, Seat)> = Vec::new();
     for line in &lines {
         let wanted = match (&numbers.0, axes.is_empty()) {
             (Some(range), _) => range.clone().take(ADDRESSES_MAX).collect(),
@@ -106,37 +113,103 @@ pub fn scan(
             (None, true) => line.spoken.addresses.clone().take(ADDRESSES_MAX).collect::<Vec<_>>(),
         };
         let every = numbers.0.is_none() && axes.is_empty();
-        let wanted = candidates(line, wanted, every, &mut scan.tried)?;
-        let prober = Prober::new(line, &connector.config).looking();
-        let mut damaged: Vec<u32> = Vec::new();
-        for (done, &number) in wanted.iter().enumerate() {
-            if progress(Progress { number, done, of: wanted.len() }).is_break() {
-                scan.unasked = wanted.len() - done;
-                return Ok(scan);
-            }
-            let probe = prober.probe(number)?;
-            if matches!(probe, Probe::Damaged) {
-                damaged.push(number);
-            }
-            if let Probe::Forbidden(hint) = probe {
-                scan.tried.push(format!("not address {number}: {hint}"));
-            }
-            if let Probe::Found { profile, identified, stray } = probe {
+        let mut wanted = candidates(line, wanted, every, &mut scan.tried)?;
+        leave_alone(line, &seats, &mut wanted, &mut scan.tried);
+        let from = scan.found.len();
+        ask(connector, line, &wanted, &mut scan, progress)?;
+        if scan.unasked > 0 {
+            break;
+        }
+        let seat = |found: &Found| (line.wire, line.seat(found.number));
+        seats.extend(scan.found[from..].iter().map(seat));
+    }
+    tell_clashes(&seats, &mut scan.found);
+    Ok(scan)
+}
+
+/// Takes addresses out that a drive found before has an identifier of: a question there might be a
+/// command to it.
+fn leave_alone(
+    line: &Line,
+    seats: &[(usize, Seat)],
+    wanted: &mut Vec<u32>,
+    tried: &mut Vec<String>,
+) {
+    for (_, seat) in seats.iter().filter(|(wire, _)| *wire == line.wire) {
+        let meets = |number: &u32| line.seat(*number).meets(seat).map(|(id, _)| (*number, id));
+        let left: Vec<(u32, u32)> = wanted.iter().filter_map(meets).collect();
+        let (Some((first, id)), Some((last, _))) = (left.first(), left.last()) else { continue };
+        wanted.retain(|number| left.iter().all(|(other, _)| other != number));
+        let (name, other) = (line.spoken.name, seat.named());
+        let addresses = match first == last {
+            true => format!("{first}"),
+            false => format!("{} addresses from {first} to {last}", left.len()),
+        };
+        tried.push(format!(
+            "not {name} {addresses}: {other} is there and has the identifier {id:X}h too, so that a \
+             question would be a command to it; a {name} drive there clashes with it"
+        ));
+    }
+}
+
+/// Notes with each drive which other has an identifier of its.
+fn tell_clashes(seats: &[(usize, Seat)], found: &mut [Found]) {
+    for (n, (wire, seat)) in seats.iter().enumerate() {
+        for (_, other) in others(seats, n).filter(|(other, _)| other == wire) {
+            let Some((id, extended)) = seat.meets(other) else { continue };
+            let what = match extended {
+                true => "the 29-bit identifiers".to_owned(),
+                false => format!("the identifier {id:X}h"),
+            };
+            let why = format!(
+                "{} and {} both use {what}: give one of them another address",
+                seat.named(),
+                other.named()
+            );
+            found[n].clash.get_or_insert(why);
+        }
+    }
+}
+
+fn others<T>(all: &[T], but: usize) -> impl Iterator<Item = &T> {
+    all.iter().enumerate().filter(move |(n, _)| *n != but).map(|(_, one)| one)
+}
+
+/// Asks each address who is there, until `progress` breaks it off.
+fn ask(
+    connector: &Connector,
+    line: &Line,
+    wanted: &[u32],
+    scan: &mut Scan,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<(), Error> {
+    let prober = Prober::new(line, &connector.config).looking();
+    let mut damaged: Vec<u32> = Vec::new();
+    for (done, &number) in wanted.iter().enumerate() {
+        if progress(Progress { number, done, of: wanted.len() }).is_break() {
+            scan.unasked = wanted.len() - done;
+            return Ok(());
+        }
+        match prober.probe(number)? {
+            Probe::Silent => {}
+            Probe::Damaged => damaged.push(number),
+            Probe::Forbidden(hint) => scan.tried.push(format!("not address {number}: {hint}")),
+            Probe::Found { profile, identified, stray } => {
                 let clash = (stray > 0).then(|| {
                     format!("{stray} answers too many or damaged: two drives with this address?")
                 });
                 scan.found.push(Found { number, profile, identified, clash });
             }
         }
-        if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
-            scan.tried.push(format!(
-                "{} addresses from {first} to {last} where only damaged answers came: two drives with \
-                 one address, noise, or another baud rate?",
-                damaged.len()
-            ));
-        }
     }
-    Ok(scan)
+    if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
+        scan.tried.push(format!(
+            "{} addresses from {first} to {last} where only damaged answers came: two drives with \
+             one address, noise, or another baud rate?",
+            damaged.len()
+        ));
+    }
+    Ok(())
 }
 
 /// Every address at which somebody may be. The ends come first: drives have one of them from the

@@ -16,11 +16,13 @@ mod line;
 
 use crate::bus::{Load, Seat};
 use crate::error::Error;
-use crate::file::FileError;
+use crate::file::{FileError, Found, Place};
+use crate::mounting::Mounting;
 use crate::registry::{self, Spoken};
 use crate::wire::AnyLink;
 use crate::words;
 use end::Shared;
+pub(crate) use file::FILE_KEYS;
 pub use file::{rack_of_file, rack_of_text};
 pub use line::{DriveLine, lines};
 use polepair_core::drives::bench::{Act, Truth};
@@ -75,6 +77,12 @@ pub struct Wire {
     pub names: Vec<String>,
     /// What its drives are said to make of the bus' time.
     pub load: Load,
+    /// How each drive is built into its machine.
+    pub(crate) mountings: Vec<Option<Arc<Mounting>>>,
+    /// Where the real link is.
+    pub(crate) connect: Option<Found<String>>,
+    /// Where the link stands in its file; none of a rack of words.
+    pub(crate) place: Option<Place>,
 }
 
 /// A rack from words such as `tmcl`, `tmcl:1,2`, `tmcm-171:3` or `tmcl+can`: each word is a link.
@@ -222,6 +230,9 @@ impl Description {
             shared: false,
             names: vec![String::new(); drives.len()],
             load: Load::default(),
+            mountings: vec![None; drives.len()],
+            connect: None,
+            place: None,
         });
         self.rack.links.push(RackLink { name: name.to_owned(), wire, drives });
         self.settle_host(self.wires.len() - 1);
@@ -229,7 +240,15 @@ impl Description {
 
     /// The address that drives of a link answer to in one protocol, where one of them, or of another
     /// protocol on the bus, has the one that hosts have from the factory.
+    ///
+    /// A drive's own option `host` goes first: it tells how a real one is set.
     pub(crate) fn host(&self, link: usize, spoken: &Spoken) -> Option<u32> {
+        let drives = self.rack.links[link].drives.iter().filter(|drive| speaks(drive, spoken));
+        let told = drives.flat_map(|drive| &drive.extra).find(|(key, _)| key == "host");
+        let told = told.and_then(|(_, host)| crate::file::number(host));
+        if let Some(host) = told.and_then(|host| u32::try_from(host).ok()) {
+            return Some(host);
+        }
         let (own, others): (Vec<Seat>, Vec<Seat>) =
             self.seats(link).into_iter().partition(|seat| seat.spoken.name == spoken.name);
         let addresses: Vec<u32> = own.iter().map(|seat| seat.address).collect();

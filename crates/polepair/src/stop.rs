@@ -84,9 +84,11 @@ pub fn stop(
     let parsed = connector.url(url)?;
     let mut stopped = Stopped::default();
     let group = parsed.axes.iter().any(|axis| Number(*axis).is_group());
-    if group || matches!(parsed.target, Target::Sim { .. }) {
-        // Who is there is known, or cannot be asked.
-        stopped.axes = rest(connector.connect(url)?.axes(), verb);
+    let rack = matches!(parsed.target, Target::Rack { .. });
+    if group || rack || matches!(parsed.target, Target::Sim { .. }) {
+        // Who is there is known, or cannot be asked. A rack says what each is: nobody waits for one
+        // that is silent.
+        stopped.axes = rest(connector.connect_with(url, !rack)?.axes(), verb);
         return Ok(stopped);
     }
     let (lines, _) = connector.lines(&parsed)?;

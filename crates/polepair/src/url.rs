@@ -36,6 +36,7 @@ const SIM_KEYS: [&str; 15] = [
     "axes", "seed", "time", "profile", "eds", "timeout", "gap", "host", "echo", "baud", "bitrate",
     "wire", "ack", "pause", "relay",
 ];
+const RACK_KEYS: [&str; 5] = ["link", "profile", "timeout", "seed", "time"];
 
 /// A connection string, taken apart.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -132,6 +133,12 @@ pub enum Target {
         /// `tmcl`, `tmcm-171`, `rack.toml`.
         what: String,
     },
+    /// The links that a rack file describes, where it says that they are; simulated where it does
+    /// not.
+    Rack {
+        /// `cell.toml`.
+        file: String,
+    },
 }
 
 impl Target {
@@ -140,13 +147,14 @@ impl Target {
     pub const fn medium(&self) -> Option<MediumKind> {
         match self {
             Self::Serial { .. } | Self::Tcp { .. } => Some(MediumKind::Serial),
-            Self::Sim { .. } => None,
+            Self::Sim { .. } | Self::Rack { .. } => None,
             _ => Some(MediumKind::Can),
         }
     }
 
     const fn keys(&self) -> &'static [&'static str] {
         match self.medium() {
+            None if matches!(self, Self::Rack { .. }) => &RACK_KEYS,
             None => &SIM_KEYS,
             Some(MediumKind::Serial) => &SERIAL_KEYS,
             Some(MediumKind::Can) => &CAN_KEYS,
@@ -209,13 +217,18 @@ impl FromStr for Url {
         let (rest, fragment) = cut(text, '#');
         let (head, query) = cut(rest, '?');
         let keys = keys(query.unwrap_or_default())?;
-        let url = match head.strip_prefix("sim:") {
-            Some(what) => {
-                let (names, numbers) = named(fragment.unwrap_or_default());
+        let fragment = fragment.unwrap_or_default();
+        let url = match (head.strip_prefix("sim:"), head.strip_prefix("rack:")) {
+            (None, None) => wire(head, keys, axes(fragment)?)?,
+            (what, file) => {
+                let (names, numbers) = named(fragment);
                 let axes = axes(&numbers)?;
-                Url { names, ..sim(what.strip_prefix("//").unwrap_or(what), keys, axes)? }
+                let target = match (what, file) {
+                    (_, Some(file)) => rack(file)?,
+                    (what, None) => sim(what.unwrap_or_default())?,
+                };
+                Url { protocol: String::new(), target, keys, axes, names }
             }
-            None => wire(head, keys, axes(fragment.unwrap_or_default())?)?,
         };
         url.check_keys()?;
         Ok(url)
@@ -226,12 +239,19 @@ fn cut(text: &str, at: char) -> (&str, Option<&str>) {
     text.split_once(at).map_or((text, None), |(head, rest)| (head, Some(rest)))
 }
 
-fn sim(what: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, Error> {
+fn sim(what: &str) -> Result<Target, Error> {
+    let what = what.strip_prefix("//").unwrap_or(what);
     if what.is_empty() {
         return Err(wrong("`sim:` names no drive".into(), "write `sim:tmcl` or `sim:rack.toml`"));
     }
-    let target = Target::Sim { what: decoded(what)? };
-    Ok(Url { protocol: String::new(), target, keys, axes, names: Vec::new() })
+    Ok(Target::Sim { what: decoded(what)? })
+}
+
+fn rack(file: &str) -> Result<Target, Error> {
+    if file.is_empty() {
+        return Err(wrong("`rack:` names no file".into(), "write `rack:cell.toml`"));
+    }
+    Ok(Target::Rack { file: decoded(file)? })
 }
 
 fn wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, Error> {
@@ -337,7 +357,7 @@ fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
 
 /// The names of a fragment, and what else it has: `x,y,3` are two names and a number. A word that
 /// begins like a group is one.
-fn named(fragment: &str) -> (Vec<String>, String) {
+pub(crate) fn named(fragment: &str) -> (Vec<String>, String) {
     let group = |piece: &str| {
         let rest = piece.strip_prefix('g').and_then(|rest| rest.chars().next());
         rest.is_some_and(|c| c == '*' || c.is_ascii_digit())
@@ -401,7 +421,7 @@ impl Url {
     pub(crate) fn spoken(&self) -> Result<registry::Spoken, Error> {
         let on = |medium| registry::protocol(&self.protocol, medium);
         let Some(medium) = self.target.medium() else {
-            return Err(wrong("a simulation's links say their protocols themselves".into(), ""));
+            return Err(wrong("a rack's links say their protocols themselves".into(), ""));
         };
         on(medium).ok_or_else(|| {
             let (not, hint) = match medium {
@@ -466,6 +486,7 @@ impl fmt::Display for Url {
                 write!(f, "{}+socketcan://{}", self.protocol, encoded(interface, ""))?;
             }
             Target::Sim { what } => write!(f, "sim:{}", encoded(what, ""))?,
+            Target::Rack { file } => write!(f, "rack:{}", encoded(file, ""))?,
         }
         for (n, (key, value)) in self.keys.iter().enumerate() {
             let mark = if n == 0 { '?' } else { '&' };
@@ -477,6 +498,12 @@ impl fmt::Display for Url {
         }
         Ok(())
     }
+}
+
+/// The string that means the links of a rack file, or one of them.
+pub(crate) fn of_rack(file: &str, link: Option<&str>) -> String {
+    let link = link.map_or_else(String::new, |link| format!("?link={}", encoded(link, "=&")));
+    format!("rack:{}{link}", encoded(file, ""))
 }
 
 /// `%3F` for `?`: what would end the part it stands in.

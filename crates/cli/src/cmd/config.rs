@@ -319,7 +319,7 @@ fn table(session: &Session, axis: &Axis, changes: &[Change], heads: [&str; 2]) -
 
 fn row(axis: &Axis, change: &Change) -> String {
     let parameter = axis.profile().parameter(change.id);
-    let (name, unit) = parameter.map_or(("", ""), |p| (p.name, p.unit.symbol()));
+    let (name, unit) = (parameter.map_or("", |p| p.name), change.now.unit.symbol());
     format!("{},{name},{},{},{unit}", axis.number(), change.now.value, change.wanted.value)
 }
 
@@ -333,6 +333,6 @@ fn object(axis: &Axis, change: &Change, out: &mut Vec<u8>) {
         out.extend_from_slice(format!(",\"{key}_raw\":{}", value.raw).as_bytes());
     }
     out.extend_from_slice(b",\"unit\":");
-    jsonl::string(out, parameter.unit.symbol());
+    jsonl::string(out, change.now.unit.symbol());
     out.extend_from_slice(format!(",\"reach\":{}}}\n", change.reach).as_bytes());
 }

@@ -98,7 +98,7 @@ fn each(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, Value)>> {
 fn row(number: u32, parameter: &Parameter, value: &Value) -> String {
     let number = number.to_string();
     let (raw, shown) = (value.raw.to_string(), value.value.to_string());
-    csv([&number, parameter.name, parameter.symbol, &raw, &shown, parameter.unit.symbol()])
+    csv([&number, parameter.name, parameter.symbol, &raw, &shown, value.unit.symbol()])
 }
 
 fn object(number: u32, parameter: &Parameter, value: &Value, out: &mut Vec<u8>) {
@@ -109,7 +109,7 @@ fn object(number: u32, parameter: &Parameter, value: &Value, out: &mut Vec<u8>) 
     out.extend_from_slice(format!(",\"raw\":{},\"value\":", value.raw).as_bytes());
     jsonl::real(out, value.value);
     out.extend_from_slice(b",\"unit\":");
-    jsonl::string(out, parameter.unit.symbol());
+    jsonl::string(out, value.unit.symbol());
     out.extend_from_slice(b"}\n");
 }
 

@@ -19,6 +19,7 @@ use crate::terminal::{Output, Table, colour_out, csv, say};
 Examples:
   polepair scan tmcl+serial:///dev/ttyUSB0:9600
   polepair scan modbus-rtu+serial:///dev/ttyUSB0:115200 --ids 1-32
+  polepair scan canopen,technocan,thruster+socketcan://can0
   polepair scan sim:tmcl?axes=3")]
 pub struct Scan {
     #[command(flatten)]
@@ -70,7 +71,13 @@ impl Scan {
                 .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
                 .hint("polepair ports lists the adapters"));
         }
-        Ok(Exit::Ok)
+        match scan.found.iter().filter(|found| found.clash.is_some()).count() {
+            0 => Ok(Exit::Ok),
+            count => Err(Problem::new(Exit::Negative, "E104", "drives on this link clash.")
+                .why(format!("{count} of {} share an address or an identifier.", scan.found.len()))
+                .hint("unplug one after the other; give each an address of its own")
+                .hint("docs/guides/one-bus.md tells who may be on one bus")),
+        }
     }
 }
 

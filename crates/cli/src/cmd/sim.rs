@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use polepair::AnyLink;
-use polepair::simulate::{self, Description, DriveLine};
+use polepair::simulate::{self, Description, DriveLine, Wire};
 use polepair_core::medium::{Can, CanLine, Medium, MediumKind, Stream};
 use polepair_core::time::Instant;
 use polepair_link::serve::Served;
@@ -16,7 +16,7 @@ use polepair_link::{pty::Pty, slcan, socketcand, tcp::TcpServer, udp};
 
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, Output};
+use crate::terminal::{self, Output, say};
 
 /// Simulates drives that any program can talk to, until Ctrl-C.
 ///
@@ -79,6 +79,14 @@ impl Sim {
             let bus = CanLine { bit_rate: description.wires[link].baud };
             let (wire, place) = ends.open(description.rack.links[link].wire.medium(), bus)?;
             served.push(self.serve(line, wire));
+            let Wire { load, .. } = description.wires[link];
+            if load.most > 0.0 {
+                let name = &description.rack.links[link].name;
+                say(&format!(
+                    "{name}: its drives take {load} of the bus at {} bit/s",
+                    bus.bit_rate
+                ));
+            }
             for url in description.urls(link, &place) {
                 out.line(&format!("ready {url}"));
             }

@@ -3,7 +3,8 @@
 use clap::{Args, ValueEnum};
 use polepair::Axis;
 use polepair_capture::jsonl;
-use polepair_core::profile::{Parameter, ParameterId, Signal};
+use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::units::Unit;
 use polepair_link::clock;
 
 use crate::cmd::get::named;
@@ -58,7 +59,7 @@ enum Format {
 struct Column {
     axis: Axis,
     name: String,
-    parameter: &'static Parameter,
+    unit: Unit,
     source: Source,
 }
 
@@ -117,7 +118,10 @@ impl Watch {
         let heads: Vec<String> = columns.iter().map(Column::head).collect();
         match self.format {
             Format::Table => {
-                let cells = heads.iter().map(|head| format!("{head:>18}"));
+                let cells = heads
+                    .iter()
+                    .zip(columns)
+                    .map(|(head, c)| format!("{head:>width$}", width = c.width()));
                 let line: String = std::iter::once(format!("{:>9}", "s")).chain(cells).collect();
                 let colour = terminal::colour_out();
                 out.line(&if colour { format!("\x1b[2m{line}\x1b[0m") } else { line });
@@ -137,7 +141,9 @@ impl Watch {
         }
         match self.format {
             Format::Table => {
-                let cells = cells.iter().map(|value| format!("{:>18}", value::number(*value)));
+                let cells = cells.iter().zip(columns);
+                let cells =
+                    cells.map(|(value, c)| format!("{:>1$}", value::number(*value), c.width()));
                 out.line(&std::iter::once(format!("{time:>9.3}")).chain(cells).collect::<String>());
             }
             Format::Csv => {
@@ -182,20 +188,23 @@ fn column(session: &Session, axis: &Axis, name: &str) -> Result<Column> {
             (Source::Parameter(id), id)
         }
     };
-    let parameter = axis.profile().parameter(id).ok_or_else(|| {
-        Problem::usage("E205", format!("{} has no parameter {name:?}.", axis.profile().name))
-    })?;
     let name = format!("{}{}", session.who(axis), plain(name));
-    Ok(Column { axis: axis.clone(), name, parameter, source })
+    Ok(Column { axis: axis.clone(), name, unit: axis.unit(id), source })
 }
 
 impl Column {
     fn head(&self) -> String {
-        match self.parameter.unit.symbol() {
+        match self.unit.symbol() {
             "" => self.name.clone(),
             _ if self.is_flag() => self.name.clone(),
             symbol => format!("{} [{symbol}]", self.name),
         }
+    }
+
+    /// How wide it is in a table: two more than its head where that is long.
+    fn width(&self) -> usize {
+        const USUAL: usize = 18;
+        USUAL.max(self.head().chars().count() + 2)
     }
 
     fn is_flag(&self) -> bool {

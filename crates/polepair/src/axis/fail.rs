@@ -121,16 +121,16 @@ impl Axis {
 
     fn range(&self, id: ParameterId, value: i64, min: i64, max: i64) -> (String, String) {
         let name = self.profile.parameter(id).map_or("it", |p| p.name);
-        let unit = self.profile.parameter(id).map(|p| p.unit);
+        let (unit, factor) = (self.unit(id), self.factor(id));
         // Without asking the drive: an unknown scale is shown raw.
         let shown = |raw: i64| {
             let si = self.connection.with(|axes, _| axes.to_si(self.index, id, raw));
-            match (si, unit) {
-                (Some(si), Some(unit)) => {
-                    let number = (si / unit.si() * 1e6).round() / 1e6;
+            match si {
+                Some(si) => {
+                    let number = (si / factor / unit.si() * 1e6).round() / 1e6;
                     format!("{number} {}", unit.symbol()).trim_end().to_owned()
                 }
-                _ => format!("{raw} (raw)"),
+                None => format!("{raw} (raw)"),
             }
         };
         let (value, min, max) = (shown(value), shown(min), shown(max));

@@ -62,6 +62,7 @@ impl Following {
             Setpoint::Torque => Verb::FollowTorque,
         };
         on_one_wire(axes.iter())?;
+        axes.iter().try_for_each(Axis::check_unmounted)?;
         axes.iter().try_for_each(|axis| can(axis, verb))?;
         axes.iter().try_for_each(|axis| countable(axis, verb, period))?;
         let bounds = axes.iter().map(bounds).collect::<Result<_, _>>()?;

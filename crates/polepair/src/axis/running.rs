@@ -2,13 +2,37 @@
 
 use super::Axis;
 use crate::error::Error;
-use polepair_core::axis::Axes;
+use polepair_core::axis::{Axes, Command};
 use polepair_core::error::Outcome;
 use polepair_core::profile::ParameterId;
 use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 use polepair_link::{Pending, Waited};
 use std::time::Duration;
+
+/// A verb that was looked at and can be started: see [`Axis::prepare`].
+#[derive(Clone, Debug)]
+#[must_use = "nothing moves before it is started"]
+pub struct Prepared {
+    pub(super) axis: Axis,
+    pub(super) command: Command,
+}
+
+impl Prepared {
+    /// Starts it, and does not wait for its end.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`]: nothing was sent.
+    pub fn start(&self) -> Result<Running, Error> {
+        let Self { axis, command } = self;
+        let submit = |axes: &mut dyn Axes, now: Instant, ticket: Ticket| {
+            axes.command(now, ticket, axis.index, *command)
+        };
+        let verb = command.verb.name();
+        let pending = axis.connection.submit(submit).map_err(|why| axis.refuse(verb, why))?;
+        Ok(Running { axis: axis.clone(), pending, what: verb.to_owned() })
+    }
+}
 
 /// A request under way. Dropped before its end, it goes on by itself.
 #[derive(Debug)]

@@ -12,8 +12,8 @@ const PAUSE: Duration = Duration::from_millis(20);
 
 impl Axis {
     /// Moves along points, from where the axis stands, and waits until the last one is reached. The
-    /// axis must be armed and enabled. Positions are the drive's, in rad or m, and the last point
-    /// should be one at rest.
+    /// axis must be armed and enabled. Positions are in rad or m, and the last point should be one at
+    /// rest. Where a file limits the axis, the whole path is looked at before it begins.
     ///
     /// ```
     /// use polepair_core::stream::{PathKind, Point};
@@ -35,7 +35,7 @@ impl Axis {
         points: impl IntoIterator<Item = Point>,
     ) -> Result<i64, Error> {
         const WHAT: &str = "streaming a path";
-        let mut rest = points.into_iter().fuse();
+        let mut rest = self.fitted_path(kind, points.into_iter())?.fuse();
         let pending =
             self.connection.submit(|axes, now, ticket| axes.stream(now, ticket, self.index, kind));
         let pending = pending.map_err(|why| self.refuse(WHAT, why))?;

@@ -1,6 +1,7 @@
 //! A CAN bus: bit rate, errors, who is heard.
 
 use super::{Check, HEARD_MAX};
+use crate::bus::LOAD_MAX;
 use crate::connect::Line;
 use crate::error::{Error, Exit};
 use crate::registry::{self, Listener};
@@ -9,6 +10,7 @@ use crate::wire::Shared;
 use polepair_core::medium::{Can, Frame, MediumKind};
 use polepair_core::station::LineEvent;
 use polepair_link::{Link as _, Received};
+use polepair_sim::can_bus::bits;
 
 /// How long a bus is listened to.
 const LISTEN_MS: u32 = 500;
@@ -51,6 +53,15 @@ pub(super) fn listen(
         (false, 0, 0) => Check::look("traffic", format!("silent for {LISTEN_MS} ms"), TERMINATION),
         (false, 0, count) => Check::ok("traffic", format!("{count} frames without an error")),
     });
+    if rate > 0 && !heard.frames.is_empty() {
+        let bits: u32 = heard.frames.iter().map(bits::on_wire).sum();
+        let busy = f64::from(bits) * 1000.0 / f64::from(LISTEN_MS) / f64::from(rate);
+        let said = format!("{:.1} % of the bus", busy * 100.0);
+        hear(match busy > LOAD_MAX {
+            true => Check::look("load", said, "ask less often, or take a higher bit rate"),
+            false => Check::ok("load", said),
+        });
+    }
     for (who, count) in speakers(line, &heard.frames).into_iter().take(SHOWN_MAX) {
         hear(Check::ok("heard", format!("{who}: {count} frames")));
     }

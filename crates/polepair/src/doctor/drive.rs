@@ -4,7 +4,7 @@ use super::Check;
 use crate::amount::Value;
 use crate::axis::Axis;
 use crate::error::{Error, Exit};
-use polepair_core::profile::{Fault, Severity, Signal, Watchdog};
+use polepair_core::profile::{Access, Fault, Severity, Signal, Watchdog};
 
 /// Below this no motor supply is there, whatever the drive [inferred: the smallest take 7 V].
 const VOLTS_MIN: f64 = 5.0;
@@ -106,7 +106,12 @@ fn watchdog(axis: &Axis) -> Check {
             Check::ok(&about, format!("stops {after_ms} ms after the link dies"))
         }
         Watchdog::Configurable { parameter } => {
-            let name = profile.parameter(parameter).map_or("?", |parameter| parameter.name);
+            let found = profile.parameter(parameter);
+            let name = found.map_or("?", |parameter| parameter.name);
+            if found.is_some_and(|parameter| parameter.access == Access::Write) {
+                let said = format!("whether its watchdog ({name}) is on cannot be read");
+                return Check::look(&about, said, format!("`polepair set URL {name:?}=…`"));
+            }
             match axis.read(parameter).and_then(|raw| Ok((raw, axis.value(parameter, raw)?))) {
                 Ok((0, _)) => {
                     let remedy = format!("`polepair set URL {name:?}=…`");

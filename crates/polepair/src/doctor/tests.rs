@@ -30,7 +30,7 @@ fn an_echo_is_told_and_overcome() {
     // The string forgets to say what the adapter does.
     lines[0].options.echo = false;
     let hear = &mut |check| found.push(check);
-    super::examine(&connector, &url, &mut lines[0], &mut false, hear).expect("a line");
+    super::examine(&connector, &url, (&mut lines[0], true), &mut false, hear).expect("a line");
     assert_eq!(about(&found, "echo").grade, Grade::Wrong, "{found:?}");
     assert!(about(&found, "echo").remedy.contains("echo=yes"));
     assert!(found.iter().any(|check| check.found.contains("answers:")), "{found:?}");

@@ -5,6 +5,7 @@
 //! name = "left"
 //! kind = "serial"                 # or can; optional where the protocol has one kind only
 //! protocol = "tmcl"               # optional where the drives' profiles say it
+//! connect = "serial:///dev/ttyUSB0"   # where the real link is; `sim:` does not look at it
 //! baud = 9600                     # optional: the factory's; 0 for a wire without byte timing
 //! duplex = "half"                 # half (RS-485) or full (RS-232)
 //! echo = false                    # the host's adapter hears itself
@@ -26,6 +27,7 @@
 //! frames = [8, 8]                 # bytes of each frame of a cycle; without it one there, one back
 //! on = ["left", "bus"]            # a drive on two links: this one and another of the other kind
 //! options = { variant = "position" }   # what the family knows beyond these
+//! # and how it is built into its machine, see `mounting`: lead, gear, counts, direction, limits
 //!
 //! [[link]]
 //! name = "bus"
@@ -38,8 +40,10 @@ use super::{DRIVES_MAX, Description, Wire, drive_of};
 use crate::bus::{self, Load};
 use crate::error::Error;
 use crate::file::{FileError, Node, Text};
+use crate::mounting::Mounting;
 use crate::profile::text_of;
 use crate::registry;
+use crate::url::{self, Url};
 use polepair_core::drives::bench::Act;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_sim::can_bus::CanFaults;
@@ -49,9 +53,11 @@ use polepair_sim::random::{Ppm, Random};
 use polepair_sim::serial_line::{Duplex, Serial};
 use std::path::Path;
 
-const LINK_KEYS: [&str; 9] =
-    ["name", "kind", "protocol", "baud", "bitrate", "duplex", "echo", "faults", "drive"];
-const DRIVE_KEYS: [&str; 14] = [
+/// What a file with a rack may hold: also the names of a `polepair.toml`.
+pub(crate) const FILE_KEYS: [&str; 4] = ["link", "seed", "name", "links"];
+const LINK_KEYS: [&str; 10] =
+    ["name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "echo", "faults", "drive"];
+const DRIVE_KEYS: [&str; 19] = [
     "name",
     "profile",
     "eds",
@@ -66,6 +72,11 @@ const DRIVE_KEYS: [&str; 14] = [
     "limit_high",
     "limit_low",
     "options",
+    "lead",
+    "gear",
+    "counts",
+    "direction",
+    "limits",
 ];
 /// Keys that are places of switches, in the order of [`Act::Switch`].
 const SWITCH_KEYS: [&str; 3] = ["home", "limit_high", "limit_low"];
@@ -103,12 +114,16 @@ pub fn rack_of_file(path: &Path, seed: u64) -> Result<Description, Error> {
 /// # Errors
 /// [`Error::File`] with line, column and reason.
 pub fn rack_of_text(file: &str, text: &str, seed: u64) -> Result<Description, Error> {
-    let description = Text::new(file, text).read(&["link", "seed"], |node| {
+    let description = Text::new(file, text).read(&FILE_KEYS, |node| {
         let seed = node.between("seed", 0, i64::MAX)?.map_or(seed, i64::cast_unsigned);
         let mut description = Description::default();
         let links = node.tables("link", &LINK_KEYS)?;
         for (n, link) in links.iter().enumerate() {
             let (rack, wire) = link_of(link, n, seed.wrapping_add(n as u64 * 1000))?;
+            let mut before = description.rack.links.iter();
+            if let Some(name) = link.text("name")?.filter(|_| before.any(|l| l.name == rack.name)) {
+                return Err(name.place.error(format!("another link is called `{}`", name.value)));
+            }
             description.rack.links.push(rack);
             description.wires.push(wire);
         }
@@ -163,14 +178,17 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
         Some(word) => Some(word.check(|word| protocol_of(&word, kind))?),
         None => None,
     };
-    let (mut drives, mut names) = (Vec::new(), Vec::new());
+    let (mut drives, mut names): (Vec<RackDrive>, Vec<String>) = (Vec::new(), Vec::new());
+    let mut mountings = Vec::new();
     for (at, drive) in node.tables("drive", &DRIVE_KEYS)?.iter().enumerate() {
         if at == DRIVES_MAX {
             return Err(drive.place().error(format!("more than {DRIVES_MAX} drives on a link")));
         }
         let seed = seed.wrapping_add(at as u64);
-        drives.push(drive_of_table(drive, &mut protocol, kind, seed)?);
-        names.push(drive.text("name")?.map(|found| found.value).unwrap_or_default());
+        let made = drive_of_table(drive, &mut protocol, kind, seed)?;
+        mountings.push(Mounting::read(drive, made.profile)?);
+        drives.push(made);
+        names.push(name_of(drive, &names)?);
     }
     // A bus on which a relay alone sits has its drives on the other link.
     let Some(protocol) = protocol else {
@@ -203,9 +221,50 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
         MediumKind::Can => (Faults::NONE, can_faults(node)?),
     };
     let baud = asked.unwrap_or(protocol.baud);
-    let load = Load::default();
-    let wire_of = Wire { protocol: protocol.name, faults, can_faults, baud, shared, names, load };
+    let connect = node.text("connect")?;
+    if let Some(found) = connect.clone() {
+        found.check(|place| connectable(&place, &protocol))?;
+    }
+    let wire_of = Wire {
+        protocol: protocol.name,
+        faults,
+        can_faults,
+        baud,
+        shared,
+        names,
+        load: Load::default(),
+        mountings,
+        connect,
+        place: Some(node.place()),
+    };
     Ok((RackLink { name, wire, drives }, wire_of))
+}
+
+/// Refuses what no link of that protocol can be opened at.
+fn connectable(place: &str, protocol: &registry::Spoken) -> Result<(), String> {
+    let url = format!("{}+{place}", protocol.name).parse::<Url>().map_err(|e| e.to_string())?;
+    match url.axes.is_empty() {
+        true => Ok(()),
+        false => Err("the drives below name the axes: leave `#` out".to_owned()),
+    }
+}
+
+/// What a drive is called: connection strings must be able to say it.
+fn name_of(node: &Node<'_, '_>, others: &[String]) -> Result<String, FileError> {
+    let Some(name) = node.text("name")? else { return Ok(String::new()) };
+    name.check(|name| {
+        let letters = name.chars().all(|c| c.is_alphanumeric() || matches!(c, '-' | '_' | ' '));
+        if !letters || url::named(&name).0 != [name.as_str()] {
+            return Err(format!(
+                "`{name}` cannot stand behind `#`: a name begins with a letter, is not like g1, and \
+                 has letters, digits, - and _"
+            ));
+        }
+        if others.contains(&name) {
+            return Err(format!("another drive of this link is called `{name}`"));
+        }
+        Ok(name)
+    })
 }
 
 /// How a serial wire is built, and whether its drives hear each other because the file says so.

@@ -1,0 +1,415 @@
+//! An axis as its machine has it: scale, direction and limits, before a byte is sent.
+
+use super::Axis;
+use crate::error::Error;
+use crate::file::{Found, Place};
+use crate::mounting::{ARGUMENTS, Mounted, Role, destination};
+use crate::url::Number;
+use polepair_core::axis::{Command, Reading, State, Verb};
+use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::profile::{Access, ParameterId, Signal, SignalSource};
+use polepair_core::stream::{PathKind, Point};
+use polepair_core::units::Unit;
+use std::time::Duration;
+
+/// Points of a path that is checked as a whole before it begins.
+const PATH_MAX: usize = 1_000_000;
+/// By how much more than a limit a value may be, of the limit: rounding on its way through units.
+const ROUNDING: f64 = 1e-9;
+
+impl Axis {
+    /// The unit that a parameter's value is shown in: the profile's or, for what concerns the
+    /// motion of an axis that a file mounts, the machine's.
+    #[must_use]
+    pub fn unit(&self, id: ParameterId) -> Unit {
+        let unit = self.profile.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
+        let role = self.own().and_then(|mounted| Some((mounted, mounted.role(id)?)));
+        role.map_or(unit, |(mounted, role)| mounted.unit(role, unit))
+    }
+
+    /// Whether a file says how far it may go.
+    #[must_use]
+    pub fn has_ends(&self) -> bool {
+        self.own().is_some_and(|mounted| mounted.mounting.position.is_some())
+    }
+
+    /// Why what turns now must be stopped: within `ahead` it will leave the limits that a file sets
+    /// to its position. Whoever holds a speed or a torque on an axis with [ends](Self::has_ends)
+    /// asks this again and again.
+    ///
+    /// # Errors
+    /// What reading position and velocity brings: stop it then, too.
+    pub fn leaving(&self, ahead: Duration) -> Result<Option<String>, Error> {
+        let ends = self.own().and_then(|mounted| mounted.mounting.position.as_ref());
+        let Some(ends) = ends else { return Ok(None) };
+        let position = self.position()?;
+        let velocity = match self.profile.signal(Signal::Velocity) {
+            Some(_) => self.signals(&[Signal::Velocity])?[0].value,
+            None => 0.0,
+        };
+        let (low, high) = ends.value;
+        let then = position + velocity * ahead.as_secs_f64();
+        let out = (then > high && velocity >= 0.0) || (then < low && velocity <= 0.0);
+        let at = || self.shown(Role::Position, position);
+        Ok(out.then(|| {
+            format!(
+                "{}: at {} it is about to leave its limits, {}",
+                self.label(),
+                at(),
+                self.ends(ends)
+            )
+        }))
+    }
+
+    /// Refuses what knows nothing of scales and limits.
+    pub(super) fn check_unmounted(&self) -> Result<(), Error> {
+        let Some(mounted) = self.mounted.as_deref() else { return Ok(()) };
+        let what = "set-points on a beat know nothing of its scale and limits";
+        Err(self.limited(what, &mounted.mounting.place, "use the drive's own connection string"))
+    }
+
+    /// What the axis itself is mounted as; a group has no scale of its own.
+    pub(super) fn own(&self) -> Option<&Mounted> {
+        let mounted = self.mounted.as_deref()?;
+        (!Number(self.number).is_group()).then_some(mounted)
+    }
+
+    /// What a parameter's value is multiplied with on its way to the drive.
+    pub(super) fn factor(&self, id: ParameterId) -> f64 {
+        let Some(mounted) = self.own() else { return 1.0 };
+        let unit = self.profile.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
+        mounted.role(id).map_or(1.0, |role| mounted.factor(role, unit))
+    }
+
+    /// The state with the motion's values as the machine has them.
+    pub(super) fn of_machine(&self, mut state: State) -> State {
+        if self.own().is_none() {
+            return state;
+        }
+        for source in self.profile.signals.iter().filter(|source| is_value(source)) {
+            let read = state.reading(source.signal);
+            let value = read.value / self.factor(source.parameter);
+            state.note(source.signal, Reading { value, ..read });
+        }
+        state
+    }
+
+    /// The unit of an argument, as [`unit_of`](Self::unit_of) tells it of the profile's.
+    pub(super) fn unit_here(&self, verb: Verb, which: Argument, unit: Unit) -> Unit {
+        let role = self.own().and_then(|mounted| Some((mounted, self.role(verb, which)?)));
+        role.map_or(unit, |(mounted, role)| mounted.unit(role, unit))
+    }
+
+    fn role(&self, verb: Verb, which: Argument) -> Option<Role> {
+        Role::of(verb, which, self.destination(verb, which).flatten())
+    }
+
+    /// The command as the drive is to have it, when the limits let it through.
+    pub(super) fn fitted(&self, mut command: Command) -> Result<Command, Error> {
+        let Some(all) = self.mounted.as_deref() else { return Ok(command) };
+        let moves = command.verb.needs_arming() && command.verb != Verb::Enable;
+        let Some(mounted) = self.own() else {
+            return if moves { Err(self.no_group(&all.mounting.place)) } else { Ok(command) };
+        };
+        if moves {
+            self.check_way(&command)?;
+            command.velocity = self.checked_speed(&command)?;
+            if let (Some(most), Some(torque)) = (&mounted.mounting.torque, command.torque) {
+                self.within(Role::Torque, torque, most)?;
+            }
+        }
+        for which in ARGUMENTS {
+            let (Some(value), Some(role)) =
+                (command.argument(which), self.role(command.verb, which))
+            else {
+                continue;
+            };
+            let written = self.destination(command.verb, which).flatten();
+            let unit = written.map_or(Unit::None, |parameter| parameter.unit);
+            let value = Some(value * mounted.factor(role, unit));
+            match which {
+                Argument::Target => command.target = value,
+                Argument::Velocity => command.velocity = value,
+                Argument::Acceleration => command.acceleration = value,
+                Argument::Torque => command.torque = value,
+                Argument::JerkTime | Argument::Period => {}
+            }
+        }
+        Ok(command)
+    }
+
+    /// Refuses what would end, or goes on, outside the position's limits.
+    fn check_way(&self, command: &Command) -> Result<(), Error> {
+        let ends = self.own().and_then(|mounted| mounted.mounting.position.as_ref());
+        let Some(ends) = ends else { return Ok(()) };
+        let target = command.target.unwrap_or(f64::NAN);
+        match command.verb {
+            Verb::MoveTo | Verb::CurveTo | Verb::PrepareTo => self.between(target, ends),
+            Verb::MoveBy | Verb::CurveBy | Verb::PrepareBy => {
+                self.between(self.position()? + target, ends)
+            }
+            Verb::MoveOn => {
+                let what = "where its last target lies is not known, so its limits could not hold";
+                Err(self.limited(what, &ends.place, "go so far from where it is: --rel alone"))
+            }
+            Verb::Velocity | Verb::Torque => {
+                let way = command.velocity.or(command.torque).unwrap_or(f64::NAN);
+                let (low, high) = ends.value;
+                let position = self.position()?;
+                let out = (position >= high && way > 0.0) || (position <= low && way < 0.0);
+                match out || way.is_nan() {
+                    true => {
+                        let at = self.shown(Role::Position, position);
+                        let what = format!("at {at} it would leave {}", self.ends(ends));
+                        Err(self.limited(&what, &ends.place, "turn it the other way"))
+                    }
+                    false => Ok(()),
+                }
+            }
+            // Its position means nothing before.
+            _ => Ok(()),
+        }
+    }
+
+    /// The speed to be sent: what the caller gives, if the limit lets it; where he gives none, the
+    /// limit itself if the drive would go faster by itself.
+    fn checked_speed(&self, command: &Command) -> Result<Option<f64>, Error> {
+        let most = self.own().and_then(|mounted| mounted.mounting.velocity.as_ref());
+        let Some(most) = most else { return Ok(command.velocity) };
+        if let Some(speed) = command.velocity {
+            self.within(Role::Speed, speed, most)?;
+            return Ok(Some(speed));
+        }
+        match command.verb {
+            verb if verb.is_move() || matches!(verb, Verb::PrepareTo | Verb::PrepareBy) => {
+                self.speed_of_move(verb, most)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn speed_of_move(&self, verb: Verb, most: &Found<f64>) -> Result<Option<f64>, Error> {
+        let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
+        let Some(destination) = destination(self.profile, verb, Argument::Velocity) else {
+            let what = "its moves go at the drive's own speed, so its limit could not hold";
+            return Err(self.limited(
+                what,
+                &most.place,
+                "take that limit out, or use a drive that is told how fast",
+            ));
+        };
+        let written = steps.iter().any(
+            |step| matches!(step, Step::Write(id, Operand::Given(_)) if Some(*id) == destination),
+        );
+        let Some(id) = destination.filter(|_| written) else { return Ok(Some(most.value)) };
+        let constant = steps.iter().find_map(|step| match *step {
+            Step::Write(other, Operand::Is(raw)) if other == id => Some(raw),
+            _ => None,
+        });
+        let readable = self.profile.parameter(id).is_some_and(|p| p.access != Access::Write);
+        let raw = match constant {
+            Some(raw) => raw,
+            None if readable => self.read(id)?,
+            None => return Ok(Some(most.value)),
+        };
+        let value = self.value(id, raw)?;
+        let own = value.value.abs() * value.unit.si();
+        // What is not known is not slow.
+        Ok(if own <= most.value { None } else { Some(most.value) })
+    }
+
+    /// Refuses a raw value for what starts or changes motion, where the limits do not let it.
+    pub(super) fn check_write(&self, id: ParameterId, raw: i64) -> Result<(), Error> {
+        let Some(mounted) = self.own() else { return Ok(()) };
+        let mounting = &mounted.mounting;
+        let Some(parameter) = self.profile.parameter(id) else { return Ok(()) };
+        let role = mounted.role(id);
+        let value = || self.value(id, raw).map(|value| value.value * value.unit.si());
+        match (role, &mounting.position) {
+            (Some(Role::Position), Some(ends)) if self.is_target(id) => {
+                self.between(value()?, ends)?;
+            }
+            (Some(Role::Position | Role::Speed | Role::Acceleration), _) | (_, None) => {}
+            (_, Some(ends)) if parameter.moves && raw != 0 => {
+                let what = format!("what `{}` starts cannot be held within limits", parameter.name);
+                return Err(self.limited(&what, &ends.place, "use the verbs of motion"));
+            }
+            _ => {}
+        }
+        match (role, &mounting.velocity, &mounting.torque) {
+            (Some(Role::Velocity | Role::Speed), Some(most), _) => {
+                self.within(Role::Speed, value()?, most)
+            }
+            (Some(Role::Torque), _, Some(most)) if parameter.access != Access::Read => {
+                self.within(Role::Torque, value()?, most)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether some verb writes its target there.
+    fn is_target(&self, id: ParameterId) -> bool {
+        let mut verbs = Verb::ALL.into_iter().filter(|verb| verb.is_move());
+        verbs.any(|verb| destination(self.profile, verb, Argument::Target) == Some(Some(id)))
+    }
+
+    /// Points as the drive is to have them. With limits, all are looked at before the first is sent,
+    /// and the ways between them.
+    pub(super) fn fitted_path<'a>(
+        &self,
+        kind: PathKind,
+        points: impl Iterator<Item = Point> + 'a,
+    ) -> Result<Box<dyn Iterator<Item = Point> + 'a>, Error> {
+        let Some(all) = self.mounted.as_deref() else { return Ok(Box::new(points)) };
+        let Some(mounted) = self.own() else { return Err(self.no_group(&all.mounting.place)) };
+        let mounting = &mounted.mounting;
+        let factor =
+            self.profile.signal(Signal::Position).map_or(1.0, |s| self.factor(s.parameter));
+        let of_drive = move |point: Point| Point {
+            position: point.position * factor,
+            velocity: point.velocity * factor,
+            time: point.time,
+        };
+        if mounting.position.is_none() && mounting.velocity.is_none() {
+            return Ok(Box::new(points.map(of_drive)));
+        }
+        let path: Vec<Point> = points.take(PATH_MAX + 1).collect();
+        if path.len() > PATH_MAX {
+            let what =
+                format!("a path is checked as a whole; this one has more than {PATH_MAX} points");
+            return Err(self.limited(&what, &mounting.place, "send it in parts"));
+        }
+        let mut before = Point { position: self.position()?, velocity: 0.0, time: 0.0 };
+        for point in &path {
+            let piece = Piece::new(kind, &before, point);
+            if let Some(ends) = &mounting.position {
+                piece.positions().try_for_each(|position| self.between(position, ends))?;
+            }
+            if let Some(most) = &mounting.velocity {
+                piece.speeds().try_for_each(|speed| self.within(Role::Speed, speed, most))?;
+            }
+            before = *point;
+        }
+        Ok(Box::new(path.into_iter().map(of_drive)))
+    }
+
+    /// Where it is, read now.
+    fn position(&self) -> Result<f64, Error> {
+        let position = self.signals(&[Signal::Position])?[0].value;
+        if position.is_finite() {
+            return Ok(position);
+        }
+        let place = self.mounted.as_deref().map(|mounted| &mounted.mounting.place);
+        let place = place.map_or_else(String::new, |place| format!(" ({place})"));
+        let what = format!(
+            "{}: its position is not known, so its limits could not hold{place}",
+            self.label()
+        );
+        Err(Error::usage("E223", what, "read it: `polepair get URL` tells why it is not known"))
+    }
+
+    fn between(&self, position: f64, ends: &Found<(f64, f64)>) -> Result<(), Error> {
+        let (low, high) = ends.value;
+        let slack = ROUNDING * (high - low);
+        if (low - slack..=high + slack).contains(&position) {
+            return Ok(());
+        }
+        let at = self.shown(Role::Position, position);
+        self.refuse_limit(&format!("{at} is beyond its limits, {}", self.ends(ends)), &ends.place)
+    }
+
+    fn within(&self, role: Role, value: f64, most: &Found<f64>) -> Result<(), Error> {
+        if value.abs() <= most.value * (1.0 + ROUNDING) {
+            return Ok(());
+        }
+        let (value, limit) = (self.shown(role, value), self.shown(role, most.value));
+        self.refuse_limit(&format!("{value} is more than its limit, {limit}"), &most.place)
+    }
+
+    fn refuse_limit(&self, what: &str, place: &Place) -> Result<(), Error> {
+        Err(self.limited(
+            what,
+            place,
+            "ask for less, or change the limit if the machine allows more",
+        ))
+    }
+
+    fn limited(&self, what: &str, place: &Place, hint: &str) -> Error {
+        Error::usage("E223", format!("{}: {what} ({place})", self.label()), hint)
+    }
+
+    fn no_group(&self, place: &Place) -> Error {
+        let what = "the drives of a group have scales and limits of their own";
+        self.limited(what, place, "name each axis; a stop may go to a group")
+    }
+
+    fn ends(&self, ends: &Found<(f64, f64)>) -> String {
+        let (low, high) = ends.value;
+        format!("{} to {}", self.shown(Role::Position, low), self.shown(Role::Position, high))
+    }
+
+    /// An SI value as this axis shows such values.
+    fn shown(&self, role: Role, si: f64) -> String {
+        let linear = self.own().is_some_and(|mounted| mounted.mounting.is_linear(self.profile));
+        let unit = match (role, linear) {
+            (Role::Position, true) => Unit::Millimetre,
+            (Role::Position, false) => Unit::Degree,
+            (Role::Torque, _) => self.unit_of(Verb::Torque, Argument::Torque).unwrap_or(Unit::None),
+            (_, true) => Unit::MillimetrePerSecond,
+            (_, false) => Unit::Rpm,
+        };
+        let number = (si / unit.si() * 1e4).round() / 1e4;
+        format!("{number} {}", unit.symbol()).trim_end().to_owned()
+    }
+}
+
+/// Whether a signal is a value of its parameter and no bits of it.
+fn is_value(source: &SignalSource) -> bool {
+    source.equals.is_none() && source.mask == -1
+}
+
+/// The way from one point of a path to the next: a cubic where velocities are given, else straight.
+struct Piece {
+    /// Its derivative by the share of the time, highest power first.
+    slope: [f64; 3],
+    from: f64,
+    time: f64,
+}
+
+impl Piece {
+    fn new(kind: PathKind, from: &Point, to: &Point) -> Self {
+        let (way, time) = (to.position - from.position, to.time);
+        let (v0, v1) = (from.velocity * time, to.velocity * time);
+        let slope = match kind {
+            PathKind::Pvt => [3.0 * (v0 + v1) - 6.0 * way, 6.0 * way - 4.0 * v0 - 2.0 * v1, v0],
+            PathKind::Pt => [0.0, 0.0, way],
+        };
+        Self { slope, from: from.position, time }
+    }
+
+    /// The position after a share of the time.
+    fn at(&self, share: f64) -> f64 {
+        let [a, b, c] = self.slope;
+        self.from + ((a / 3.0 * share + b / 2.0) * share + c) * share
+    }
+
+    /// Its ends, and wherever it turns round between them.
+    fn positions(&self) -> impl Iterator<Item = f64> {
+        let [a, b, c] = self.slope;
+        let root = (b * b - 4.0 * a * c).sqrt();
+        let turns = match a == 0.0 {
+            true => [-c / b, f64::NAN],
+            false => [(-b + root) / (2.0 * a), (-b - root) / (2.0 * a)],
+        };
+        let between = turns.into_iter().filter(|share| (0.0..1.0).contains(share));
+        [0.0, 1.0].into_iter().chain(between).map(|share| self.at(share))
+    }
+
+    /// Its speeds at both ends, and where it is fastest between them.
+    fn speeds(&self) -> impl Iterator<Item = f64> {
+        let [a, b, c] = self.slope;
+        let fastest = Some(-b / (2.0 * a)).filter(|share| (0.0..1.0).contains(share));
+        let all = [0.0, 1.0].into_iter().chain(fastest);
+        all.map(move |share| ((a * share + b) * share + c) / self.time)
+    }
+}

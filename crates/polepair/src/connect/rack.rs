@@ -1,0 +1,216 @@
+//! The links of a rack: simulated, or where its file says that they are.
+
+use super::options::{options, wire_options};
+use super::{Connector, Line, Seat, open, simulated};
+use crate::error::Error;
+use crate::file::{FileError, Place};
+use crate::identify::{Identified, Prober};
+use crate::registry::Spoken;
+use crate::simulate::{self, Description, Simulation};
+use crate::url::{Number, Target, Url};
+use crate::wire::SharedLink;
+use crate::words;
+use polepair_core::profile::Profile;
+use polepair_core::proto::HostOptions;
+use std::path::Path;
+
+impl Connector {
+    /// Opens the links of a simulated rack, or one of them.
+    pub(super) fn sim(
+        &self,
+        url: &Url,
+        description: Description,
+        only: Option<usize>,
+    ) -> Result<(Vec<Line>, Option<Simulation>), Error> {
+        let simulation = simulated(url, description)?;
+        let mut lines = Vec::new();
+        for (place, n) in own_links(simulation.description(), only).into_iter().enumerate() {
+            let link = SharedLink::new(simulation.open(n)?, self.tap(place));
+            let options =
+                |_: &Spoken, baud| Ok(HostOptions { bit_rate: baud, ..options(url, baud)? });
+            let opened = self.rack_lines(url, simulation.description(), n, &link, &options)?;
+            opened.iter().try_for_each(Line::set_port)?;
+            lines.extend(opened);
+        }
+        Ok((lines, Some(simulation)))
+    }
+
+    /// The links of a rack file: where they are, or simulated where none says where it is.
+    pub(super) fn rack(
+        &self,
+        url: &Url,
+        file: &str,
+    ) -> Result<(Vec<Line>, Option<Simulation>), Error> {
+        let description = simulate::rack_of_file(Path::new(file), seed_of(url)?)?;
+        let only = url.key("link").map(|name| link_of(&description, name)).transpose()?;
+        let links = own_links(&description, only);
+        let real = links.iter().any(|n| description.wires[*n].connect.is_some());
+        if !real {
+            return self.sim(url, description, only);
+        }
+        if let Some(key) = ["time", "seed"].iter().find(|key| url.key(key).is_some()) {
+            let what = format!("the key `{key}` means nothing on a real link");
+            let hint = format!("`sim:{file}` simulates the same");
+            return Err(Error::usage("E210", what, hint));
+        }
+        let mut lines = Vec::new();
+        for (at, n) in links.into_iter().enumerate() {
+            let wire = &description.wires[n];
+            let Some(connect) = &wire.connect else {
+                let name = &description.rack.links[n].name;
+                let reason = format!(
+                    "`{name}` does not say where it is, though others do: `connect = \"…\"`, or leave it \
+                     out everywhere to simulate all"
+                );
+                let place = wire.place.as_ref();
+                let error = place.map(|p| p.error(&reason));
+                return Err(error.unwrap_or_else(|| FileError::whole(file, reason)).into());
+            };
+            let place = |spoken: &Spoken| place_of(url, spoken, &connect.value, wire.baud);
+            let spoken = description.spoken_on(n);
+            let Some(first) = spoken.first() else { continue };
+            let opened = place(first)?;
+            let link = open(&opened, first, &wire_options(&opened, first)?)?;
+            let link = SharedLink::new(link, self.tap(at));
+            let options = |spoken: &Spoken, _| wire_options(&place(spoken)?, spoken);
+            lines.extend(self.rack_lines(url, &description, n, &link, &options)?);
+        }
+        Ok((lines, None))
+    }
+
+    /// A line for each protocol that is spoken on a link of a rack.
+    fn rack_lines(
+        &self,
+        url: &Url,
+        description: &Description,
+        n: usize,
+        link: &SharedLink,
+        options: &dyn Fn(&Spoken, u32) -> Result<HostOptions, Error>,
+    ) -> Result<Vec<Line>, Error> {
+        let mut spoken = description.spoken_on(n);
+        // Who has no groups is not meant by one, unless nobody has.
+        if url.axes.iter().any(|axis| Number(*axis).is_group())
+            && spoken.iter().any(|spoken| spoken.groups > 0)
+        {
+            spoken.retain(|spoken| spoken.groups > 0);
+        }
+        let line = |spoken: Spoken| {
+            let options = options(&spoken, description.wires[n].baud)?;
+            rack_line(url, description, n, (spoken, options), link.clone())
+        };
+        spoken.into_iter().map(line).collect()
+    }
+}
+
+/// The drive that a rack expects at an address, when what answers there can be it.
+pub(super) fn expected(
+    prober: Prober<'_>,
+    number: u32,
+    profile: &'static Profile,
+    place: Option<&Place>,
+) -> Result<(&'static Profile, Identified), Error> {
+    let (found, identified) = prober.identify(number)?;
+    if std::ptr::eq(found, profile) || profile.identity.is_none() {
+        return Ok((profile, identified));
+    }
+    let reason = format!("what answers at {number} is no `{}`: look who is there", profile.name);
+    Err(match place {
+        Some(place) => place.error(reason).into(),
+        None => Error::usage("E213", reason, ""),
+    })
+}
+
+/// The links of a rack that a host has an end of, or one of them: what a relay brings its host to
+/// needs no host of its own.
+fn own_links(description: &Description, only: Option<usize>) -> Vec<usize> {
+    let all = 0..description.wires.len();
+    let own = |n: &usize| description.relay_to(*n).is_none() && only.is_none_or(|only| only == *n);
+    all.filter(own).collect()
+}
+
+fn link_of(description: &Description, name: &str) -> Result<usize, Error> {
+    let links = &description.rack.links;
+    links.iter().position(|link| link.name == name).ok_or_else(|| {
+        let near = words::hint(name, links.iter().map(|link| link.name.as_str()));
+        Error::usage("E211", format!("the rack has no link `{name}`{near}"), "")
+    })
+}
+
+pub(super) fn seed_of(url: &Url) -> Result<u64, Error> {
+    Ok(url.number("seed")?.unwrap_or(1))
+}
+
+/// The connection string of one protocol on a real link of a rack, with the rates that the rack says.
+fn place_of(url: &Url, spoken: &Spoken, connect: &str, rate: u32) -> Result<Url, Error> {
+    let mut place: Url = format!("{}+{connect}", spoken.name).parse()?;
+    if let Target::Serial { baud, .. } = &mut place.target {
+        *baud = baud.or(Some(rate));
+    }
+    let tells_rate = match &place.target {
+        Target::Slcan { .. } | Target::SlcanTcp { .. } => true,
+        // One that has none, a virtual bus, has no least time for a frame either.
+        #[cfg(target_os = "linux")]
+        Target::Socketcan { interface } => {
+            let known = polepair_link::socketcan::interfaces();
+            known.iter().any(|one| one.name == *interface && one.bit_rate.is_some())
+        }
+        _ => false,
+    };
+    if tells_rate && place.key("bitrate").is_none() {
+        place.keys.push(("bitrate".to_owned(), rate.to_string()));
+    }
+    if let Some(timeout) = url.key("timeout") {
+        place.keys.retain(|(key, _)| key != "timeout");
+        place.keys.push(("timeout".to_owned(), timeout.to_owned()));
+    }
+    Ok(place)
+}
+
+fn rack_line(
+    url: &Url,
+    description: &Description,
+    n: usize,
+    (spoken, mut options): (Spoken, HostOptions),
+    link: SharedLink,
+) -> Result<Line, Error> {
+    let first = *spoken.addresses.start();
+    let is_file = matches!(url.target, Target::Rack { .. });
+    let seats = |n: usize, own: bool| {
+        let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
+        let drives = rack.drives.iter().zip(wire.names.iter().zip(&wire.mountings));
+        let spoken = &spoken;
+        drives.filter(move |(drive, _)| !own || simulate::speaks(drive, spoken)).map(
+            move |(drive, (name, mounting))| {
+                let place = wire.place.clone();
+                let seat = Seat {
+                    name: name.clone(),
+                    mounting: mounting.clone(),
+                    profile: is_file.then_some((drive.profile, place)),
+                };
+                (drive.address.unwrap_or(first), seat)
+            },
+        )
+    };
+    let mut all: Vec<(u32, Seat)> = seats(n, true).collect();
+    let here = all.len();
+    for behind in description.behind(n) {
+        all.extend(seats(behind, false));
+    }
+    let groups = url.axes.iter().filter(|axis| Number(**axis).is_group());
+    groups.clone().try_for_each(|axis| spoken.check(*axis))?;
+    let every = url.axes.is_empty() && url.names.is_empty();
+    let wanted = |(number, seat): &(u32, Seat)| {
+        every || url.axes.contains(number) || url.names.contains(&seat.name)
+    };
+    let addresses: Vec<u32> = all.iter().map(|(number, _)| *number).collect();
+    // Of a group it is known that one of its drives is mounted somehow.
+    let mounting = all.iter().find_map(|(_, seat)| seat.mounting.clone());
+    let groups = groups.map(|axis| (*axis, Seat { mounting: mounting.clone(), ..Seat::default() }));
+    let (numbers, seats) = all.into_iter().filter(wanted).chain(groups).unzip();
+    options.wire = options.wire.or(description.standard(n));
+    // Behind a relay are axes that the host must not be taken for either.
+    let beside = description.host(n, &spoken);
+    options.host = options.host.or(beside).or_else(|| spoken.other_host(&addresses));
+    let relay = addresses.first().copied().filter(|_| addresses.len() > here);
+    Ok(Line { wire: n, link, spoken, options, numbers, relay, seats })
+}

@@ -1,0 +1,343 @@
+//! How a motor sits in its machine: what a turn of it moves, which way is forward, how far it may go.
+//!
+//! ```toml
+//! [[link.drive]]
+//! name = "x"
+//! profile = "tmcm-171"
+//! gear = 4                        # turns of the motor for one of what it drives
+//! lead = "5 mm"                   # what one such turn moves: the axis then goes along a line
+//! counts = 4096                   # counts a turn of the motor, where the profile knows no unit
+//! direction = "inverted"          # the motor's forward is the machine's backward
+//! limits = { position = ["0 mm", "300 mm"], velocity = "50 mm/s", torque = "2 A" }
+//! ```
+
+use crate::file::{FileError, Found, Node, Place};
+use crate::quantity;
+use polepair_core::axis::Verb;
+use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::profile::{AxisKind, Parameter, ParameterId, Profile, Signal};
+use polepair_core::units::Unit;
+use std::sync::Arc;
+
+/// What a table of a drive may say about it.
+pub(crate) const KEYS: [&str; 5] = ["lead", "gear", "counts", "direction", "limits"];
+const LIMIT_KEYS: [&str; 3] = ["position", "velocity", "torque"];
+
+/// One drive's mechanics, as a file tells them. Lengths and speeds are the machine's, in SI.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Mounting {
+    /// Where the drive stands in the file.
+    pub(crate) place: Place,
+    /// What a turn behind the gear moves, m.
+    pub(crate) lead: Option<f64>,
+    /// Turns of the motor for one behind the gear.
+    pub(crate) gear: f64,
+    /// Counts a turn of the motor.
+    pub(crate) counts: Option<f64>,
+    /// The motor's forward is the machine's backward.
+    pub(crate) inverted: bool,
+    /// Least and greatest position.
+    pub(crate) position: Option<Found<(f64, f64)>>,
+    /// Greatest speed, either way.
+    pub(crate) velocity: Option<Found<f64>>,
+    /// Greatest torque either way, or what stands for it at this drive.
+    pub(crate) torque: Option<Found<f64>>,
+}
+
+impl Mounting {
+    /// What the table of a drive says; `None` where it says nothing of the kind.
+    pub(crate) fn read(
+        node: &Node<'_, '_>,
+        profile: &'static Profile,
+    ) -> Result<Option<Arc<Self>>, FileError> {
+        if !KEYS.iter().any(|key| node.has(key)) {
+            return Ok(None);
+        }
+        let inverted = match node.text("direction")? {
+            None => false,
+            Some(found) => found.check(|word| match word.as_str() {
+                "normal" => Ok(false),
+                "inverted" => Ok(true),
+                other => {
+                    let near = crate::words::hint(other, ["normal", "inverted"]);
+                    Err(format!("`{other}` is neither normal nor inverted{near}"))
+                }
+            })?,
+        };
+        let mut made = Self {
+            place: node.place(),
+            lead: lead(node, profile)?,
+            gear: positive(node, "gear")?.unwrap_or(1.0),
+            counts: counts(node, profile)?,
+            inverted,
+            position: None,
+            velocity: None,
+            torque: None,
+        };
+        if let Some(limits) = node.table("limits", &LIMIT_KEYS)? {
+            made.read_limits(&limits, profile)?;
+        }
+        Ok(Some(Arc::new(made)))
+    }
+
+    fn read_limits(
+        &mut self,
+        node: &Node<'_, '_>,
+        profile: &'static Profile,
+    ) -> Result<(), FileError> {
+        let linear = self.is_linear(profile);
+        let (way, speed) = match linear {
+            true => (Unit::Millimetre, Unit::MillimetrePerSecond),
+            false => (Unit::Degree, Unit::Rpm),
+        };
+        let ends = node.texts("position")?;
+        if node.has("position") {
+            let [low, high] = &ends[..] else {
+                let reason = "`position` is two ends: [\"0 mm\", \"300 mm\"]";
+                return Err(node.place().error(reason));
+            };
+            let place = low.place.clone();
+            let value = (measured(low.clone(), way)?, measured(high.clone(), way)?);
+            if value.0 >= value.1 {
+                return Err(place.error("the first end of `position` is the lower one"));
+            }
+            self.position = Some(Found { value, place });
+        }
+        self.velocity = most(node, "velocity", speed)?;
+        if node.has("torque") {
+            let unit = destination(profile, Verb::Torque, Argument::Torque)
+                .flatten()
+                .and_then(|id| profile.parameter(id));
+            let Some(unit) = unit.map(|parameter| parameter.unit) else {
+                let reason = format!("`{}` takes no torque", profile.name);
+                return Err(node.place().error(reason));
+            };
+            self.torque = most(node, "torque", unit)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the axis goes along a line.
+    pub(crate) fn is_linear(&self, profile: &Profile) -> bool {
+        self.lead.is_some() || profile.axis == AxisKind::Linear
+    }
+}
+
+fn lead(node: &Node<'_, '_>, profile: &Profile) -> Result<Option<f64>, FileError> {
+    let Some(found) = node.text("lead")? else { return Ok(None) };
+    if profile.axis == AxisKind::Linear {
+        return Err(found.place.error(format!("`{}` has no turns: it is linear", profile.name)));
+    }
+    let place = found.place.clone();
+    let lead = measured(found, Unit::Millimetre)?;
+    if lead > 0.0 {
+        return Ok(Some(lead));
+    }
+    Err(place.error("`lead` is more than nothing; `direction` turns an axis round"))
+}
+
+/// Refused where the profile knows the unit: two scales would be one too many.
+fn counts(node: &Node<'_, '_>, profile: &'static Profile) -> Result<Option<f64>, FileError> {
+    let Some(counts) = positive(node, "counts")? else { return Ok(None) };
+    let known = profile.signal(Signal::Position).and_then(|s| profile.parameter(s.parameter));
+    match known.map(|parameter| parameter.unit) {
+        Some(unit) if unit != Unit::None => {
+            let (name, unit) = (profile.name, unit.symbol());
+            let reason = format!("`{name}` tells its position in {unit}: leave `counts` out");
+            Err(node.place().error(reason))
+        }
+        _ => Ok(Some(counts)),
+    }
+}
+
+fn positive(node: &Node<'_, '_>, key: &str) -> Result<Option<f64>, FileError> {
+    let Some(found) = node.real(key)? else { return Ok(None) };
+    found
+        .check(|number| match number > 0.0 {
+            true => Ok(number),
+            false => Err(format!("`{key}` is {number}; it must be more than 0")),
+        })
+        .map(Some)
+}
+
+/// A limit either way.
+fn most(node: &Node<'_, '_>, key: &str, unit: Unit) -> Result<Option<Found<f64>>, FileError> {
+    let Some(found) = node.text(key)? else { return Ok(None) };
+    let place = found.place.clone();
+    let value = measured(found, unit)?;
+    if value > 0.0 {
+        return Ok(Some(Found { value, place }));
+    }
+    Err(place.error(format!("`{key}` holds either way: it must be more than 0")))
+}
+
+/// An amount with a unit, as something that is shown in `unit`.
+fn measured(found: Found<String>, unit: Unit) -> Result<f64, FileError> {
+    found.check(|text| {
+        let measure = quantity::parse(&text).map_err(|error| error.to_string())?;
+        if measure.quantity.is_none() && unit != Unit::None {
+            return Err(format!("`{text}`: say its unit, such as {}", unit.symbol()));
+        }
+        measure.in_unit(unit).map_err(|error| {
+            let hint = error.hint();
+            let hint = if hint.is_empty() { String::new() } else { format!("; {hint}") };
+            format!("`{text}`: {error}{hint}")
+        })
+    })
+}
+
+/// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
+/// `None` when it has no use for it.
+pub(crate) fn destination(
+    profile: &Profile,
+    verb: Verb,
+    which: Argument,
+) -> Option<Option<ParameterId>> {
+    let takes = |operand: Operand| match operand {
+        Operand::Argument(found) | Operand::Given(found) => found == which,
+        Operand::Is(_) => false,
+    };
+    profile.plan(verb)?.steps.iter().find_map(|step| match *step {
+        Step::Write(id, operand) if takes(operand) => Some(Some(id)),
+        Step::Send { operand, like, .. } if takes(operand) => Some(like),
+        _ => None,
+    })
+}
+
+/// What a parameter is for the motion of its axis.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Role {
+    /// A position, or how far.
+    Position,
+    /// A velocity, whose sign tells the way.
+    Velocity,
+    /// How fast, whichever way.
+    Speed,
+    /// How quickly that changes.
+    Acceleration,
+    /// A torque, or what stands for it.
+    Torque,
+}
+
+impl Role {
+    /// What an argument of a verb is.
+    pub(crate) fn of(verb: Verb, which: Argument, written: Option<&Parameter>) -> Option<Self> {
+        Some(match which {
+            Argument::Target => Self::Position,
+            // Some drives search for their reference backwards at a negative speed.
+            Argument::Velocity if verb == Verb::Home => match written {
+                Some(parameter) if parameter.min < 0 => Self::Velocity,
+                _ => Self::Speed,
+            },
+            Argument::Velocity if verb == Verb::Velocity => Self::Velocity,
+            Argument::Velocity => Self::Speed,
+            Argument::Acceleration => Self::Acceleration,
+            Argument::Torque => Self::Torque,
+            Argument::JerkTime | Argument::Period => return None,
+        })
+    }
+
+    /// Whether the sign is turned with the direction of the axis.
+    const fn is_signed(self) -> bool {
+        matches!(self, Self::Position | Self::Velocity | Self::Torque)
+    }
+
+    /// The units in which it is shown, along a line and turning.
+    const fn units(self) -> Option<(Unit, Unit)> {
+        match self {
+            Self::Position => Some((Unit::Millimetre, Unit::Degree)),
+            Self::Velocity | Self::Speed => Some((Unit::MillimetrePerSecond, Unit::Rpm)),
+            Self::Acceleration => Some((Unit::MillimetrePerSecondSquared, Unit::RpmPerSecond)),
+            Self::Torque => None,
+        }
+    }
+}
+
+/// What the motion's parameters of a profile are. All others are not touched by a mounting: they
+/// keep the motor's own unit.
+pub(crate) fn roles(profile: &Profile) -> Vec<(ParameterId, Role)> {
+    let mut roles: Vec<(ParameterId, Role)> = Vec::new();
+    let mut note = |id: ParameterId, role| {
+        if roles.iter().all(|(other, _)| *other != id) {
+            roles.push((id, role));
+        }
+    };
+    for source in profile.signals.iter().filter(|s| s.equals.is_none() && s.mask == -1) {
+        match source.signal {
+            Signal::Position | Signal::TargetPosition => note(source.parameter, Role::Position),
+            Signal::Velocity | Signal::TargetVelocity => note(source.parameter, Role::Velocity),
+            Signal::Torque => note(source.parameter, Role::Torque),
+            _ => {}
+        }
+    }
+    // A speed that one verb gives a sign has one.
+    let signed_first = Verb::ALL.into_iter().filter(|verb| *verb == Verb::Velocity);
+    for verb in signed_first.chain(Verb::ALL) {
+        for which in ARGUMENTS.into_iter().filter(|which| verb.takes(*which)) {
+            let Some(Some(id)) = destination(profile, verb, which) else { continue };
+            if let Some(role) = Role::of(verb, which, profile.parameter(id)) {
+                note(id, role);
+            }
+        }
+    }
+    roles
+}
+
+pub(crate) const ARGUMENTS: [Argument; 4] =
+    [Argument::Target, Argument::Velocity, Argument::Acceleration, Argument::Torque];
+
+/// A mounting with what it means for the parameters of one profile.
+#[derive(Debug)]
+pub(crate) struct Mounted {
+    pub(crate) mounting: Arc<Mounting>,
+    linear: bool,
+    roles: Vec<(ParameterId, Role)>,
+}
+
+impl Mounted {
+    pub(crate) fn new(mounting: Arc<Mounting>, profile: &'static Profile) -> Self {
+        let linear = mounting.is_linear(profile);
+        Self { mounting, linear, roles: roles(profile) }
+    }
+
+    pub(crate) fn role(&self, id: ParameterId) -> Option<Role> {
+        self.roles.iter().find(|(other, _)| *other == id).map(|(_, role)| *role)
+    }
+
+    /// Whether a value of that unit is scaled here: what is a share of the whole is not.
+    fn scales(&self, role: Role, unit: Unit) -> bool {
+        let Some((linear, _)) = role.units() else { return false };
+        match unit {
+            Unit::None => self.mounting.counts.is_some(),
+            unit => unit.quantity() == linear.quantity(),
+        }
+    }
+
+    /// What is shown of a value whose profile states `unit`.
+    pub(crate) fn unit(&self, role: Role, unit: Unit) -> Unit {
+        let Some((linear, rotary)) = role.units().filter(|_| self.scales(role, unit)) else {
+            return unit;
+        };
+        match (self.linear, unit) {
+            (true, _) => linear,
+            (false, Unit::None) => rotary,
+            (false, unit) => unit,
+        }
+    }
+
+    /// What a value of the machine is multiplied with to become the drive's, both in SI.
+    pub(crate) fn factor(&self, role: Role, unit: Unit) -> f64 {
+        const TURN: f64 = core::f64::consts::TAU;
+        let Mounting { lead, gear, counts, inverted, .. } = &*self.mounting;
+        let (lead, gear, counts, inverted) = (*lead, *gear, *counts, *inverted);
+        let sign = if inverted && role.is_signed() { -1.0 } else { 1.0 };
+        if !self.scales(role, unit) {
+            return sign;
+        }
+        let counts = counts.filter(|_| unit == Unit::None);
+        sign * gear * lead.map_or(1.0, |lead| TURN / lead) * counts.map_or(1.0, |c| c / TURN)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,185 @@
+//! A rack's file as the real machine: its simulation served on a wire of the operating system, and
+//! commanded by the names of the file.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use polepair::config::Config;
+use polepair::error::Exit;
+use polepair::scan::{Numbers, Scan, scan};
+use polepair::simulate::{Pace, Simulation, lines, rack_of_file, rack_of_text};
+use polepair::{Axis, Connector, Error};
+use polepair_core::axis::Verb;
+use polepair_core::profile::Signal;
+use polepair_link::{Served, socketcand};
+
+const CELL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/cell.toml");
+
+/// A served rack, and a folder with a `polepair.toml` that says where it is.
+struct Machine {
+    folder: PathBuf,
+    served: Option<Served>,
+}
+
+impl Machine {
+    /// Serves the rack `there` and has the file say `here` of it, with `connect` put in.
+    fn new(name: &str, there: &str, here: &str) -> Self {
+        let rack = rack_of_text("rack.toml", there, 1).expect("a rack");
+        let line = lines(&rack, 1).expect("drives").remove(0);
+        let bus = socketcand::listen("127.0.0.1:0", "can0").expect("a port");
+        let at = format!("socketcand://{}/can0", bus.address().expect("an address"));
+        let folder = format!("polepair-rack-{}-{name}", std::process::id());
+        let folder = std::env::temp_dir().join(folder);
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let connected = here.replacen("[[link]]", &format!("[[link]]\nconnect = '{at}'"), 1);
+        std::fs::write(folder.join("polepair.toml"), connected).expect("a file");
+        Self { folder, served: Some(line.serve(Box::new(bus))) }
+    }
+
+    fn connector(&self) -> Connector {
+        let config = Config::discover_from(&self.folder, None).expect("the file is right");
+        let mut connector = Connector::default();
+        connector.config = config;
+        connector
+    }
+
+    /// Asks the first twelve addresses.
+    fn scan(&self, text: &str) -> Scan {
+        let go = &mut |_| std::ops::ControlFlow::Continue(());
+        scan(&self.connector(), text, Numbers::from(1..=12), go).expect("a scan")
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        if let Some(served) = self.served.take() {
+            served.stop().stop();
+            served.wait().expect("it served to the end");
+        }
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn cell() -> String {
+    std::fs::read_to_string(CELL).expect("the example")
+}
+
+fn position(axis: &Axis) -> f64 {
+    axis.signals(&[Signal::Position]).expect("a position")[0].value
+}
+
+#[test]
+fn names_of_a_file_move_the_real_machine() {
+    let machine = Machine::new("moves", &cell(), &cell());
+    let link = machine.connector().connect("@cell#x,y").expect("both answer");
+    assert!(link.simulation().is_none());
+    let [x, y] = link.axes() else { panic!("{link:?}") };
+    assert_eq!((x.name(), x.number(), y.name(), y.protocol()), ("x", 5, "y", "technocan"));
+    let (x, y) = (x.armed().expect("enabled"), y.armed().expect("enabled"));
+    x.move_to("10 mm").expect("within");
+    y.move_to("2 mm").expect("within");
+    for (axis, at) in [(&x, 0.010), (&y, 0.002)] {
+        axis.wait(Duration::from_secs(30)).expect("it arrives");
+        assert!((position(axis) - at).abs() < 2e-4, "{}: {}", axis.label(), position(axis));
+    }
+    let error = y.move_to("-1 mm").expect_err("beyond its end");
+    assert_eq!((error.code(), error.exit()), ("E223", Exit::Usage), "{error}");
+    assert!(error.to_string().contains("polepair.toml:4"), "{error}");
+}
+
+#[test]
+fn a_name_stands_for_all_links_of_a_file() {
+    let machine = Machine::new("names", &cell(), &cell());
+    let connector = machine.connector();
+    let link = connector.connect("@machine").expect("all answer");
+    let names: Vec<&str> = link.axes().iter().map(Axis::name).collect();
+    assert_eq!(names, ["spindle", "x", "y", "port"]);
+    assert_eq!(connector.connect("@cell#z").expect_err("nobody").code(), "E212");
+    let unknown = connector.connect("@cel").expect_err("nothing");
+    assert!(unknown.to_string().contains("did you mean `cell`?"), "{unknown}");
+    let real = connector.connect("@cell?time=virtual").expect_err("a real link");
+    assert!(real.to_string().contains("means nothing on a real link"), "{real}");
+}
+
+#[test]
+fn another_drive_than_the_files_is_refused_with_its_line() {
+    let there = "[[link]]\nkind = 'can'\n[[link.drive]]\nprofile = 'tmcm-170+can'\naddress = 3\n";
+    let here = there.replace("'can'\n", "'can'\nname = 'arm'\n").replace("170", "171");
+    let machine = Machine::new("other", there, &here);
+    let error = machine.connector().connect("@arm").expect_err("it is another");
+    let Error::File(error) = error else { panic!("{error:?}") };
+    assert!(error.reason.contains("no `tmcm-171`"), "{error}");
+}
+
+#[test]
+fn a_drive_that_is_away_keeps_no_other_from_its_stop() {
+    let there = cell();
+    let gone = "[[link.drive]]\nname = 'gone'\nprofile = 'thruster'\naddress = 12\n";
+    let machine = Machine::new("stop", &there, &format!("{there}\n{gone}"));
+    let stopped =
+        polepair::stop::stop(&machine.connector(), "@cell", Verb::Stop, &mut |_| {}).expect("open");
+    let ended: Vec<_> = stopped.axes.iter().map(|(_, ended)| ended.is_ok()).collect();
+    assert_eq!(ended, [true, true, true, true, false], "{stopped:?}");
+}
+
+#[test]
+fn several_protocols_are_asked_without_harm() {
+    let machine = Machine::new("scan", &cell(), &cell());
+    let url = std::fs::read_to_string(machine.folder.join("polepair.toml")).expect("the file");
+    let at = url.split('\'').nth(1).expect("connect").to_owned();
+    let found = machine.scan(&format!("tmcl,thruster,canopen,technocan+{at}"));
+    let who: Vec<(&str, u32)> =
+        found.found.iter().map(|one| (one.profile.protocol, one.number)).collect();
+    assert_eq!(who.len(), 4, "{who:?}");
+    for one in [("canopen", 2), ("tml", 5), ("tml", 7), ("thruster", 11)] {
+        assert!(who.contains(&one), "{who:?}");
+    }
+    assert!(found.found.iter().all(|one| one.clash.is_none()), "{found:?}");
+    let said = found.tried.join("\n");
+    assert!(said.contains("not thruster 2: canopen 2 is there"), "{said}");
+    assert!(said.contains("not tmcl"), "{said}");
+}
+
+/// Two nodes of one number are two on a real bus, where their answers do not come at one instant.
+#[test]
+fn a_number_that_answers_twice_is_told() {
+    let there =
+        "[[link]]\nname = 'l'\nkind = 'can'\n[[link.drive]]\nprofile = 'cia402'\naddress = 2\n";
+    let machine = Machine::new("twice", there, there);
+    let text = std::fs::read_to_string(machine.folder.join("polepair.toml")).expect("the file");
+    let at = text.split('\'').nth(1).expect("connect").to_owned();
+    let (server, bus) = at.trim_start_matches("socketcand://").split_once('/').expect("a bus");
+    let twin = lines(&rack_of_text("rack.toml", there, 2).expect("a rack"), 2);
+    let wire = socketcand::connect(server, bus).expect("another place on the bus");
+    let twin = twin.expect("a drive").remove(0).serve(Box::new(wire));
+    let found = machine.scan(&format!("canopen+{at}")).found;
+    assert_eq!(found.iter().map(|one| one.number).collect::<Vec<_>>(), [2]);
+    let clash = found[0].clash.as_deref().unwrap_or_default();
+    assert!(clash.contains("two drives with this address"), "{found:?}");
+    twin.stop().stop();
+    twin.wait().expect("it served to the end");
+}
+
+/// What a rack says of its bus is what it then is: SYNC and PDOs aside, which nobody sends here, the
+/// bus' own measure holds for whoever asks.
+#[test]
+fn a_bus_is_as_busy_as_was_counted() {
+    let rack = rack_of_file(Path::new(CELL), 1).expect("a rack");
+    let simulation = Simulation::new(&rack, 1, Pace::Virtual).expect("drives");
+    let (said, busy) = simulation.load(0).expect("a CAN bus");
+    assert!((0.40..0.50).contains(&said.least) && said.most < 0.56, "{said}");
+    assert!(busy.abs() < 1e-9, "{busy}");
+    let url = format!("sim:{CELL}?time=virtual#port");
+    let link = Connector::default().connect(&url).expect("a drive");
+    let simulation = link.simulation().expect("simulated").clone();
+    let (begin, (_, before)) = (simulation.now(), simulation.load(0).expect("a bus"));
+    for _ in 0..1000 {
+        link.axes()[0].get("faults").expect("read");
+        link.sleep(Duration::from_millis(5));
+    }
+    let (end, (_, after)) = (simulation.now(), simulation.load(0).expect("a bus"));
+    let (begin, end) = (begin.0 as f64, end.0 as f64);
+    let share = (after * end - before * begin) / (end - begin);
+    // A question of two bytes and an answer of four to eight, at most 200 times a second.
+    assert!((0.01..0.05).contains(&share), "{share}");
+}
