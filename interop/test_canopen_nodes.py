@@ -117,17 +117,6 @@ def test_two_megabytes_in_blocks(tmp_path):
         assert stream[3].raw == len(data)
 
 
-def test_two_hundred_kilobytes_come_in_blocks_without_a_pause(tmp_path):
-    """A pause within a block makes the client lose a segment of its own (DESIGN.md, Links)."""
-    with network("udp", "cia402:2", tmp_path) as master:
-        node = master.add_node(NODE, dictionary())
-        node.sdo.RESPONSE_TIMEOUT = 5
-        stream = node.sdo[0x2F01]
-        stream[1].raw = 200_000
-        with stream[2].open("rb", block_transfer=True) as file:
-            assert file.read() == pattern(200_000)
-
-
 def test_pdos_are_mapped_and_go_with_sync(node):
     node.nmt.state = "PRE-OPERATIONAL"
     node.pdo.read()
