@@ -159,3 +159,19 @@ impl Unit {
         }
     }
 }
+
+/// `value` to the nearest whole number, halves away from zero. What lies beyond the ends of the
+/// range becomes the end, and what is no number 0.
+///
+/// ```
+/// use polepair_core::units::nearest;
+/// assert_eq!([2.5, -2.5, 0.499_999_999_999_999_94].map(nearest), [3, -3, 0]);
+/// assert_eq!([f64::INFINITY, f64::NAN].map(nearest), [i64::MAX, 0]);
+/// ```
+#[inline]
+#[must_use]
+pub const fn nearest(value: f64) -> i64 {
+    // A little less than a half, which as a sum with the number below 0.5 would round up to 1.
+    const HALF: f64 = 0.5 - f64::EPSILON / 4.0;
+    (value + HALF.copysign(value)) as i64
+}

@@ -39,6 +39,9 @@ pub const TICK_NS: u64 = 1_000_000;
 /// The same in seconds.
 pub const TICK_S: f64 = 1e-3;
 
+/// How many of them a second has.
+pub const TICKS_PER_S: f64 = 1e3;
+
 /// Most ticks that [`Ticks`] runs at one call: a day, so that a clock gone wrong cannot hang it.
 pub const TICKS_MAX: u64 = 86_400_000;
 
@@ -63,9 +66,15 @@ impl Ticks {
     }
 
     /// How many whole ticks lie between what was last asked and `now`; they count as done.
+    #[inline]
     #[must_use]
     pub fn until(&mut self, now: Instant) -> u64 {
-        let ticks = now.0.saturating_sub(self.at.0) / TICK_NS;
+        let since = now.0.saturating_sub(self.at.0);
+        // Most often none is over.
+        if since < TICK_NS {
+            return 0;
+        }
+        let ticks = since / TICK_NS;
         self.at = self.at.plus_ns(ticks * TICK_NS);
         ticks.min(TICKS_MAX)
     }
@@ -77,7 +86,16 @@ impl Ticks {
     }
 }
 
+/// `value` within ±`most`.
+#[inline]
+pub(crate) fn cut(value: f64, most: f64) -> f64 {
+    // Two instructions, unlike `clamp`, which looks at `most` as well.
+    let below = if value > most { most } else { value };
+    if below < -most { -most } else { below }
+}
+
 /// `value` with the sign of `sign`, zero when `sign` is zero.
+#[inline]
 fn signed(value: f64, sign: f64) -> f64 {
     if sign > 0.0 {
         value

@@ -1,6 +1,6 @@
 //! A motor with its load: current, speed, position and where the energy went.
 
-use super::TICK_S;
+use super::{TICK_S, cut, signed};
 
 /// What a motor and what it turns are made of, SI.
 ///
@@ -107,9 +107,31 @@ pub struct Motor {
     current: f64,
     voltage: f64,
     jammed: bool,
-    energy: Energy,
     parts: u32,
-    copper_w: f64,
+    whole: Part,
+    energy: Energy,
+    /// Heat in the winding before the last step, J.
+    copper_before: f64,
+}
+
+/// A part of a step, and what follows from its length.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    /// Its length, s.
+    h: f64,
+    /// Twice the inductance by it, Ω.
+    l: f64,
+    /// Twice the inertia by it, N·m·s/rad.
+    j: f64,
+    /// The same with viscous friction.
+    c: f64,
+}
+
+impl Part {
+    fn new(h: f64, p: &MotorParameters) -> Self {
+        let j = 2.0 * p.inertia / h;
+        Self { h, l: 2.0 * p.inductance / h, j, c: j + p.viscous }
+    }
 }
 
 impl Motor {
@@ -127,9 +149,10 @@ impl Motor {
             current: 0.0,
             voltage: 0.0,
             jammed: false,
-            energy: Energy::default(),
             parts: parts as u32,
-            copper_w: 0.0,
+            whole: Part::new(TICK_S / parts, &p),
+            energy: Energy::default(),
+            copper_before: 0.0,
         }
     }
 
@@ -171,8 +194,8 @@ impl Motor {
 
     /// Mean heat in the winding during the last step, W.
     #[must_use]
-    pub const fn copper_w(&self) -> f64 {
-        self.copper_w
+    pub fn copper_w(&self) -> f64 {
+        (self.energy.copper - self.copper_before) / TICK_S
     }
 
     /// Where the energy went.
@@ -202,28 +225,30 @@ impl Motor {
     }
 
     /// Advances by one tick of [`TICK_S`].
+    #[inline]
     pub fn step(&mut self, inputs: Inputs) {
-        let before = self.energy.copper;
+        self.copper_before = self.energy.copper;
         let winding = self.admitted(inputs.winding);
-        let inputs = Inputs { winding, bus: inputs.bus.max(0.0), ..inputs };
-        let h = TICK_S / f64::from(self.parts);
+        let bus = if inputs.bus > 0.0 { inputs.bus } else { 0.0 };
+        let inputs = Inputs { winding, bus, ..inputs };
         for _ in 0..self.parts {
-            self.part(h, &inputs);
+            self.part(&inputs);
         }
-        self.copper_w = (self.energy.copper - before) / TICK_S;
     }
 
     /// The winding's command with limits and nonsense taken out.
+    #[inline]
     fn admitted(&self, winding: Winding) -> Winding {
         let max = self.parameters.max_current;
         match winding {
-            Winding::Current(i) if i.is_finite() => Winding::Current(i.clamp(-max, max)),
+            Winding::Current(i) if i.is_finite() => Winding::Current(cut(i, max)),
             Winding::Voltage(v) if v.is_finite() => Winding::Voltage(v),
             _ => Winding::Open,
         }
     }
 
-    fn part(&mut self, h: f64, inputs: &Inputs) {
+    #[inline]
+    fn part(&mut self, inputs: &Inputs) {
         if inputs.winding == Winding::Open {
             self.release();
         }
@@ -231,43 +256,51 @@ impl Motor {
             self.halt();
         }
         if self.velocity == 0.0 {
-            return self.leave_rest(h, inputs);
+            return self.leave_rest(self.whole, inputs);
         }
         let went = self.velocity;
-        let friction = super::signed(self.parameters.coulomb, went);
-        let solved = self.solve(h, inputs, inputs.load - friction);
+        let friction = signed(self.parameters.coulomb, went);
+        let solved = self.solve(&self.whole, inputs, inputs.load - friction);
         let next = 2.0 * solved.speed - went;
         if next * went >= 0.0 {
-            return self.apply(h, inputs, friction, solved);
+            return self.apply(self.whole.h, inputs, friction, solved);
         }
-        // It comes to rest within this part: go there, then on from rest for what is left.
-        let share = went / (went - next);
-        let solved = self.solve(h * share, inputs, inputs.load - friction);
+        self.come_to_rest(went / (went - next), inputs, friction);
+    }
+
+    /// It comes to rest within this part: it goes there for that share of it, then on from rest
+    /// for what is left.
+    fn come_to_rest(&mut self, share: f64, inputs: &Inputs, friction: f64) {
+        let h = self.whole.h;
+        let part = Part::new(h * share, &self.parameters);
+        let solved = self.solve(&part, inputs, inputs.load - friction);
         self.apply(h * share, inputs, friction, solved);
         self.halt();
-        self.leave_rest(h * (1.0 - share), inputs);
+        let rest = Part::new(h * (1.0 - share), &self.parameters);
+        self.leave_rest(rest, inputs);
     }
 
     /// From standstill: it stays there unless the torque breaks it loose.
-    fn leave_rest(&mut self, h: f64, inputs: &Inputs) {
-        let held = self.solve_held(h, inputs);
+    fn leave_rest(&mut self, part: Part, inputs: &Inputs) {
+        let held = self.solve_held(&part, inputs);
         let torque = self.parameters.torque_constant * held.current + inputs.load;
         if self.jammed || torque.abs() <= self.parameters.stiction {
-            return self.apply(h, inputs, 0.0, held);
+            return self.apply(part.h, inputs, 0.0, held);
         }
-        let friction = super::signed(self.parameters.coulomb, torque);
-        let solved = self.solve(h, inputs, inputs.load - friction);
+        let friction = signed(self.parameters.coulomb, torque);
+        let solved = self.solve(&part, inputs, inputs.load - friction);
         if solved.speed * torque <= 0.0 {
-            return self.apply(h, inputs, 0.0, held);
+            return self.apply(part.h, inputs, 0.0, held);
         }
-        self.apply(h, inputs, friction, solved);
+        self.apply(part.h, inputs, friction, solved);
     }
 
-    /// Means of current, speed and voltage over `h` with `torque` acting from outside.
-    fn solve(&self, h: f64, inputs: &Inputs, torque: f64) -> Means {
+    /// Means of current, speed and voltage over a part with `torque` acting from outside.
+    #[inline]
+    fn solve(&self, part: &Part, inputs: &Inputs, torque: f64) -> Means {
         let p = &self.parameters;
-        let (l, j) = (2.0 * p.inductance / h, 2.0 * p.inertia / h);
-        let (k, c) = (p.torque_constant, j + p.viscous);
+        let &Part { l, j, c, .. } = part;
+        let k = p.torque_constant;
         let q = torque + j * self.velocity;
         let with_current = |current: f64| {
             let speed = (q + k * current) / c;
@@ -285,9 +318,10 @@ impl Motor {
     }
 
     /// The same while the shaft stands still.
-    fn solve_held(&self, h: f64, inputs: &Inputs) -> Means {
+    #[inline]
+    fn solve_held(&self, part: &Part, inputs: &Inputs) -> Means {
         let p = &self.parameters;
-        let l = 2.0 * p.inductance / h;
+        let l = part.l;
         let with_current = |current: f64| {
             let voltage = p.resistance * current + l * (current - self.current);
             Means { current, speed: 0.0, voltage }
@@ -300,6 +334,7 @@ impl Motor {
     }
 
     /// Applies the winding's command within bus voltage and current limit.
+    #[inline]
     fn limited(
         &self,
         inputs: &Inputs,
@@ -311,21 +346,22 @@ impl Motor {
             Winding::Open => return with_current(0.0),
             Winding::Current(i) => to_end(i),
             Winding::Voltage(v) => {
-                let solved = with_voltage(v.clamp(-inputs.bus, inputs.bus));
+                let solved = with_voltage(cut(v, inputs.bus));
                 let end = 2.0 * solved.current - self.current;
                 let max = self.parameters.max_current;
                 if end.abs() <= max {
                     return solved;
                 }
-                to_end(end.clamp(-max, max))
+                to_end(cut(end, max))
             }
         };
         if solved.voltage.abs() <= inputs.bus {
             return solved;
         }
-        with_voltage(solved.voltage.clamp(-inputs.bus, inputs.bus))
+        with_voltage(cut(solved.voltage, inputs.bus))
     }
 
+    #[inline]
     fn apply(&mut self, h: f64, inputs: &Inputs, friction: f64, means: Means) {
         let p = &self.parameters;
         let Means { current, speed, voltage } = means;

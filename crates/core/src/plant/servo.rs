@@ -1,6 +1,6 @@
 //! Cascaded control: position P, speed PI, current limit; and what tells a stall.
 
-use super::{Inputs, Limits, Motor, MotorParameters, Setpoint, TICK_S, Trajectory, Winding};
+use super::{Inputs, Limits, Motor, MotorParameters, Setpoint, TICK_S, Trajectory, Winding, cut};
 
 /// Gains of the loops, SI.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -80,8 +80,10 @@ impl Default for Bounds {
     }
 }
 
-/// A servo drive's control loops with their set-point. Off, it lets the motor coast.
+/// A servo drive's control loops with their set-point. Off, it lets the motor coast. The set-point
+/// of its own lies last in memory, because not every tick needs it.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Servo {
     /// Gains of the loops.
     pub gains: Gains,
@@ -89,10 +91,10 @@ pub struct Servo {
     pub max_current: f64,
     /// Share of the bus voltage that may be used, 0 to 1.
     pub pwm: f64,
-    trajectory: Trajectory,
+    integral: f64,
     goal: Goal,
     enabled: bool,
-    integral: f64,
+    trajectory: Trajectory,
 }
 
 impl Servo {
@@ -184,6 +186,7 @@ impl Servo {
 
     /// Where the set-point is.
     #[must_use]
+    #[inline]
     pub const fn setpoint(&self) -> Setpoint {
         match self.goal {
             Goal::Follow(setpoint) => setpoint,
@@ -233,12 +236,14 @@ impl Servo {
     }
 
     /// Advances loops and motor by one tick, with the motor's true position as feedback.
+    #[inline]
     pub fn step(&mut self, motor: &mut Motor, conditions: Conditions) {
         let (position, velocity) = (motor.position(), motor.velocity());
         self.step_measured(motor, conditions, position, velocity);
     }
 
     /// The same with the `position` (rad) and `velocity` (rad/s) that a sensor claims.
+    #[inline]
     pub fn step_measured(
         &mut self,
         motor: &mut Motor,
@@ -248,46 +253,61 @@ impl Servo {
     ) {
         let bus = conditions.bus * self.pwm.clamp(0.0, 1.0);
         let max = self.max_current.abs();
+        let short_of_voltage = motor.voltage().abs() > 0.999 * bus;
         let winding = match self.goal {
             _ if !self.enabled => Winding::Open,
-            Goal::Current(i) => Winding::Current(i.clamp(-max, max)),
+            Goal::Follow(wanted) => {
+                let error = self.toward(&wanted, position) - velocity;
+                Winding::Current(self.regulate(error, wanted.acceleration, short_of_voltage))
+            }
+            Goal::Current(i) => Winding::Current(cut(i, max)),
             Goal::Voltage(v) => Winding::Voltage(v),
-            Goal::Velocity(_) | Goal::Position(_) | Goal::Follow(_) => {
-                let short_of_voltage = motor.voltage().abs() > 0.999 * bus;
-                Winding::Current(self.control(position, velocity, short_of_voltage))
+            Goal::Velocity(_) | Goal::Position(_) => {
+                let (speed, acceleration) = self.go_on(position);
+                let error = speed - velocity;
+                Winding::Current(self.regulate(error, acceleration, short_of_voltage))
             }
         };
         motor.step(Inputs { winding, bus, load: conditions.load });
     }
 
-    /// Position P over speed PI. Returns the current to drive, A.
-    fn control(&mut self, position: f64, velocity: f64, short_of_voltage: bool) -> f64 {
-        let (wanted, top) = match self.goal {
-            Goal::Follow(setpoint) => (setpoint, f64::INFINITY),
-            _ => (self.trajectory.step(), self.trajectory.limits().velocity),
-        };
-        let gains = &self.gains;
+    /// One tick of the set-point's own way: speed to turn at (rad/s), and its acceleration.
+    fn go_on(&mut self, position: f64) -> (f64, f64) {
+        let wanted = self.trajectory.step();
         let mut speed = wanted.velocity;
-        if !matches!(self.goal, Goal::Velocity(_)) {
+        if matches!(self.goal, Goal::Position(_)) {
             // A set-point that is still braking to a lower limit is followed, or the motor would
             // fall behind it, to leap once the limit is raised.
-            let top = top.max(wanted.velocity.abs());
-            let error = wanted.position - position;
-            let rest = wanted.velocity == 0.0 && error.abs() <= gains.deadband;
-            let correction = if rest { 0.0 } else { gains.position_p * error };
-            speed = (speed + correction).clamp(-top, top);
+            let top = self.trajectory.limits().velocity.max(speed.abs());
+            speed = cut(self.toward(&wanted, position), top);
         }
-        let error = speed - velocity;
-        let direct = gains.velocity_p * error + gains.acceleration * wanted.acceleration;
+        (speed, wanted.acceleration)
+    }
+
+    /// Position P: the speed to turn at, rad/s.
+    #[inline]
+    fn toward(&self, wanted: &Setpoint, position: f64) -> f64 {
+        let error = wanted.position - position;
+        let rest = wanted.velocity == 0.0 && error.abs() <= self.gains.deadband;
+        let correction = if rest { 0.0 } else { self.gains.position_p * error };
+        wanted.velocity + correction
+    }
+
+    /// Speed PI. Takes the error of speed and the acceleration wanted, returns the current to
+    /// drive, A.
+    #[inline]
+    fn regulate(&mut self, error: f64, acceleration: f64, short_of_voltage: bool) -> f64 {
+        let gains = &self.gains;
+        let direct = gains.velocity_p * error + gains.acceleration * acceleration;
         let max = self.max_current.abs();
         let asked = direct + self.integral;
         // Anti-windup: what cannot be had is not summed up.
         let spent = asked.abs() > max || short_of_voltage;
         if !(spent && asked * error > 0.0) {
             let grown = self.integral + gains.velocity_i * error * TICK_S;
-            self.integral = grown.clamp(-max, max);
+            self.integral = cut(grown, max);
         }
-        asked.clamp(-max, max)
+        cut(asked, max)
     }
 }
 
@@ -311,6 +331,7 @@ impl Stall {
     }
 
     /// Takes a tick's speed (rad/s), current and its limit (A). True when it has been too long.
+    #[inline]
     pub fn step(&mut self, velocity: f64, current: f64, limit: f64) -> bool {
         let stalled =
             limit > 0.0 && velocity.abs() < self.velocity && current.abs() >= self.share * limit;

@@ -330,8 +330,7 @@ impl Station<Can> for Device {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        *out = self.end.poll_transmit(now, &mut self.node)?;
-        Some(1)
+        self.end.poll_transmit(now, out, &mut self.node)
     }
 
     fn line(&self) -> CanLine {

@@ -35,14 +35,14 @@ impl Bench for Drive {
             Act::Supply(volts) => self.shaft_mut().supply = volts,
             Act::Ambient(celsius) => self.shaft_mut().set_ambient(celsius),
             Act::Input(number @ 1..=3, on) => {
-                self.lines_mut().driven[usize::from(number) - 1] = on;
+                self.lines_mut().drive(usize::from(number) - 1, on);
             }
             Act::Switch { which: which @ 0..=2, at } => {
                 let line = [2, 1, 0][usize::from(which)];
-                self.lines_mut().at[line] = (!at.is_nan()).then_some(at);
+                self.lines_mut().place(line, (!at.is_nan()).then_some(at));
             }
             Act::Switch { which: 3, at } => {
-                self.lines_mut().home_until = (!at.is_nan()).then_some(at);
+                self.lines_mut().open_home((!at.is_nan()).then_some(at));
             }
             Act::EncoderBroken(broken) => self.shaft_mut().break_encoder(broken),
             Act::HallBroken(broken) => self.shaft_mut().hall_broken = broken,

@@ -11,6 +11,7 @@ use crate::time::{Instant, earliest};
 
 /// A simulated CiA 402 drive.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Device {
     end: CanEnd<PDOS>,
     drive: Drive,
@@ -62,8 +63,7 @@ impl Station<Can> for Device {
 
     #[inline]
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        *out = self.end.poll_transmit(now, &mut self.drive)?;
-        Some(1)
+        self.end.poll_transmit(now, out, &mut self.drive)
     }
 
     fn line(&self) -> CanLine {

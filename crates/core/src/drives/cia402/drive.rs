@@ -17,6 +17,7 @@ use crate::proto::canopen::od::Dictionary;
 use crate::proto::canopen::sdo::Abort;
 use crate::proto::canopen::time::TimeOfDay;
 use crate::time::Instant;
+use crate::units::nearest;
 
 /// The standard leaves nothing of this open.
 const MANNER: Manner =
@@ -28,46 +29,82 @@ const INPUTS: usize = 3;
 
 /// Switches that the shaft closes, and lines that something outside closes. In the order of 60FDh:
 /// negative limit, positive limit, home.
-#[derive(Clone, Copy, PartialEq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Lines {
-    /// Shaft position of each switch, rad.
-    pub at: [Option<f64>; INPUTS],
+    /// Shaft position of each switch, rad; infinite where there is none.
+    at: [f64; INPUTS],
     /// Shaft position from which on the home switch is open again, rad.
-    pub home_until: Option<f64>,
+    home_until: f64,
     /// Lines that something outside closes.
-    pub driven: [bool; INPUTS],
+    driven: [bool; INPUTS],
 }
 
+/// Positions that no shaft comes to.
+const NOWHERE: [f64; INPUTS] = [f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
+
 impl Lines {
+    /// The home switch alone, at that shaft position (rad).
+    const fn home(at: f64) -> Self {
+        let [negative, positive, _] = NOWHERE;
+        let at = [negative, positive, at];
+        Self { at, home_until: f64::INFINITY, driven: [false; INPUTS] }
+    }
+
+    /// Moves the switch of a line to a shaft position (rad), or takes it away.
+    pub fn place(&mut self, line: usize, at: Option<f64>) {
+        self.at[line] = at.unwrap_or(NOWHERE[line]);
+    }
+
+    /// The home switch is open again from that shaft position (rad) on, or never.
+    pub fn open_home(&mut self, from: Option<f64>) {
+        self.home_until = from.unwrap_or(f64::INFINITY);
+    }
+
+    /// Something outside closes a line, or opens it.
+    pub const fn drive(&mut self, line: usize, closed: bool) {
+        self.driven[line] = closed;
+    }
+
     #[inline]
-    fn closed(&self, line: usize, position: f64) -> bool {
-        let switched = match (line, self.at[line]) {
-            (_, None) => false,
-            (0, Some(at)) => position <= at,
-            (1, Some(at)) => position >= at,
-            (_, Some(at)) => position >= at && self.home_until.is_none_or(|until| position < until),
-        };
-        switched || self.driven[line]
+    fn negative(&self, position: f64) -> bool {
+        (position <= self.at[0]) | self.driven[0]
+    }
+
+    #[inline]
+    fn positive(&self, position: f64) -> bool {
+        (position >= self.at[1]) | self.driven[1]
+    }
+
+    #[inline]
+    fn is_home(&self, position: f64) -> bool {
+        ((position >= self.at[2]) & (position < self.home_until)) | self.driven[2]
+    }
+
+    /// Where the home switch's only edge is.
+    #[inline]
+    fn home_edge(&self) -> Option<f64> {
+        (self.home_until == f64::INFINITY && self.at[2] != f64::INFINITY).then_some(self.at[2])
     }
 }
 
-/// A powered drive with its motor.
+/// A powered drive with its motor. It lies in memory in this order: what each cycle needs first.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Drive {
     ticks: Ticks,
     now: Instant,
-    shaft: Shaft,
-    axis: Axis<POINTS>,
-    objects: Objects,
-    lines: Lines,
     fault: Fault,
     told: Fault,
+    /// Motions begun, and those that a repetition would have begun again.
+    starts: u64,
+    lines: Lines,
+    objects: Objects,
+    shaft: Shaft,
+    axis: Axis<POINTS>,
+    unrepeatable: u64,
     /// The time of day that was given, and when.
     clock: Option<(TimeOfDay, Instant)>,
     notice: Option<&'static str>,
-    /// Motions begun that a repetition would have begun again, and all.
-    unrepeatable: u64,
-    starts: u64,
     flash_writes: u64,
     node: u8,
     kept_node: u8,
@@ -89,7 +126,7 @@ impl Drive {
             axis: Axis::new(MANNER, 0.0),
             objects: Objects::factory(),
             // Half a turn behind, so that homing finds it.
-            lines: Lines { at: [None, None, Some(-TAU / 2.0)], ..Lines::default() },
+            lines: Lines::home(-TAU / 2.0),
             fault: Fault::NONE,
             told: Fault::NONE,
             clock: None,
@@ -125,12 +162,15 @@ impl Drive {
     pub fn advance(&mut self, now: Instant) {
         let ticks = self.ticks.until(now);
         self.now = self.now.max(now);
+        if ticks > 0 {
+            self.pass(ticks);
+        }
+    }
+
+    fn pass(&mut self, ticks: u64) {
         if self.shaft.resting() {
-            if ticks > 0 {
-                self.shaft.rest(ticks);
-                self.watch();
-            }
-            return;
+            self.shaft.rest(ticks);
+            return self.watch();
         }
         for _ in 0..ticks {
             self.tick();
@@ -214,19 +254,22 @@ impl Drive {
     ) -> R {
         let position = self.shaft.motor().position();
         let mut scene = Scene {
-            negative: self.lines.closed(0, position),
-            positive: self.lines.closed(1, position),
-            home: self.lines.closed(2, position),
-            home_at: self.lines.at[2].filter(|_| self.lines.home_until.is_none()),
+            negative: self.lines.negative(position),
+            positive: self.lines.positive(position),
+            home: self.lines.is_home(position),
+            home_at: self.lines.home_edge(),
             shaft: &mut self.shaft,
             settings: &self.objects,
         };
         act(&mut self.axis, &mut scene)
     }
 
-    #[inline]
     fn tick(&mut self) {
-        if self.act(Axis::tick) == Some(Event::FollowingError) {
+        let event = match self.axis.follows() {
+            true => self.act(Axis::follow),
+            false => self.act(Axis::tick),
+        };
+        if event == Some(Event::FollowingError) {
             self.raise(Fault::FOLLOWING);
         }
         self.shaft.tick();
@@ -235,15 +278,12 @@ impl Drive {
 
     #[inline]
     fn watch(&mut self) {
-        if let Some(fault) = self.shaft.trouble(self.axis.feels_for_stop()) {
+        if let Some(fault) = self.shaft.trouble(|| self.axis.feels_for_stop()) {
             self.raise(fault);
         }
     }
 
     fn control(&mut self, word: u16) {
-        if word == self.axis.control_word() {
-            return;
-        }
         let starved = self.fault == Fault::UNDERVOLTAGE && !self.shaft.has_voltage();
         let clear = !starved && self.shaft.lasting().is_none();
         let before = self.axis.state();
@@ -261,6 +301,24 @@ impl Drive {
         }
     }
 
+    fn set_other(&mut self, tag: u16, value: u64) -> Result<(), Abort> {
+        if !is_allowed(tag, value.cast_signed()) {
+            return Err(Abort::VALUE);
+        }
+        self.objects.set(tag, value as i32);
+        match tag {
+            kept::CONTROL => self.control(value as u16),
+            // Only a new edge of the controlword takes it over.
+            kept::TARGET_POSITION if self.axis.mode() == modes::PROFILE_POSITION => {}
+            _ => self.act(Axis::changed),
+        }
+        let turns = matches!(tag, kept::TARGET_VELOCITY | kept::TARGET_TORQUE | kept::MODE);
+        if turns && self.axis.state().has_power() {
+            self.starts += 1;
+        }
+        Ok(())
+    }
+
     /// Positions in user units, from where 0 is.
     #[inline]
     fn coordinate(&self, position: f64) -> i32 {
@@ -269,35 +327,33 @@ impl Drive {
 
     fn increments(&self, position: f64) -> i32 {
         let turns = (position - self.axis.origin()) / TAU;
-        libm::round(turns * self.objects.turn()) as i64 as i32
+        nearest(turns * self.objects.turn()) as i32
     }
 
     fn reading(&self, tag: u16) -> i64 {
         let shaft = &self.shaft;
-        let demand = shaft.setpoint();
-        let rounded = |value: f64| libm::round(value) as i64;
         match tag {
             read::STATUS => self.axis.status(shaft.has_voltage()).into(),
             read::POSITION => self.coordinate(shaft.position()).into(),
             read::VELOCITY | read::SENSOR_VELOCITY => {
                 self.objects.velocity(shaft.velocity()).into()
             }
-            read::TORQUE | read::CURRENT => rounded(shaft.torque() * 1000.0),
+            read::TORQUE | read::CURRENT => nearest(shaft.torque() * 1000.0),
             read::ERROR_CODE => self.fault.0.into(),
             read::MODE => self.axis.mode().into(),
-            read::POSITION_DEMAND => self.coordinate(demand.position).into(),
+            read::POSITION_DEMAND => self.coordinate(shaft.setpoint().position).into(),
             read::INCREMENTS => self.increments(shaft.position()).into(),
-            read::VELOCITY_DEMAND => self.objects.velocity(demand.velocity).into(),
-            read::TORQUE_DEMAND => rounded(self.axis.torque_demand() * 1000.0),
-            read::RATED_CURRENT => rounded(RATED_CURRENT * 1000.0),
-            read::RATED_TORQUE => rounded(shaft.rated_torque() * 1000.0),
-            read::VOLTAGE => rounded(shaft.supply * 1000.0),
+            read::VELOCITY_DEMAND => self.objects.velocity(shaft.setpoint().velocity).into(),
+            read::TORQUE_DEMAND => nearest(self.axis.torque_demand() * 1000.0),
+            read::RATED_CURRENT => nearest(RATED_CURRENT * 1000.0),
+            read::RATED_TORQUE => nearest(shaft.rated_torque() * 1000.0),
+            read::VOLTAGE => nearest(shaft.supply * 1000.0),
             read::FOLLOWING_ERROR => {
-                self.objects.position(demand.position - shaft.position()).into()
+                self.objects.position(shaft.setpoint().position - shaft.position()).into()
             }
-            read::DEMAND_INCREMENTS => self.increments(demand.position).into(),
+            read::DEMAND_INCREMENTS => self.increments(shaft.setpoint().position).into(),
             read::INPUTS => self.inputs(),
-            read::TEMPERATURE => rounded(shaft.temperature()),
+            read::TEMPERATURE => nearest(shaft.temperature()),
             read::CLOCK => self.clock(),
             read::STREAMED => self.files.streamed().into(),
             read::STREAM_CHECK => self.files.check().into(),
@@ -306,8 +362,11 @@ impl Drive {
     }
 
     fn inputs(&self) -> i64 {
-        let position = self.shaft.motor().position();
-        (0..INPUTS).fold(0, |bits, n| bits | i64::from(self.lines.closed(n, position)) << n)
+        let (lines, position) = (&self.lines, self.shaft.motor().position());
+        let bit = |n: u8, closed: bool| i64::from(closed) << n;
+        bit(0, lines.negative(position))
+            | bit(1, lines.positive(position))
+            | bit(2, lines.is_home(position))
     }
 
     fn clock(&self) -> i64 {
@@ -361,22 +420,16 @@ impl Firmware for Drive {
         self.reading(tag).cast_unsigned()
     }
 
+    /// What comes each cycle goes ahead of the rest.
     #[inline]
     fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), Abort> {
-        if !is_allowed(tag, value.cast_signed()) {
-            return Err(Abort::VALUE);
-        }
-        self.objects.set(tag, value as i32);
         match tag {
-            kept::CONTROL => self.control(value as u16),
-            // Only a new edge of the controlword takes these over.
-            kept::TARGET_POSITION if self.axis.mode() == modes::PROFILE_POSITION => {}
-            _ => self.act(Axis::changed),
-        }
-        let turns = matches!(tag, kept::TARGET_VELOCITY | kept::TARGET_TORQUE | kept::MODE);
-        let follows = tag == kept::TARGET_POSITION && self.axis.mode() == modes::CYCLIC_POSITION;
-        if (turns || follows) && self.axis.state().has_power() {
-            self.starts += 1;
+            kept::CONTROL if value as u16 == self.axis.control_word() => {}
+            kept::TARGET_POSITION if self.axis.mode() == modes::CYCLIC_POSITION => {
+                self.objects.aim(value as i32);
+                self.starts += u64::from(self.axis.state().has_power());
+            }
+            _ => return self.set_other(tag, value),
         }
         Ok(())
     }

@@ -15,6 +15,7 @@ use crate::plant::Limits;
 use crate::proto::canopen::device::motion::{Braking, HomingSettings, Settings, Window};
 use crate::proto::canopen::device::{standard, standard_len};
 use crate::proto::canopen::od::{Access, Dictionary, Entry, OWN, Type, Worth, merge};
+use crate::units::nearest;
 
 /// PDOs each way.
 pub const PDOS: usize = 4;
@@ -194,6 +195,9 @@ const FIXED: Access = Access::RO;
 const fn e(i: u16, s: u8, kind: Type, a: Access, tag: u16, name: &'static str) -> Entry {
     Entry::new(i, s, kind, a, tag, name)
 }
+
+/// rad/s of 1 rpm.
+const RPM: f64 = TAU / 60.0;
 
 /// Everything that is not the protocol's.
 const APPLICATION: [Entry; 85] = {
@@ -399,17 +403,21 @@ const FACTORY: [i32; kept::COUNT] = {
 
 /// The values that can be written, and what they mean.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Objects {
-    values: [i32; kept::COUNT],
-    /// Increments of the encoder in a turn.
-    turn: f64,
-    /// Settings for which this drive's own stand in while they are 0.
-    left_open: u64,
     /// rad of the motor in a user unit.
     unit: f64,
     /// The same of a position and of a speed, with the sign of 607Eh.
     position: f64,
     velocity: f64,
+    /// User units of a rad, and of a rad/s.
+    per_position: f64,
+    per_velocity: f64,
+    /// Settings for which this drive's own stand in while they are 0.
+    left_open: u64,
+    values: [i32; kept::COUNT],
+    /// Increments of the encoder in a turn.
+    turn: f64,
 }
 
 impl Objects {
@@ -423,6 +431,8 @@ impl Objects {
             unit: 1.0,
             position: 1.0,
             velocity: 1.0,
+            per_position: 1.0,
+            per_velocity: 1.0,
         };
         objects.take_factors();
         objects
@@ -473,6 +483,12 @@ impl Objects {
         }
     }
 
+    /// Sets the target position.
+    #[inline]
+    pub const fn aim(&mut self, target: i32) {
+        self.values[kept::TARGET_POSITION as usize] = target;
+    }
+
     /// The same with nothing commanded: what is worth keeping over power-off.
     #[must_use]
     pub fn settings(&self) -> Self {
@@ -488,6 +504,7 @@ impl Objects {
         self.unit = TAU * gear / feed;
         let turned = |bit: i32| if self.value(kept::POLARITY) & bit != 0 { -1.0 } else { 1.0 };
         (self.position, self.velocity) = (self.unit * turned(0x80), self.unit * turned(0x40));
+        (self.per_position, self.per_velocity) = (1.0 / self.position, 1.0 / self.velocity);
     }
 
     #[inline]
@@ -518,6 +535,7 @@ impl Objects {
     }
 
     /// An unsigned value of 32 bits in user units as rad of the motor.
+    #[inline]
     fn width(&self, tag: u16) -> f64 {
         match self.value(tag).cast_unsigned() {
             u32::MAX => f64::INFINITY,
@@ -525,6 +543,7 @@ impl Objects {
         }
     }
 
+    #[inline]
     fn window(&self, width: u16, ms: u16) -> Window {
         Window { width: self.width(width), ms: self.value(ms).cast_unsigned() & 0xFFFF }
     }
@@ -533,14 +552,14 @@ impl Objects {
     #[inline]
     #[must_use]
     pub fn position(&self, rad: f64) -> i32 {
-        libm::round(rad / self.position) as i64 as i32
+        nearest(rad * self.per_position) as i32
     }
 
     /// A speed in user units.
     #[inline]
     #[must_use]
     pub fn velocity(&self, rad_per_s: f64) -> i32 {
-        libm::round(rad_per_s / self.velocity) as i64 as i32
+        nearest(rad_per_s * self.per_velocity) as i32
     }
 
     fn braking(&self, tag: u16) -> Braking {
@@ -605,6 +624,7 @@ impl Settings for Objects {
         self.window(kept::POSITION_WINDOW, kept::POSITION_TIME)
     }
 
+    #[inline]
     fn following_window(&self) -> Window {
         self.window(kept::FOLLOWING_WINDOW, kept::FOLLOWING_TIME)
     }
@@ -619,7 +639,7 @@ impl Settings for Objects {
 
     #[inline]
     fn velocity_max(&self) -> f64 {
-        let motor = self.real(kept::MAX_MOTOR_SPEED) * TAU / 60.0;
+        let motor = self.real(kept::MAX_MOTOR_SPEED) * RPM;
         self.angle(kept::MAX_PROFILE_VELOCITY).min(motor)
     }
 
@@ -627,6 +647,7 @@ impl Settings for Objects {
         self.real(kept::MAX_TORQUE) / 1000.0
     }
 
+    #[inline]
     fn position_limits(&self) -> Option<(f64, f64)> {
         let (least, greatest) = (kept::POSITION_MIN, kept::POSITION_MAX);
         let are_set = self.value(least) < self.value(greatest);
@@ -634,19 +655,17 @@ impl Settings for Objects {
         are_set.then(|| (one.min(other), one.max(other)))
     }
 
+    #[inline]
     fn offsets(&self) -> (f64, f64) {
         (self.real(kept::VELOCITY_OFFSET) * self.velocity, self.real(kept::TORQUE_OFFSET) / 1000.0)
     }
 
+    #[inline]
     fn cycle_ms(&self) -> u32 {
-        let (mut ms, mut exponent) = (self.value(kept::PERIOD), self.value(kept::PERIOD_EXPONENT));
-        while exponent > -3 {
-            (ms, exponent) = (ms.saturating_mul(10), exponent - 1);
+        match (self.value(kept::PERIOD), self.value(kept::PERIOD_EXPONENT)) {
+            (ms @ 1..=255, -3) => ms.cast_unsigned(),
+            (value, exponent) => milliseconds(value, exponent),
         }
-        while exponent < -3 {
-            (ms, exponent) = (ms / 10, exponent + 1);
-        }
-        ms.clamp(1, 10_000).cast_unsigned()
     }
 
     fn quick_stop_option(&self) -> (Braking, bool) {
@@ -673,4 +692,16 @@ impl Settings for Objects {
     fn relative_to(&self) -> u8 {
         self.value(kept::POSITIONING) as u8
     }
+}
+
+/// `value` times ten to the `exponent` seconds.
+fn milliseconds(value: i32, exponent: i32) -> u32 {
+    let (mut ms, mut exponent) = (value, exponent);
+    while exponent > -3 {
+        (ms, exponent) = (ms.saturating_mul(10), exponent - 1);
+    }
+    while exponent < -3 {
+        (ms, exponent) = (ms / 10, exponent + 1);
+    }
+    ms.clamp(1, 10_000).cast_unsigned()
 }

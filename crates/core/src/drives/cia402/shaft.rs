@@ -17,6 +17,8 @@ const SUPPLY: f64 = 48.0;
 const SUPPLY_LIMITS: (f64, f64) = (20.0, 60.0);
 /// A stall trips after so many ticks.
 const STALL_TICKS: u32 = 1000;
+/// 1/A², of the rated current.
+const PER_RATED_SQUARE: f64 = 1.0 / (RATED_CURRENT * RATED_CURRENT);
 /// Overload that trips: three times rated current for two seconds.
 const OVERLOAD: f64 = 16.0;
 /// Temperature of the power stage that trips, °C.
@@ -24,24 +26,27 @@ const HOT: f64 = 85.0;
 /// Temperatures change slowly: they are reckoned once in so many ticks.
 const THERMAL_TICKS: u32 = 16;
 
-/// Motor, loops and protections.
+/// Motor, loops and protections. They lie in memory in this order: what each tick needs together,
+/// the servo's set-points last but for what few ticks need.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Shaft {
-    servo: Servo,
-    motor: Motor,
+    stage: Thermal,
+    frozen: Option<f64>,
+    /// The hall or U, V, W signals are impossible.
+    pub hall_broken: bool,
+    ticks: u32,
+    stall: Stall,
+    before: f64,
+    overload: f64,
     /// Torque from outside, N·m.
     pub load: f64,
     /// Supply, V.
     pub supply: f64,
-    before: f64,
-    overload: f64,
-    stall: Stall,
-    ticks: u32,
-    frozen: Option<f64>,
-    /// The hall or U, V, W signals are impossible.
-    pub hall_broken: bool,
+    motor: Motor,
+    servo: Servo,
+    /// Heat in the winding when temperatures were reckoned last, J.
     copper: f64,
-    stage: Thermal,
     winding: Thermal,
 }
 
@@ -162,9 +167,9 @@ impl Shaft {
         self.before = motion::Shaft::position(self);
         let conditions = Conditions { bus: self.supply, load: self.load };
         self.servo.step(&mut self.motor, conditions);
-        self.copper += self.motor.copper_w();
-        let share = self.torque();
-        self.overload = (self.overload + (share * share - 1.0) * TICK_S).max(0.0);
+        let current = self.motor.current();
+        let grown = self.overload + (current * current * PER_RATED_SQUARE - 1.0) * TICK_S;
+        self.overload = if grown > 0.0 { grown } else { 0.0 };
         self.ticks += 1;
         if self.ticks == THERMAL_TICKS {
             self.warm();
@@ -173,29 +178,39 @@ impl Shaft {
 
     #[cold]
     fn warm(&mut self) {
-        let (mean, seconds) = (self.copper / f64::from(self.ticks), f64::from(self.ticks) * TICK_S);
+        let (heat, seconds) = (self.motor.energy().copper, f64::from(self.ticks) * TICK_S);
         let current = self.motor.current();
-        self.winding.step(mean, seconds);
+        self.winding.step((heat - self.copper) / seconds, seconds);
         self.stage.step(3.0 + 0.02 * current * current, seconds);
-        (self.copper, self.ticks) = (0.0, 0);
+        (self.copper, self.ticks) = (heat, 0);
     }
 
     /// What the protections say after a tick. `blocked_is_fine` while homing feels for a stop.
     #[inline]
-    pub fn trouble(&mut self, blocked_is_fine: bool) -> Option<Fault> {
+    pub fn trouble(&mut self, blocked_is_fine: impl FnOnce() -> bool) -> Option<Fault> {
         let (velocity, current) = (self.motor.velocity(), self.motor.current());
         let stalled = self.stall.step(velocity, current, self.servo.max_current);
-        if stalled && !blocked_is_fine && self.powered() {
+        if stalled && self.powered() && !blocked_is_fine() {
             return Some(Fault::BLOCKED);
         }
         if self.overload > OVERLOAD {
             return Some(Fault::OVERLOAD);
         }
-        self.lasting()
+        if self.is_well() { None } else { self.lasting() }
+    }
+
+    /// [`lasting`](Self::lasting) would find nothing: every sign at once, for each tick asks.
+    #[inline]
+    fn is_well(&self) -> bool {
+        (self.supply >= SUPPLY_LIMITS.0)
+            & (self.supply <= SUPPLY_LIMITS.1)
+            & (self.temperature() <= HOT)
+            & self.frozen.is_none()
+            & !self.hall_broken
     }
 
     /// What is wrong and stays so until somebody mends it.
-    #[inline]
+    #[cold]
     #[must_use]
     pub fn lasting(&self) -> Option<Fault> {
         let on = self.powered();
@@ -250,6 +265,7 @@ impl motion::Shaft for Shaft {
         self.servo.go(Goal::Current(share * RATED_CURRENT));
     }
 
+    #[inline]
     fn follow(&mut self, setpoint: Setpoint) {
         self.servo.follow(setpoint);
     }
@@ -264,6 +280,7 @@ impl motion::Shaft for Shaft {
         }
     }
 
+    #[inline]
     fn setpoint(&self) -> Setpoint {
         self.servo.setpoint()
     }
@@ -286,6 +303,7 @@ impl motion::Shaft for Shaft {
         if self.frozen.is_some() { 0.0 } else { self.motor.velocity() }
     }
 
+    #[inline]
     fn torque_reached(&self) -> bool {
         self.powered() && self.motor.current().abs() >= 0.95 * self.servo.max_current
     }

@@ -103,8 +103,7 @@ impl Station<Can> for Device {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        *out = self.can.poll_transmit(now, &mut self.modbus.drive)?;
-        Some(1)
+        self.can.poll_transmit(now, out, &mut self.modbus.drive)
     }
 
     fn line(&self) -> CanLine {

@@ -19,6 +19,7 @@ use super::shaft::Shaft;
 use crate::plant::Ticks;
 use crate::profile::Profile;
 use crate::time::Instant;
+use crate::units::nearest;
 
 /// Speed by the analog input.
 pub const MODE_ANALOG: u16 = 0;
@@ -73,6 +74,8 @@ struct Core {
     alarm: Alarm,
     ticks: Ticks,
     now: Instant,
+    /// Something outside has changed something since time last passed.
+    stirred: bool,
     jogging: bool,
     jog: f64,
     external: External,
@@ -107,6 +110,7 @@ impl Drive {
             alarm: Alarm::NONE,
             ticks: Ticks::new(Instant::ZERO),
             now: Instant::ZERO,
+            stirred: true,
             jogging: false,
             jog: 0.0,
             external: options.external,
@@ -156,11 +160,13 @@ impl Drive {
 
     /// The motor, for what acts on it from outside.
     pub const fn shaft_mut(&mut self) -> &mut Shaft {
+        self.core.stirred = true;
         &mut self.core.shaft
     }
 
     /// The input lines and switches, for what acts on them from outside.
     pub const fn lines_mut(&mut self) -> &mut Lines {
+        self.core.stirred = true;
         &mut self.core.lines
     }
 
@@ -235,6 +241,7 @@ impl Drive {
     /// # Errors
     /// Why nothing was written.
     pub fn write(&mut self, start: u16, values: &[u16]) -> Result<(), Refusal> {
+        self.core.stirred = true;
         for (number, value) in numbers(start).zip(values) {
             self.check(number, *value)?;
         }
@@ -280,11 +287,13 @@ impl Drive {
     /// Power off and on.
     pub fn power_cycle(&mut self) {
         self.panel = Panel::default();
+        self.core.stirred = true;
         self.core.registers.power_cycle();
         self.core.boot();
     }
 
     fn fulfil(&mut self, wish: Wish) {
+        self.core.stirred = true;
         match wish {
             Wish::Save(number, value) => self.save(number, value as u16),
             Wish::ToggleJog => self.core.toggle_jog(),
@@ -344,7 +353,7 @@ impl Core {
         self.node = canopen::Node::new(self.shaft.position());
         self.jogging = false;
         self.was = [false; 4];
-        if collide(&self.lines.purposes) {
+        if collide(self.lines.purposes()) {
             self.raise(Alarm::ID);
         }
         if self.registers.value(fns::ENABLE) == 1 {
@@ -356,10 +365,18 @@ impl Core {
         self.registers.value(fns::MODE)
     }
 
+    #[inline]
     fn advance(&mut self, now: Instant) {
         let from = self.ticks.at();
         let ticks = self.ticks.until(now);
         self.now = now.max(self.now);
+        if ticks > 0 || self.stirred {
+            self.pass(from, ticks);
+        }
+    }
+
+    fn pass(&mut self, from: Instant, ticks: u64) {
+        self.stirred = false;
         if self.shaft.resting() && !self.wired_changes() {
             self.shaft.rest(ticks);
             self.watch();
@@ -518,7 +535,7 @@ impl Core {
         self.alarm = Alarm::NONE;
         self.leave_bus();
         self.shaft.forget();
-        if collide(&self.lines.purposes) {
+        if collide(self.lines.purposes()) {
             self.raise(Alarm::ID);
         }
     }
@@ -574,14 +591,14 @@ impl Core {
 
     fn reading(&self, number: u16) -> u16 {
         let ds102 = self.options.ds102;
-        let counts = self.shaft.counts(self.motion.origin());
-        let rounded = |value: f64| libm::round(value) as i16 as u16;
+        let counts = || self.shaft.counts(self.motion.origin());
+        let rounded = |value: f64| nearest(value).clamp(-0x8000, 0x7FFF) as u16;
         match number {
             dns::SPEED => rounded(self.shaft.rpm()),
             dns::ALARM => self.alarm.0,
             dns::PATH_STATE => u16::from(self.motion.busy()),
-            dns::POSITION_LOW => counts as u16,
-            dns::POSITION_HIGH => (counts >> 16) as u16,
+            dns::POSITION_LOW => counts() as u16,
+            dns::POSITION_HIGH => (counts() >> 16) as u16,
             dns::LOAD if ds102 => rounded(self.shaft.load_share() * 1000.0),
             dns::VERSION if ds102 => VERSION,
             dns::TEMPERATURE if ds102 => rounded(self.shaft.temperature()),

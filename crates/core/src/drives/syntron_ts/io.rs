@@ -75,8 +75,9 @@ pub fn collide(purposes: &[Purpose; INPUTS]) -> bool {
 /// The lines as they are, and the switches that the shaft closes.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Lines {
-    /// What each input is for.
-    pub purposes: [Purpose; INPUTS],
+    purposes: [Purpose; INPUTS],
+    /// Which input each purpose has, counted from 1; 0 is none.
+    places: [u8; Purpose::ALL.len()],
     /// Inputs that something outside closes.
     pub driven: [bool; INPUTS],
     /// Shaft position of the home switch, closed from there on forward, rad.
@@ -88,11 +89,44 @@ pub struct Lines {
 }
 
 impl Lines {
+    /// Nothing is closed from outside, and the home switch alone is there, at that shaft position
+    /// (rad).
+    #[must_use]
+    pub fn new(purposes: [Purpose; INPUTS], home_at: f64) -> Self {
+        let mut lines = Self {
+            purposes,
+            places: [0; Purpose::ALL.len()],
+            driven: [false; INPUTS],
+            home_at: Some(home_at),
+            forward_at: None,
+            reverse_at: None,
+        };
+        lines.assign(purposes);
+        lines
+    }
+
+    /// What each input is for.
+    #[must_use]
+    pub const fn purposes(&self) -> &[Purpose; INPUTS] {
+        &self.purposes
+    }
+
+    /// Says anew what each input is for. Of two with one purpose the first counts.
+    pub fn assign(&mut self, purposes: [Purpose; INPUTS]) {
+        self.purposes = purposes;
+        self.places = [0; Purpose::ALL.len()];
+        for at in (0..INPUTS).rev() {
+            self.places[purposes[at] as usize] = at as u8 + 1;
+        }
+    }
+
     /// Whether the input of that purpose is closed with the shaft at `position` (rad).
+    #[inline]
     #[must_use]
     pub fn closed(&self, purpose: Purpose, position: f64) -> bool {
-        let wired = self.purposes.iter().position(|p| *p == purpose);
-        wired.is_some_and(|at| self.input(at, position))
+        let place = usize::from(self.places[purpose as usize]);
+        let driven = self.driven.get(place.wrapping_sub(1));
+        driven.is_some_and(|driven| *driven || self.by_shaft(purpose, position))
     }
 
     /// All inputs, the first in bit 0.
@@ -102,12 +136,16 @@ impl Lines {
     }
 
     fn input(&self, at: usize, position: f64) -> bool {
-        let by_shaft = match self.purposes[at] {
+        self.driven[at] || self.by_shaft(self.purposes[at], position)
+    }
+
+    #[inline]
+    fn by_shaft(&self, purpose: Purpose, position: f64) -> bool {
+        match purpose {
             Purpose::Home => self.home_at.is_some_and(|edge| position >= edge),
             Purpose::ForwardLimit => self.forward_at.is_some_and(|edge| position >= edge),
             Purpose::ReverseLimit => self.reverse_at.is_some_and(|edge| position <= edge),
             _ => false,
-        };
-        by_shaft || self.driven[at]
+        }
     }
 }

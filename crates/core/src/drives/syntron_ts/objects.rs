@@ -12,6 +12,7 @@ use crate::plant::Limits;
 use crate::proto::canopen::device::motion::{Braking, HomingSettings, Settings, Window, modes};
 use crate::proto::canopen::device::{standard, standard_len};
 use crate::proto::canopen::od::{Access, Dictionary, Entry, OWN, Type, Worth, merge};
+use crate::units::nearest;
 
 /// PDOs each way (§3.4).
 pub const PDOS: usize = 4;
@@ -278,7 +279,7 @@ impl Objects {
     /// rad in pulses.
     #[must_use]
     pub fn pulses(&self, rad: f64) -> i32 {
-        libm::round(rad / self.pulse()) as i64 as i32
+        nearest(rad / self.pulse()) as i32
     }
 
     fn pulses_window(&self, width: u16, ms: u16) -> Window {

@@ -85,14 +85,8 @@ impl Options {
             ascii: options.wires.contains(&"modbus-ascii"),
             mode: 2,
             can: CAN,
-            lines: Lines {
-                purposes: PURPOSES,
-                driven: [false; 8],
-                // Half a turn behind, so that homing finds it `[I]`.
-                home_at: Some(-core::f64::consts::PI),
-                forward_at: None,
-                reverse_at: None,
-            },
+            // Half a turn behind, so that homing finds it `[I]`.
+            lines: Lines::new(PURPOSES, -core::f64::consts::PI),
             external: External::default(),
             locked: [None; LOCKED_MAX],
         };
@@ -144,7 +138,7 @@ impl Options {
             ("segments", "0" | "1") => self.can.segments = value == "1",
             // Whoever commands needs no address here.
             ("host", _) => {}
-            ("inputs", _) => self.lines.purposes = Purpose::of_digits(value).ok_or(value)?,
+            ("inputs", _) => self.lines.assign(Purpose::of_digits(value).ok_or(value)?),
             ("closed", _) => self.close(value)?,
             ("analog", _) => self.external.set_volts(number(value)?),
             ("pulses", _) => self.external.set_rate(number(value)?),

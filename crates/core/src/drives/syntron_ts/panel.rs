@@ -116,6 +116,7 @@ impl Panel {
     }
 
     /// To be called at or after [`due`](Self::due): a held SET has become a long press.
+    #[inline]
     pub fn tick(&mut self, now: Instant, view: &impl View) -> Option<Wish> {
         self.set_since.take_if(|since| now >= since.plus_ms(LONG_PRESS_MS))?;
         self.long_press(view)

@@ -7,6 +7,7 @@ use crate::plant::{
     Bounds, Conditions, Goal, Limits, Motor, MotorParameters, Servo, Setpoint, Stall, TICK_S,
     Thermal,
 };
+use crate::units::nearest;
 
 /// Encoder counts of a turn `[I]`: 2500 lines, four edges.
 pub const COUNTS_PER_TURN: f64 = 10_000.0;
@@ -94,7 +95,7 @@ impl Shaft {
     /// Encoder counts at `origin` 0.
     #[must_use]
     pub fn counts(&self, origin: f64) -> i32 {
-        libm::round((self.position() - origin) / TAU * COUNTS_PER_TURN) as i64 as i32
+        nearest((self.position() - origin) / TAU * COUNTS_PER_TURN) as i32
     }
 
     /// Speed, rpm.

@@ -187,28 +187,31 @@ impl Options {
 }
 
 /// The node's end of the bus, with up to `N` PDOs each way.
+///
+/// It lies in memory in this order: what each cycle needs is together, at the end, where the
+/// firmware that is kept behind it begins with what it needs each cycle.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct CanEnd<const N: usize = 4> {
-    // What each cycle needs comes first.
-    node: u8,
+    store: comm::Store<N>,
+    comm: comm::Comm<N>,
+    net: net::Net,
+    lss: lss::Slave,
+    options: Options,
+    bit_rate: u32,
+    alarms: emcy::Alarms,
+    server: sdo::Server,
+    mail: link::Mail,
+    due: Instant,
     state: nmt::State,
-    sync: sync::Sync,
+    node: u8,
+    /// PDOs that came and wait for SYNC, a bit each.
+    waiting: u32,
     /// Identifiers of the PDOs that are received; [`pdo::NONE`] for one that is not there.
     heard: [u32; N],
-    /// Those that came and wait for SYNC, a bit each.
-    waiting: u32,
-    due: Instant,
-    sends: pdo::Sends<N>,
+    sync: sync::Sync,
     takes: [pdo::Take; N],
-    net: net::Net,
-    mail: link::Mail,
-    server: sdo::Server,
-    options: Options,
-    alarms: emcy::Alarms,
-    lss: lss::Slave,
-    bit_rate: u32,
-    comm: comm::Comm<N>,
-    store: comm::Store<N>,
+    sends: pdo::Sends<N>,
 }
 
 impl<const N: usize> CanEnd<N> {

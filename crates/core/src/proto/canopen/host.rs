@@ -9,6 +9,7 @@ mod channel;
 mod fast_scan;
 mod long;
 mod network;
+mod nodes;
 mod transfer;
 
 use super::ask::{Answer, Ask};
@@ -31,6 +32,7 @@ use channel::{Channel, Sort, Step};
 use fast_scan::Lss;
 use long::Long;
 use network::Network;
+use nodes::NodeSet;
 
 /// Time allowed for a reply when neither caller nor profile says one, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 200;
@@ -53,11 +55,11 @@ const NODES: usize = NODE_MAX as usize + 1;
 pub struct Host {
     channels: [Channel; NODES],
     /// Nodes whose channel has a frame to send.
-    unsent: u128,
+    unsent: NodeSet,
     /// Nodes whose transfer is to be aborted.
-    aborts: u128,
+    aborts: NodeSet,
     /// Nodes whose channel waits for an answer.
-    waiting: u128,
+    waiting: NodeSet,
     longs: [Long; LONGS_MAX],
     frames: Frames,
     lss: Lss,
@@ -120,9 +122,9 @@ impl Host {
         let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
         Self {
             channels: [Channel::IDLE; NODES],
-            unsent: 0,
-            aborts: 0,
-            waiting: 0,
+            unsent: NodeSet::EMPTY,
+            aborts: NodeSet::EMPTY,
+            waiting: NodeSet::EMPTY,
             longs: [Long::FREE; LONGS_MAX],
             frames: Frames::default(),
             lss: Lss::default(),
@@ -158,17 +160,16 @@ impl Host {
     /// What a step of node's transfer leads to.
     #[inline]
     fn follow(&mut self, node: u8, step: Step) {
-        let bit = 1 << node;
         match step {
             Step::Wait => {}
             Step::Send => {
-                self.waiting &= !bit;
-                self.unsent |= bit;
+                self.waiting.remove(node);
+                self.unsent.insert(node);
             }
             Step::End(result) => self.ended(node, result),
             Step::Abort(abort, result) => {
                 self.channels[usize::from(node)].abort = abort;
-                self.aborts |= bit;
+                self.aborts.insert(node);
                 self.ended(node, result);
             }
         }
@@ -177,8 +178,8 @@ impl Host {
     #[inline]
     fn ended(&mut self, node: u8, result: Result<Answer, Failure>) {
         let channel = &mut self.channels[usize::from(node)];
-        self.unsent &= !(1 << node);
-        self.waiting &= !(1 << node);
+        self.unsent.remove(node);
+        self.waiting.remove(node);
         if let Some(long) = channel.end().and_then(|at| self.longs.get_mut(at)) {
             long.end();
         }
@@ -195,14 +196,14 @@ impl Host {
         let channel = &mut self.channels[usize::from(node)];
         let sent = channel.deadline.0.saturating_sub(self.timeout_ns);
         let soon = now.0 < sent + self.soonest_ns && channel.long.is_none();
-        if self.waiting >> node & 1 == 0 || soon {
+        if !self.waiting.contains(node) || soon {
             channel.spoke_again(frame.data);
             self.counters.late += 1;
             return;
         }
         if let Some(answer) = channel.at_once(frame.data) {
             let ticket = channel.ticket;
-            self.waiting &= !(1 << node);
+            self.waiting.remove(node);
             self.counters.answered += 1;
             self.network.learn(node, &answer);
             self.events.push(To::Ticket(ticket), Ok(answer));
@@ -250,10 +251,10 @@ impl Host {
 
     /// Everything that is under way ends so.
     fn end_all(&mut self, failure: Failure) {
-        for node in bits(self.unsent | self.waiting) {
+        for node in self.unsent.or(self.waiting).iter() {
             self.ended(node, Err(failure));
         }
-        self.aborts = 0;
+        self.aborts = NodeSet::EMPTY;
         while let Some((ticket, _)) = self.frames.pop() {
             if let Some(ticket) = ticket {
                 self.end(ticket, Err(failure));
@@ -273,7 +274,7 @@ impl Host {
             self.counters.silent += 1;
         } else if channel.is_beginning() {
             // What brought nothing is over for the node, too.
-            self.aborts |= 1 << node;
+            self.aborts.insert(node);
         }
         self.follow(node, step);
     }
@@ -311,7 +312,7 @@ impl Host {
             long = Some(free as u8);
         }
         channel.begin(ticket, ask, long);
-        self.unsent |= 1 << node;
+        self.unsent.insert(node);
         Ok(())
     }
 
@@ -322,7 +323,7 @@ impl Host {
         if !ask.is_stop() || channel.is_stop() {
             return false;
         }
-        if self.unsent >> node & 1 != 0 {
+        if self.unsent.contains(node) {
             self.ended(node, Err(Failure::Cancelled));
             return true;
         }
@@ -353,7 +354,7 @@ impl Host {
 impl Timed for Host {
     fn handle_timeout(&mut self, now: Instant) {
         self.urge = self.urge.filter(|urge| *urge > now);
-        for node in bits(self.waiting) {
+        for node in self.waiting.iter() {
             if self.channels[usize::from(node)].deadline <= now {
                 self.silent(node);
             }
@@ -368,7 +369,7 @@ impl Timed for Host {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let channels = bits(self.waiting).map(|n| self.channels[usize::from(n)].deadline).min();
+        let channels = self.waiting.iter().map(|n| self.channels[usize::from(n)].deadline).min();
         let channels = earliest(channels, self.urge);
         earliest(channels, earliest(self.lss.deadline(), self.network.deadline()))
     }
@@ -434,14 +435,12 @@ impl Station<Can> for Host {
             }
             return Some(1);
         }
-        if self.aborts != 0 {
-            let node = self.aborts.trailing_zeros() as u8;
-            self.aborts &= self.aborts - 1;
+        if let Some(node) = self.aborts.first() {
+            self.aborts.remove(node);
             *out = self.channels[usize::from(node)].abort_frame().emit(node);
             return Some(1);
         }
-        if self.unsent != 0 {
-            let node = self.unsent.trailing_zeros() as u8;
+        if let Some(node) = self.unsent.first() {
             return self.transmit(now, node, out);
         }
         if let Some(frame) = self.lss.transmit(now, self.timeout_ns) {
@@ -464,19 +463,18 @@ impl Station<Can> for Host {
 impl Host {
     #[inline]
     fn transmit(&mut self, now: Instant, node: u8, out: &mut Frame) -> Option<usize> {
-        let bit = 1 << node;
         let channel = &mut self.channels[usize::from(node)];
         let long = channel.long.and_then(|at| self.longs.get_mut(usize::from(at)));
         let (bytes, more) = channel.emit(now.plus_ns(self.timeout_ns), long);
-        *out = match channel.guards() {
-            true => guard(node),
-            false => sdo_frame(node, bytes),
-        };
+        *out = sdo_frame(node, bytes);
+        if channel.guards() {
+            *out = guard(node);
+        }
         self.counters.sent += 1;
         if !more {
-            self.unsent &= !bit;
+            self.unsent.remove(node);
         }
-        self.waiting |= bit;
+        self.waiting.insert(node);
         Some(1)
     }
 }
@@ -496,6 +494,16 @@ impl station::Host<Can> for Host {
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
         self.network.renew(now);
         match request {
+            Ask::Read { node: node @ 1..=NODE_MAX, object } => {
+                // What is asked most goes ahead of everything else.
+                let channel = &mut self.channels[usize::from(node)];
+                if channel.is_idle() {
+                    channel.read(ticket, node, object);
+                    self.unsent.insert(node);
+                    return Ok(());
+                }
+                Err(request)
+            }
             Ask::Read { .. }
             | Ask::Write { .. }
             | Ask::Upload { .. }
@@ -586,14 +594,4 @@ pub(super) fn sender(_options: &HostOptions, frame: &Frame) -> Option<u32> {
         Cob::Emcy(node) if matches!(frame.len, 2 | 8) => Some(node.into()),
         _ => None,
     }
-}
-
-fn bits(mut mask: u128) -> impl Iterator<Item = u8> {
-    core::iter::from_fn(move || {
-        let n = mask.trailing_zeros() as u8;
-        (mask != 0).then(|| {
-            mask &= mask - 1;
-            n
-        })
-    })
 }

@@ -248,7 +248,7 @@ impl Request {
     }
 
     /// The eight bytes.
-    #[inline]
+    #[inline(always)] // Where it is known what it is, a shift or two are left of it.
     #[must_use]
     pub const fn bytes(self) -> [u8; 8] {
         let word = match self {
@@ -331,7 +331,7 @@ impl Reply {
     }
 
     /// The eight bytes.
-    #[inline]
+    #[inline(always)] // Where it is known what it is, a shift or two are left of it.
     #[must_use]
     pub const fn bytes(self) -> [u8; 8] {
         let word = match self {
@@ -375,6 +375,17 @@ impl Reply {
             _ => None,
         }
     }
+}
+
+/// What `reply` brings, if it is the whole answer to `request` and that is [`Request::Read`]: looked
+/// at as one number each, because nearly every answer is one.
+#[inline]
+#[must_use]
+pub const fn answer(request: [u8; 8], reply: [u8; 8]) -> Option<(Object, Short)> {
+    let (asked, said) = (Word(u64::from_le_bytes(request)), Word(u64::from_le_bytes(reply)));
+    // Specifier 2 with the bit for data in the frame itself, and the very object.
+    let wanted = asked.0 as u32 | 0x02;
+    if said.0 as u32 & 0xFFFF_FFE2 == wanted { Some((said.object(), said.short())) } else { None }
 }
 
 /// The eight bytes that `data` must be.

@@ -149,25 +149,24 @@ impl Core {
     fn object(&self, tag: u16) -> i64 {
         let (node, shaft) = (&self.node, &self.shaft);
         let origin = self.motion.origin();
-        let demand = shaft.setpoint();
-        let rounded = |value: f64| libm::round(value) as i64;
-        let increments = |position: f64| rounded((position - origin) / TAU * COUNTS_PER_TURN);
+        let demand = || shaft.setpoint();
+        let increments = |position: f64| nearest((position - origin) / TAU * COUNTS_PER_TURN);
         let pulses = |rad: f64| i64::from(node.objects.pulses(rad));
         match tag {
             read::STATUS if self.mode() == MODE_CANOPEN => node.axis.status(true).into(),
             read::STATUS if self.alarm.is_some() => 0x88,
             read::STATUS => 0x50,
             read::MODE => node.axis.mode().into(),
-            read::POSITION_DEMAND => pulses(demand.position - origin),
+            read::POSITION_DEMAND => pulses(demand().position - origin),
             read::POSITION => pulses(shaft.position() - origin),
             read::INCREMENTS => increments(shaft.position()),
-            read::DEMAND_INCREMENTS => increments(demand.position),
-            read::SENSOR_VELOCITY => rounded(shaft.rpm() * 10.0),
-            read::VELOCITY_DEMAND => rounded(demand.velocity / TAU * 600.0),
-            read::VELOCITY => rounded(shaft.rpm()),
-            read::FOLLOWING_ERROR => pulses(demand.position - shaft.position()),
+            read::DEMAND_INCREMENTS => increments(demand().position),
+            read::SENSOR_VELOCITY => nearest(shaft.rpm() * 10.0),
+            read::VELOCITY_DEMAND => nearest(demand().velocity / TAU * 600.0),
+            read::VELOCITY => nearest(shaft.rpm()),
+            read::FOLLOWING_ERROR => pulses(demand().position - shaft.position()),
             read::ERROR_CODE => self.alarm.0.into(),
-            read::TORQUE => rounded(shaft.load_share() * 1000.0),
+            read::TORQUE => nearest(shaft.load_share() * 1000.0),
             _ => node.objects.value(tag).into(),
         }
     }
@@ -204,6 +203,7 @@ impl Firmware for Drive {
         self.core.options.address.into()
     }
 
+    #[inline]
     fn get(&mut self, tag: u16) -> u64 {
         let core = &self.core;
         match tag {
@@ -214,6 +214,7 @@ impl Firmware for Drive {
     }
 
     fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), Abort> {
+        self.core.stirred = true;
         match tag {
             0..DN => self.write(tag, &[value as u16]).map_err(|refusal| match refusal {
                 Refusal::Address => Abort::NO_OBJECT,
@@ -246,6 +247,7 @@ impl Firmware for Drive {
         if self.core.alarm.is_some() { 0x81 } else { 0 }
     }
 
+    #[inline]
     fn poll_emergency(&mut self) -> Option<Emergency> {
         let core = &mut self.core;
         let tell = |code| Some(Emergency { code, ..Emergency::default() });

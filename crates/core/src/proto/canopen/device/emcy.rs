@@ -89,18 +89,23 @@ impl<const N: usize> CanEnd<N> {
         own | firmware.error_register()
     }
 
+    fn note(&mut self, emergency: Emergency) {
+        self.alarms.push(emergency);
+        self.mail.alarms(true);
+    }
+
     /// The protocol's own error.
     pub(super) fn raise(&mut self, code: u16, lasts: bool, firmware: &impl Firmware) {
         self.alarms.communication |= lasts;
         let register = self.error_register(firmware) | COMMUNICATION;
-        self.alarms.push(Emergency { code, register, vendor: [0; 5] });
+        self.note(Emergency { code, register, vendor: [0; 5] });
     }
 
     /// What lasted is over.
     pub(super) fn calm(&mut self, firmware: &impl Firmware) {
         if core::mem::take(&mut self.alarms.communication) {
             let register = self.error_register(firmware);
-            self.alarms.push(Emergency { code: 0, register, vendor: [0; 5] });
+            self.note(Emergency { code: 0, register, vendor: [0; 5] });
         }
     }
 
@@ -110,7 +115,7 @@ impl<const N: usize> CanEnd<N> {
         while let Some(mut emergency) = firmware.poll_emergency() {
             emergency.register = self.error_register(firmware);
             let is_fault = emergency.code != 0 && emergency.register & !COMMUNICATION != 0;
-            self.alarms.push(emergency);
+            self.note(emergency);
             if is_fault {
                 self.behave(now, 1, firmware);
             }
@@ -121,6 +126,7 @@ impl<const N: usize> CanEnd<N> {
     pub(super) fn next_emergency(&mut self, now: Instant) -> Option<Frame> {
         let cob = CobId(self.comm.emcy_cob);
         let speaks = matches!(self.state, State::Operational | State::PreOperational);
+        self.mail.alarms(self.alarms.len > 0);
         if self.alarms.len == 0 || !speaks || now < self.alarms.free_at {
             return None;
         }

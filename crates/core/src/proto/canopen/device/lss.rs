@@ -65,7 +65,7 @@ impl<const N: usize> CanEnd<N> {
             _ => None,
         };
         if let Some(reply) = reply {
-            self.mail.lss = Some(reply.bytes());
+            self.mail.lss(reply.bytes());
         }
     }
 

@@ -47,7 +47,7 @@ impl<const N: usize> CanEnd<N> {
         self.apply_pdos(now, firmware);
         self.state = State::BootUp;
         if self.node != 0 {
-            self.mail.alive = Some(State::BootUp.into());
+            self.mail.alive(State::BootUp.into());
             self.start_heartbeat(now);
             self.enter(now, State::PreOperational, firmware);
         }
@@ -59,7 +59,7 @@ impl<const N: usize> CanEnd<N> {
 
     /// Nothing is under way any more.
     fn silence(&mut self) {
-        self.mail = super::link::Mail { quiet_until: self.mail.quiet_until, ..Default::default() };
+        self.mail.clear();
         self.server.end();
         self.sends.ready = 0;
     }
@@ -110,9 +110,8 @@ impl<const N: usize> CanEnd<N> {
         self.state = state;
         self.sends.ready = 0;
         if state == State::Stopped {
-            let alive = self.mail.alive;
-            self.silence();
-            self.mail.alive = alive;
+            self.mail.clear_services();
+            self.server.end();
         }
         firmware.entered(now, state);
         if state == State::Operational {
@@ -153,7 +152,7 @@ impl<const N: usize> CanEnd<N> {
         if !self.options.guarding || self.comm.heartbeat_ms != 0 {
             return;
         }
-        self.mail.alive = Some(u8::from(self.state) | u8::from(self.net.toggle) << 7);
+        self.mail.alive(u8::from(self.state) | u8::from(self.net.toggle) << 7);
         self.net.toggle = !self.net.toggle;
         let life = u32::from(self.comm.guard_ms) * u32::from(self.comm.life_factor);
         if life > 0 {
@@ -167,7 +166,7 @@ impl<const N: usize> CanEnd<N> {
     #[cold]
     pub(super) fn timers(&mut self, now: Instant, firmware: &mut impl Firmware) {
         if now >= self.net.beat_at {
-            self.mail.alive = self.mail.alive.or(Some(self.state.into()));
+            self.mail.beat(self.state.into());
             self.start_heartbeat(now);
         }
         let mut missed = now >= self.net.guarded_until;

@@ -91,6 +91,7 @@ impl<const N: usize> CanEnd<N> {
         }
         match index {
             0x1005 | 0x1006 | 0x1012 | 0x1019 => self.apply_sync(now),
+            0x1007 => self.apply_window(),
             0x1016 => self.restart_watch(usize::from(sub) - 1),
             0x1017 => self.start_heartbeat(now),
             _ => {}

@@ -5,28 +5,62 @@ use super::{CanEnd, Firmware, emcy};
 use crate::medium::Frame;
 use crate::proto::canopen::nmt::State;
 use crate::proto::canopen::od::Dictionary;
-use crate::proto::canopen::pdo::{CobId, Entry, Field, Transmission};
+use crate::proto::canopen::pdo::{CobId, Entry, Transmission};
 use crate::time::Instant;
 
 /// The identifier of a PDO that is not there: no frame has it.
 pub(super) const NONE: u32 = u32::MAX;
-/// Tag of bits that map nothing.
-const GAP: u16 = u16::MAX;
 
-/// One mapped value.
+/// One mapped value. Bits that map nothing have none.
 #[derive(Clone, Copy, Debug, Default)]
 struct Slot {
     tag: u16,
-    field: Field,
-    signed: bool,
+    /// Bits of the frame above it.
+    above: u8,
+    /// Bits that it lacks of 64, and [`Slot::SIGNED`].
+    lacks: u8,
+}
+
+impl Slot {
+    const SIGNED: u8 = 0x80;
+
+    /// A value of so many bits from bit `at` on.
+    const fn new(tag: u16, at: u8, bits: u8, signed: bool) -> Self {
+        let lacks = 64u8.saturating_sub(bits);
+        let above = lacks.saturating_sub(at);
+        Self { tag, above, lacks: if signed { lacks | Self::SIGNED } else { lacks } }
+    }
+
+    /// `value` at its place, what does not fit cut off, among zeros.
+    #[inline]
+    const fn place(self, value: u64) -> u64 {
+        value << (self.lacks & 63) >> (self.above & 63)
+    }
+
+    /// The value at its place.
+    #[inline]
+    const fn value(self, data: u64) -> u64 {
+        let top = data << (self.above & 63);
+        if self.lacks & Self::SIGNED != 0 {
+            return (top.cast_signed() >> (self.lacks & 63)).cast_unsigned();
+        }
+        top >> (self.lacks & 63)
+    }
+
+    /// Whether so many bits of a frame hold all of it.
+    #[inline]
+    const fn is_within(self, bits: u8) -> bool {
+        64 - self.above <= bits
+    }
 }
 
 /// The values of a frame.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
 pub(super) struct Layout {
-    slots: [Slot; MAPPED_MAX],
-    count: u8,
     bytes: u8,
+    count: u8,
+    slots: [Slot; MAPPED_MAX],
 }
 
 impl Layout {
@@ -37,11 +71,11 @@ impl Layout {
         for raw in pdo.map.iter().take(usize::from(pdo.count)) {
             let entry = Entry::from(*raw);
             let found = dictionary.find(entry.object.index, entry.object.sub);
-            let tag = found.filter(|_| !entry.is_gap()).map_or(GAP, |found| found.tag);
-            let signed = found.is_some_and(|found| found.kind.is_signed());
-            let field = Field { at, bits: entry.bits };
-            layout.slots[usize::from(layout.count)] = Slot { tag, field, signed };
-            layout.count += 1;
+            if let Some(found) = found.filter(|_| !entry.is_gap()) {
+                let slot = Slot::new(found.tag, at, entry.bits, found.kind.is_signed());
+                layout.slots[usize::from(layout.count)] = slot;
+                layout.count += 1;
+            }
             at += entry.bits;
         }
         layout.bytes = at.div_ceil(8);
@@ -55,63 +89,62 @@ impl Layout {
 
     #[inline]
     fn pack(&self, firmware: &mut impl Firmware) -> u64 {
-        self.slots()
-            .iter()
-            .filter(|slot| slot.tag != GAP)
-            .fold(0, |data, slot| slot.field.put(data, firmware.get(slot.tag)))
+        self.slots().iter().fold(0, |data, slot| data | slot.place(firmware.get(slot.tag)))
     }
 
     /// Hands over the values that lie within `bits` bits.
     #[inline]
     fn unpack(&self, now: Instant, data: u64, bits: u8, firmware: &mut impl Firmware) {
-        for slot in self.slots().iter().filter(|slot| slot.tag != GAP) {
-            if slot.field.at + slot.field.bits > bits {
+        for slot in self.slots() {
+            if !slot.is_within(bits) {
                 return;
             }
-            let value = match slot.signed {
-                true => slot.field.signed(data).cast_unsigned(),
-                false => slot.field.unsigned(data),
-            };
             // What the object does not take stays as it was; no service tells the sender.
-            let _ = firmware.set(now, slot.tag, value);
+            let _ = firmware.set(now, slot.tag, slot.value(data));
         }
     }
 }
 
 /// A PDO that is received.
 #[derive(Clone, Copy, Debug)]
+#[repr(C)]
 pub(super) struct Take {
-    layout: Layout,
-    by_sync: bool,
-    /// What came last and may wait for SYNC: data and bits.
-    latest: (u64, u8),
     /// By when the next one must have come, once one has.
     pub(super) missed_at: Instant,
+    /// How long the next one may take, ns; 0 is for ever.
+    within_ns: u64,
+    /// What came last and may wait for SYNC: data and bits.
+    latest: (u64, u8),
+    by_sync: bool,
+    layout: Layout,
 }
 
 impl Default for Take {
     fn default() -> Self {
         let layout = Layout::default();
-        Self { layout, by_sync: false, latest: (0, 0), missed_at: Instant::FAR }
+        Self { layout, by_sync: false, latest: (0, 0), within_ns: 0, missed_at: Instant::FAR }
     }
 }
 
 /// A PDO that is sent.
 #[derive(Clone, Copy, Debug)]
+#[repr(C)]
 struct Send {
-    layout: Layout,
+    free_at: Instant,
+    event_at: Instant,
+    /// Least time between two, ns.
+    inhibit_ns: u64,
+    /// What is sent next, or was sent last.
+    data: u64,
     id: u32,
     kind: Transmission,
     remote: bool,
-    /// What is sent next, or was sent last.
-    data: u64,
-    /// SYNCs until the next one is sent; 0 waits for the start value.
-    left: u8,
-    start: u8,
     /// Something was changed and waits for the inhibit time.
     wanted: bool,
-    free_at: Instant,
-    event_at: Instant,
+    start: u8,
+    /// SYNCs until the next one is sent; 0 waits for the start value.
+    left: u8,
+    layout: Layout,
 }
 
 /// The PDOs that are sent.
@@ -123,15 +156,17 @@ pub(super) struct Sends<const N: usize> {
     pub(super) watch: u32,
     /// Those that go by SYNC.
     synced: u32,
+    /// Those that go by the SYNC after a change.
+    on_change: u32,
     all: [Send; N],
 }
 
 impl<const N: usize> Sends<N> {
     pub(super) const fn new() -> Self {
         const { assert!(N <= 32, "a PDO is a bit") };
-        let slot = Slot { tag: GAP, field: Field { at: 0, bits: 0 }, signed: false };
+        let slots = [Slot::new(0, 0, 0, false); MAPPED_MAX];
         let none = Send {
-            layout: Layout { slots: [slot; MAPPED_MAX], count: 0, bytes: 0 },
+            layout: Layout { slots, count: 0, bytes: 0 },
             id: NONE,
             kind: Transmission::Profile,
             remote: false,
@@ -139,10 +174,11 @@ impl<const N: usize> Sends<N> {
             left: 0,
             start: 0,
             wanted: false,
+            inhibit_ns: 0,
             free_at: Instant::ZERO,
             event_at: Instant::FAR,
         };
-        Self { ready: 0, watch: 0, synced: 0, all: [none; N] }
+        Self { ready: 0, watch: 0, synced: 0, on_change: 0, all: [none; N] }
     }
 
     pub(super) fn due(&self) -> Instant {
@@ -179,7 +215,8 @@ impl<const N: usize> CanEnd<N> {
         self.heard[n] = if exists { CobId(pdo.cob).id() } else { NONE };
         let layout = Layout::of(pdo, firmware.dictionary());
         self.waiting &= !(1 << n);
-        self.takes[n] = Take { layout, by_sync: pdo.kind <= 240, ..Take::default() };
+        let within_ns = u64::from(pdo.event) * u64::from(self.options.event_unit_us) * 1000;
+        self.takes[n] = Take { layout, by_sync: pdo.kind <= 240, within_ns, ..Take::default() };
     }
 
     /// A TPDO's objects were written.
@@ -193,12 +230,14 @@ impl<const N: usize> CanEnd<N> {
         send.id = if exists { CobId(pdo.cob).id() } else { NONE };
         send.remote = pdo.cob & CobId::FLAG == 0;
         (send.kind, send.start) = (kind, pdo.start);
+        send.inhibit_ns = u64::from(pdo.inhibit) * u64::from(self.options.inhibit_unit_us) * 1000;
         (send.wanted, send.event_at) = (false, Instant::FAR);
         let event = matches!(kind, Transmission::Manufacturer | Transmission::Profile);
         let timed = kind == Transmission::Manufacturer && self.options.timed_254;
         let put = |mask: &mut u32, on: bool| *mask = if on { *mask | bit } else { *mask & !bit };
         put(&mut self.sends.watch, exists && event && !timed);
         put(&mut self.sends.synced, exists && kind.is_synchronous());
+        put(&mut self.sends.on_change, exists && kind == Transmission::OnChange);
         put(&mut self.sends.ready, false);
         if self.state == State::Operational && exists {
             self.start_pdo(now, n, firmware);
@@ -258,13 +297,14 @@ impl<const N: usize> CanEnd<N> {
     /// Looks whether values have changed that are sent when they do.
     #[inline]
     pub(super) fn look(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        if !self.is_live() || self.sends.watch | self.sends.synced == 0 {
-            return;
+        let watched = self.sends.watch | self.sends.on_change;
+        if watched != 0 && self.is_live() {
+            self.compare(now, watched, firmware);
         }
-        let on_change = bits(self.sends.synced)
-            .filter(|n| self.sends.all[*n].kind == Transmission::OnChange)
-            .fold(0, |mask, n| mask | 1 << n);
-        for n in bits(self.sends.watch | on_change) {
+    }
+
+    fn compare(&mut self, now: Instant, watched: u32, firmware: &mut impl Firmware) {
+        for n in bits(watched) {
             let send = &mut self.sends.all[n];
             let data = send.layout.pack(firmware);
             if data != send.data {
@@ -295,28 +335,27 @@ impl<const N: usize> CanEnd<N> {
         }
     }
 
-    /// The next PDO to send; `None` when its SYNC window is over.
+    /// The next PDO to send, unless its SYNC window is over.
     #[inline]
-    pub(super) fn next_pdo(&mut self, now: Instant) -> Option<Frame> {
+    pub(super) fn next_pdo(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
         while self.sends.ready != 0 {
             let n = self.sends.ready.trailing_zeros() as usize;
             self.sends.ready &= self.sends.ready - 1;
-            let inhibit = u64::from(self.comm.tpdo[n].inhibit);
             let send = &mut self.sends.all[n];
             let late = self.sends.synced >> n & 1 != 0 && now > self.sync.open_until;
             if send.id == NONE || late {
                 continue;
             }
-            if inhibit > 0 {
-                send.free_at =
-                    now.plus_ns(inhibit * u64::from(self.options.inhibit_unit_us) * 1000);
+            if send.inhibit_ns > 0 {
+                send.free_at = now.plus_ns(send.inhibit_ns);
             }
             let (id, len) = (send.id, send.layout.bytes);
             let data = send.data.to_le_bytes();
             if send.event_at != Instant::FAR {
                 self.arm_event(now, n);
             }
-            return Some(Frame { id, extended: false, remote: false, len, data });
+            *out = Frame { id, extended: false, remote: false, len, data };
+            return Some(1);
         }
         None
     }
@@ -339,16 +378,12 @@ impl<const N: usize> CanEnd<N> {
                 return self.raise_length(emcy::PDO_SHORT, firmware);
             }
         }
-        let event = self.comm.rpdo[n].event;
         let take = &mut self.takes[n];
         let (data, bits) = (u64::from_le_bytes(frame.data), 8 * len.min(8));
-        if event > 0 {
-            let unit = u64::from(self.options.event_unit_us) * 1000;
-            take.missed_at = now.plus_ns(u64::from(event) * unit);
-            let at = take.missed_at;
-            self.arm(at);
+        if take.within_ns > 0 {
+            take.missed_at = now.plus_ns(take.within_ns);
+            self.due = self.due.min(take.missed_at);
         }
-        let take = &mut self.takes[n];
         if take.by_sync {
             if now <= self.sync.open_until {
                 take.latest = (data, bits);

@@ -32,8 +32,8 @@ enum Mode {
 
 /// The transfer under way.
 #[derive(Clone, Debug, Default)]
+#[repr(C)]
 pub(super) struct Server {
-    mode: Mode,
     object: Object,
     entry: Option<&'static Entry>,
     /// Bytes that are done: sent and acknowledged, or taken.
@@ -51,6 +51,8 @@ pub(super) struct Server {
     count: u8,
     /// The latest segment, whose length only the end tells.
     held: Option<[u8; SEGMENT]>,
+    /// Last, beside what each cycle needs.
+    mode: Mode,
 }
 
 impl Server {
@@ -74,19 +76,19 @@ impl<const N: usize> CanEnd<N> {
         let request = Request::of(frame.data);
         let reply = match request {
             Request::Read(object) => self.read(object, firmware),
-            Request::Write(object, short) => self.write(now, object, short, firmware),
+            Request::Write(object, short) => self.write(now, object, short, firmware).bytes(),
             Request::Abort(..) => {
-                self.mail.sdo = None;
+                self.mail.drop_sdo();
                 return self.server.end();
             }
-            _ if !self.options.segments => self.refuse(request, Abort::SPECIFIER),
+            _ if !self.options.segments => self.refuse(request, Abort::SPECIFIER).bytes(),
             _ => match self.longer(now, request, firmware) {
                 Ok(None) => return,
-                Ok(Some(reply)) => reply,
-                Err(abort) => self.refuse(request, abort),
+                Ok(Some(reply)) => reply.bytes(),
+                Err(abort) => self.refuse(request, abort).bytes(),
             },
         };
-        self.mail.sdo = Some(reply.bytes());
+        self.mail.sdo(reply);
     }
 
     #[cold]
@@ -105,21 +107,27 @@ impl<const N: usize> CanEnd<N> {
         })
     }
 
+    /// What nearly every request asks for, a number of up to four bytes, goes ahead of the rest.
     #[inline]
-    fn read(&mut self, object: Object, firmware: &mut impl Firmware) -> Reply {
+    fn read(&mut self, object: Object, firmware: &mut impl Firmware) -> [u8; 8] {
         self.server.end();
-        let short = match self.entry(object, firmware) {
-            Ok(entry) if !entry.access.reads() => Err(Abort::WRITE_ONLY),
-            Ok(entry) => match entry.kind.bytes() {
-                Some(len @ 1..=4) => self.value(entry, firmware).map(|value| {
-                    let ones = u32::MAX >> (32 - 8 * u32::from(len));
-                    Some(Short { bits: value as u32 & ones, len })
-                }),
-                _ => self.open(object, entry, firmware).map(|()| self.short(firmware)),
-            },
-            Err(abort) => Err(abort),
-        };
-        match short {
+        if let Some(entry) = firmware.dictionary().find(object.index, object.sub)
+            && let Some(len @ 1..=4) = entry.kind.bytes()
+            && entry.access.reads()
+        {
+            let ones = u32::MAX >> (32 - 8 * u32::from(len));
+            return match self.value(entry, firmware) {
+                Ok(value) => Reply::Value(object, Short { bits: value as u32 & ones, len }).bytes(),
+                Err(abort) => Reply::Abort(object, abort).bytes(),
+            };
+        }
+        self.read_any(object, firmware).bytes()
+    }
+
+    fn read_any(&mut self, object: Object, firmware: &mut impl Firmware) -> Reply {
+        let opened =
+            self.entry(object, firmware).and_then(|entry| self.open(object, entry, firmware));
+        match opened.map(|()| self.short(firmware)) {
             Ok(Some(short)) => Reply::Value(object, short),
             Ok(None) if !self.options.segments => Reply::Abort(object, Abort::MEMORY),
             Ok(None) => {
@@ -310,6 +318,7 @@ impl<const N: usize> CanEnd<N> {
             }
             (Request::ReadBlockStart, Mode::Offering) => {
                 self.server.mode = Mode::Sending;
+                self.mail.segments(true);
                 return Ok(None);
             }
             (Request::ReadBlockAck { arrived, segments }, Mode::Sending) => {
@@ -384,7 +393,7 @@ impl<const N: usize> CanEnd<N> {
         let size = self.server.size;
         if threshold > 0 && size.is_some_and(|size| size <= threshold.into()) {
             // So few bytes go the ordinary way.
-            return Ok(self.read(object, firmware));
+            return Ok(self.read_any(object, firmware));
         }
         self.server.mode = Mode::Offering;
         (self.server.checks, self.server.segments) = (checks, segments);
@@ -395,6 +404,7 @@ impl<const N: usize> CanEnd<N> {
     #[inline]
     pub(super) fn next_segment(&mut self, firmware: &mut impl Firmware) -> Option<[u8; 8]> {
         let Server { mode, done, size, count, segments, .. } = self.server;
+        self.mail.segments(mode == Mode::Sending);
         let at = done + u32::from(count) * SEGMENT as u32;
         let size = size.unwrap_or(0);
         if mode != Mode::Sending || count == segments || (count > 0 && at >= size) {
@@ -448,7 +458,7 @@ impl<const N: usize> CanEnd<N> {
             {
                 let object = self.server.object;
                 self.server.end();
-                self.mail.sdo = Some(Reply::Abort(object, abort).bytes());
+                self.mail.sdo(Reply::Abort(object, abort).bytes());
                 return;
             }
             self.server.count += 1;
@@ -461,7 +471,7 @@ impl<const N: usize> CanEnd<N> {
             self.server.mode = Mode::Received;
         }
         let reply = Reply::WriteBlockAck { arrived, segments: self.server.segments };
-        self.mail.sdo = Some(reply.bytes());
+        self.mail.sdo(reply.bytes());
     }
 
     fn end_block(

@@ -12,22 +12,35 @@ const TIME_EVERY_MS: u32 = 1000;
 
 /// What is known of SYNC.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub(super) struct Sync {
-    /// Its identifier.
-    pub(super) id: u32,
-    /// Until when what belongs to the last one may be sent and taken (1007h).
-    pub(super) open_until: Instant,
     /// The next one of its own.
     produce_at: Instant,
     /// The next time of day of its own.
     time_at: Instant,
     counter: u8,
+    /// Bytes that it has: one where it counts (1019h).
+    bytes: u8,
+    /// Its identifier.
+    pub(super) id: u32,
+    /// Until when what belongs to the last one may be sent and taken (1007h).
+    pub(super) open_until: Instant,
+    /// How long that is, ns; 0 is for ever.
+    window_ns: u64,
 }
 
 impl Default for Sync {
     fn default() -> Self {
         let far = Instant::FAR;
-        Self { id: 0x80, open_until: far, produce_at: far, time_at: far, counter: 0 }
+        Self {
+            id: 0x80,
+            open_until: far,
+            window_ns: 0,
+            bytes: 0,
+            produce_at: far,
+            time_at: far,
+            counter: 0,
+        }
     }
 }
 
@@ -41,7 +54,9 @@ impl<const N: usize> CanEnd<N> {
     /// The objects of SYNC and TIME were written, or the node boots.
     pub(super) fn apply_sync(&mut self, now: Instant) {
         let cob = CobId(self.comm.sync_cob);
-        self.sync = Sync { id: cob.id(), ..Sync::default() };
+        let bytes = u8::from(self.comm.sync_overflow != 0);
+        self.sync = Sync { id: cob.id(), bytes, ..Sync::default() };
+        self.apply_window();
         let produces = self.comm.sync_cob & CobId::FLAG != 0 && self.comm.sync_period_us > 0;
         if produces {
             self.sync.produce_at = now.plus_ns(u64::from(self.comm.sync_period_us) * 1000);
@@ -53,15 +68,21 @@ impl<const N: usize> CanEnd<N> {
         }
     }
 
+    /// 1007h was written, or the node boots.
+    pub(super) fn apply_window(&mut self) {
+        self.sync.window_ns = u64::from(self.comm.sync_window_us) * 1000;
+        self.sync.open_until = Instant::FAR;
+    }
+
     /// A SYNC: what waits for it is taken, then what goes with it is sampled.
     #[inline]
     pub(super) fn synced(&mut self, now: Instant, data: &[u8], firmware: &mut impl Firmware) {
-        if data.len() != usize::from(self.comm.sync_overflow != 0) {
+        if data.len() != usize::from(self.sync.bytes) {
             return self.raise(emcy::SYNC_LENGTH, false, firmware);
         }
         let counter = data.first().copied().unwrap_or(0);
-        if self.comm.sync_window_us > 0 {
-            self.sync.open_until = now.plus_ns(u64::from(self.comm.sync_window_us) * 1000);
+        if self.sync.window_ns > 0 {
+            self.sync.open_until = now.plus_ns(self.sync.window_ns);
         }
         if self.state != State::Operational {
             return;
@@ -84,7 +105,9 @@ impl<const N: usize> CanEnd<N> {
             self.sync.time_at = now.plus_ms(TIME_EVERY_MS);
             let cob = CobId(self.comm.time_cob);
             let time = firmware.time_of_day(now).filter(|_| speaks);
-            self.mail.time = time.map(|time| Frame { id: cob.id(), ..time.emit() });
+            if let Some(time) = time {
+                self.mail.time(Frame { id: cob.id(), ..time.emit() });
+            }
         }
     }
 
@@ -92,7 +115,7 @@ impl<const N: usize> CanEnd<N> {
         let overflow = self.comm.sync_overflow;
         self.sync.counter = if self.sync.counter >= overflow { 1 } else { self.sync.counter + 1 };
         let counter = (overflow > 0).then_some(self.sync.counter);
-        self.mail.sync = Some(counter);
+        self.mail.sync(counter);
         // Its own PDOs go by it too.
         self.synced(now, counter.as_slice(), firmware);
     }

@@ -182,7 +182,10 @@ impl Desk {
 
     /// Everything that it sends now.
     fn sent(&mut self) -> Vec<Frame> {
-        let next = |desk: &mut Self| desk.end.poll_transmit(desk.now, &mut desk.toy);
+        let next = |desk: &mut Self| {
+            let mut out = Frame::default();
+            desk.end.poll_transmit(desk.now, &mut out, &mut desk.toy).map(|_| out)
+        };
         core::iter::from_fn(|| next(self)).collect()
     }
 

@@ -4,7 +4,7 @@ use super::long::{Long, Sent};
 use crate::error::Failure;
 use crate::proto::canopen::ask::{Answer, Ask};
 use crate::proto::canopen::sdo::{
-    Abort, BlockSegment, Object, Reply, Request, SEGMENT, Segment, Short,
+    Abort, BlockSegment, Object, Reply, Request, SEGMENT, Segment, Short, answer,
 };
 use crate::station::{Class, Ticket};
 use crate::time::Instant;
@@ -78,6 +78,8 @@ pub struct Channel {
     pub abort: Abort,
     pub(super) stage: Stage,
     pub(super) ask: Ask,
+    /// Its first frame.
+    first: [u8; 8],
     pub(super) toggle: bool,
     /// One segment had the other's toggle: a copy.
     pub(super) copied: bool,
@@ -136,6 +138,7 @@ impl Channel {
         abort: Abort::TIMEOUT,
         stage: Stage::Idle,
         ask: Ask::Sync(None),
+        first: [0; 8],
         toggle: false,
         copied: false,
         stalled: false,
@@ -186,10 +189,21 @@ impl Channel {
         matches!(self.ask, Ask::Write { class: Class::Stop, .. })
     }
 
-    #[inline]
     pub fn begin(&mut self, ticket: Ticket, ask: Ask, long: Option<u8>) {
+        self.start(ticket, ask, first(&ask).map_or([0; 8], Request::bytes), long);
+    }
+
+    /// Begins to read.
+    #[inline]
+    pub fn read(&mut self, ticket: Ticket, node: u8, object: Object) {
+        self.start(ticket, Ask::Read { node, object }, Request::Read(object).bytes(), None);
+    }
+
+    #[inline]
+    fn start(&mut self, ticket: Ticket, ask: Ask, first: [u8; 8], long: Option<u8>) {
         self.ticket = ticket;
         self.ask = ask;
+        self.first = first;
         self.long = long;
         self.attempts = 0;
         self.stage = match ask {
@@ -243,6 +257,18 @@ impl Channel {
         self.doubled >= DOUBLED_MAX
     }
 
+    /// A reply of one frame is all there is to what was read.
+    #[inline]
+    pub fn at_once(&mut self, reply: [u8; 8]) -> Option<Answer> {
+        if self.stage != Stage::Begin || self.long.is_some() {
+            return None;
+        }
+        let (object, Short { bits, len }) = answer(self.first, reply)?;
+        self.doubt = None;
+        self.end();
+        Some(Answer::Value { object, bits: bits.into(), len: len.into() })
+    }
+
     /// What tells the node that the last transfer is over.
     pub fn abort_frame(&mut self) -> Request {
         Request::Abort(self.ended, core::mem::replace(&mut self.abort, Abort::TIMEOUT))
@@ -257,9 +283,7 @@ impl Channel {
     pub fn emit(&mut self, deadline: Instant, long: Option<&mut Long>) -> ([u8; 8], bool) {
         self.deadline = deadline;
         match self.stage {
-            Stage::Begin | Stage::Ahead => {
-                (first(&self.ask).unwrap_or(Request::Other(0)).bytes(), false)
-            }
+            Stage::Begin | Stage::Ahead => (self.first, false),
             Stage::Probe => (Request::Read(self.probe()).bytes(), false),
             _ => self.emit_on(long),
         }

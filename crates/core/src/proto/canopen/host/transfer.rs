@@ -4,37 +4,13 @@ use super::channel::{Channel, Sort, Stage, Step};
 use super::long::Long;
 use crate::error::Failure;
 use crate::proto::canopen::ask::{Answer, Ask};
-use crate::proto::canopen::sdo::{Abort, BlockSegment, Object, Reply, SEGMENT, Segment, Short};
+use crate::proto::canopen::sdo::{Abort, BlockSegment, Object, Reply, SEGMENT, Segment};
 use crate::time::Instant;
 
 /// Bytes of a value that go into an outcome.
 const SHORT: u32 = 8;
 
 impl Channel {
-    /// What happens most, ahead of everything else: one frame is the whole answer.
-    #[inline]
-    pub fn at_once(&mut self, data: [u8; 8]) -> Option<Answer> {
-        if self.stage != Stage::Begin {
-            return None;
-        }
-        let answer = match (Reply::of(data), &self.ask) {
-            (Reply::Value(named, Short { bits, len }), Ask::Read { object, .. })
-                if named == *object =>
-            {
-                Answer::Value { object: named, bits: bits.into(), len: len.into() }
-            }
-            (Reply::Written(named, _), Ask::Write { object, bits, len: 0..=4, .. })
-                if named == *object =>
-            {
-                Answer::Written { object: named, bits: *bits }
-            }
-            _ => return None,
-        };
-        self.doubt = None;
-        self.end();
-        Some(answer)
-    }
-
     /// Takes what the node says; `deadline` is when it must say more.
     pub fn reply(
         &mut self,
@@ -115,6 +91,9 @@ impl Channel {
                 self.done = len as u32;
                 long?.came(&bytes[..len]);
                 return Some(self.drain());
+            }
+            (Reply::Written(object, _), Ask::Write { bits, len: 0..=4, .. }) => {
+                return Some(Step::End(Ok(Answer::Written { object, bits })));
             }
             (Reply::Written(..), Ask::Write { .. }) => Stage::Writing,
             (Reply::Written(..), Ask::Download { block: false, .. }) => {

@@ -82,8 +82,9 @@ pub enum Event {
     Arrived,
 }
 
-/// A drive's motion. `N` set-points wait for the one that runs.
+/// A drive's motion. `N` set-points wait for the one that runs. It lies in memory in this order.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Axis<const N: usize> {
     state: State,
     manner: Manner,
@@ -102,14 +103,14 @@ pub struct Axis<const N: usize> {
     homed: bool,
     /// The shaft position of coordinate 0, rad.
     origin: f64,
-    /// End of the last command, user's coordinate.
-    commanded: Option<f64>,
-    /// Torque demand, share of the rated one.
-    torque: f64,
     cycle: Cycle,
+    behind: Watch,
     window: Watch,
     slow: Watch,
-    behind: Watch,
+    /// Torque demand, share of the rated one.
+    torque: f64,
+    /// End of the last command, user's coordinate.
+    commanded: Option<f64>,
     homing: Homing,
     running: Option<Point>,
     points: Points<N>,
@@ -185,21 +186,14 @@ impl<const N: usize> Axis<N> {
     #[must_use]
     pub const fn status(&self, voltage: bool) -> u16 {
         let fault = matches!(self.state, State::Fault);
-        let warned = self.manner.fault_warns && fault;
-        let mut word = self.state.bits();
-        if voltage && !warned {
-            word |= VOLTAGE;
-        }
-        if warned {
-            word |= WARNING;
-        }
-        if self.manner.remote {
-            word |= REMOTE;
-        }
-        if self.limited {
-            word |= LIMITED;
-        }
-        if self.state.has_power() { word | self.flags } else { word }
+        let warned = self.manner.fault_warns & fault;
+        let flags = if self.state.has_power() { self.flags } else { 0 };
+        self.state.bits()
+            | bit(voltage & !warned, VOLTAGE)
+            | bit(warned, WARNING)
+            | bit(self.manner.remote, REMOTE)
+            | bit(self.limited, LIMITED)
+            | flags
     }
 
     /// An object changed that the mode goes by: the mode itself, a target, a ramp.
@@ -286,8 +280,21 @@ impl<const N: usize> Axis<N> {
         }
     }
 
-    /// To be called before each tick of the shaft.
+    /// The host makes the way, cycle by cycle: [`follow`](Self::follow) is the next tick.
     #[inline]
+    #[must_use]
+    pub const fn follows(&self) -> bool {
+        let enabled = matches!(self.state, State::Enabled) && self.leaving.is_none();
+        enabled && self.mode == modes::CYCLIC_POSITION
+    }
+
+    /// One tick of the host's way, for whoever would rather not prepare all that other modes need.
+    #[inline]
+    pub fn follow<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> Option<Event> {
+        self.cyclic_position(scene)
+    }
+
+    /// To be called before each tick of the shaft.
     pub fn tick<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> Option<Event> {
         match self.state {
             State::Enabled => self.enabled(scene),
@@ -488,6 +495,11 @@ impl<const N: usize> Axis<N> {
     fn user(&self, position: f64) -> f64 {
         position - self.origin
     }
+}
+
+/// One bit of the statusword, or none.
+const fn bit(on: bool, bit: u16) -> u16 {
+    on as u16 * bit
 }
 
 /// At rest, as far as the drive can tell.

@@ -1,6 +1,6 @@
 //! Set-points that the host makes cycle by cycle: the way between two of them.
 
-use crate::plant::{Setpoint, TICK_S};
+use crate::plant::{Setpoint, TICK_S, TICKS_PER_S, cut};
 
 /// A straight way from one commanded position to the next.
 #[derive(Clone, Copy, Debug, Default)]
@@ -38,13 +38,17 @@ impl Cycle {
 
     /// One tick, at most as fast as `top` (rad/s), with `offset` added to the speed that is fed
     /// forward.
+    #[inline]
     pub fn step(&mut self, top: f64, offset: f64) -> Setpoint {
-        let way = (self.to - self.at) / f64::from(self.left.max(1));
-        let way = way.clamp(-top * TICK_S, top * TICK_S);
+        let (mut way, most) = (self.to - self.at, top * TICK_S);
+        if self.left > 1 {
+            way /= f64::from(self.left);
+        }
+        let way = cut(way, most);
         self.left = self.left.saturating_sub(1);
         self.at += way;
-        let before = core::mem::replace(&mut self.velocity, way / TICK_S);
-        let acceleration = (self.velocity - before) / TICK_S;
+        let before = core::mem::replace(&mut self.velocity, way * TICKS_PER_S);
+        let acceleration = (self.velocity - before) * TICKS_PER_S;
         Setpoint { position: self.at, velocity: self.velocity + offset, acceleration }
     }
 }

@@ -10,6 +10,7 @@ pub struct Watch {
 
 impl Watch {
     /// Takes one tick. True once it has been so for longer than `ms`.
+    #[inline]
     pub const fn step(&mut self, so: bool, ms: u32) -> bool {
         self.ticks = if so { self.ticks.saturating_add(1) } else { 0 };
         self.ticks > ms
@@ -21,6 +22,7 @@ impl Watch {
     }
 
     /// The same for a distance that is to be beyond it.
+    #[inline]
     pub fn beyond(&mut self, distance: f64, window: Window) -> bool {
         self.step(distance.abs() > window.width, window.ms)
     }

@@ -4,6 +4,7 @@ use super::*;
 
 impl<const N: usize> Axis<N> {
     /// The next position of the host's way.
+    #[inline]
     pub(super) fn aim<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
         let target = self.within(scene.settings.target_position(), scene);
         let blocked = scene.blocked(target - self.cycle.at());
@@ -12,6 +13,7 @@ impl<const N: usize> Axis<N> {
         self.cycle.aim(target, scene.settings.cycle_ms());
     }
 
+    #[inline]
     pub(super) fn cyclic_position<S: Shaft, T: Settings>(
         &mut self,
         scene: &mut Scene<'_, S, T>,

@@ -55,6 +55,7 @@ impl<const N: usize> Axis<N> {
     }
 
     /// The position cut to the limits of 607Dh.
+    #[inline]
     pub(super) fn within<S, T: Settings>(&mut self, target: f64, scene: &Scene<'_, S, T>) -> f64 {
         let Some((least, greatest)) = scene.settings.position_limits() else { return target };
         let cut = target.max(least).min(greatest);
@@ -126,6 +127,7 @@ impl<const N: usize> Axis<N> {
     }
 
     /// Bit 13: too far behind for too long.
+    #[inline]
     pub(super) fn is_behind<S: Shaft, T: Settings>(&mut self, scene: &Scene<'_, S, T>) -> bool {
         let window = scene.settings.following_window();
         let distance = scene.shaft.setpoint().position - scene.shaft.position();
