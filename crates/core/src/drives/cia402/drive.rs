@@ -426,7 +426,7 @@ impl Firmware for Drive {
         match tag {
             kept::CONTROL if value as u16 == self.axis.control_word() => {}
             kept::TARGET_POSITION if self.axis.mode() == modes::CYCLIC_POSITION => {
-                self.objects.aim(value as i32);
+                self.objects.set(tag, value as i32);
                 self.starts += u64::from(self.axis.state().has_power());
             }
             _ => return self.set_other(tag, value),

@@ -483,12 +483,6 @@ impl Objects {
         }
     }
 
-    /// Sets the target position.
-    #[inline]
-    pub const fn aim(&mut self, target: i32) {
-        self.values[kept::TARGET_POSITION as usize] = target;
-    }
-
     /// The same with nothing commanded: what is worth keeping over power-off.
     #[must_use]
     pub fn settings(&self) -> Self {
@@ -696,12 +690,7 @@ impl Settings for Objects {
 
 /// `value` times ten to the `exponent` seconds.
 fn milliseconds(value: i32, exponent: i32) -> u32 {
-    let (mut ms, mut exponent) = (value, exponent);
-    while exponent > -3 {
-        (ms, exponent) = (ms.saturating_mul(10), exponent - 1);
-    }
-    while exponent < -3 {
-        (ms, exponent) = (ms / 10, exponent + 1);
-    }
+    let tens = 10_i32.saturating_pow(exponent.saturating_add(3).unsigned_abs());
+    let ms = if exponent > -3 { value.saturating_mul(tens) } else { value / tens };
     ms.clamp(1, 10_000).cast_unsigned()
 }
