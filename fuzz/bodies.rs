@@ -229,9 +229,9 @@ pub fn capture(data: &[u8]) {
             decoder.feed(piece, &mut count);
         }
         decoder.finish(&mut count);
-        assert!(bytes <= data.len(), "more came out than went in");
-        let (damaged, lines) = decoder.damaged_of();
-        assert!(damaged <= lines);
+        let packed = data.starts_with(&[0x1F, 0x8B]) || data.get(2..4) == Some(&[0x2F, 0xFD]);
+        assert!(packed || bytes <= data.len(), "more came out than went in");
+        assert!(decoder.tally().damage.len() as u64 <= decoder.tally().damaged);
     }
 }
 

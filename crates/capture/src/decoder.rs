@@ -1,4 +1,4 @@
-//! Lines in, explained frames out.
+//! Records in, explained frames out.
 
 use core::fmt;
 
@@ -9,15 +9,15 @@ use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
 use crate::conversation::Conversation;
-use crate::explained::Explained;
-use crate::line::{BadLine, Data, Line, Lines, parse};
+use crate::explained::{CAN_FD, ERROR_FRAME, Explained};
+use crate::format::Format;
+use crate::read::{Reader, Tally};
+use crate::record::{Data, ERROR_FLAG, Record};
 use crate::rules::{Rule, Rules, Scope};
 use crate::stamp::Stamp;
 use crate::stream::{Flow, Piece, Shape};
 
-/// Damaged lines that are remembered one by one; more are only counted.
-pub const DAMAGE_MAX: usize = 100;
-/// Links that a capture may name; lines of further ones are damaged.
+/// Links that a capture may name; records of further ones are damaged.
 pub const LINKS_MAX: usize = 256;
 
 /// One frame of a capture, or bytes that are none.
@@ -71,22 +71,7 @@ impl fmt::Display for Wrong {
     }
 }
 
-/// A line that could not be read.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Damage {
-    /// The line's number, from 1.
-    pub line: u64,
-    /// What is wrong with it.
-    pub reason: BadLine,
-}
-
-impl fmt::Display for Damage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "line {}: {}", self.line, self.reason)
-    }
-}
-
-/// Explains a capture, line by line. Memory stays bounded however long the capture is.
+/// Explains a capture, record by record. Memory stays bounded however long the capture is.
 #[derive(Debug)]
 pub struct Decoder {
     rules: Rules,
@@ -95,12 +80,10 @@ pub struct Decoder {
     profile: Option<&'static Profile>,
     echoing: Vec<String>,
     wires: Vec<Wire>,
-    lines: Lines,
-    number: u64,
-    scratch: Vec<u8>,
+    reader: Reader,
     explained: Explained,
-    damaged: Vec<Damage>,
-    damaged_count: u64,
+    /// Records beyond the links that are followed.
+    foreign: u64,
 }
 
 /// One link of the capture.
@@ -124,12 +107,9 @@ impl Decoder {
             profile: None,
             echoing: Vec::new(),
             wires: Vec::new(),
-            lines: Lines::default(),
-            number: 0,
-            scratch: Vec::new(),
+            reader: Reader::default(),
             explained: Explained::default(),
-            damaged: Vec::new(),
-            damaged_count: 0,
+            foreign: 0,
         }
     }
 
@@ -150,23 +130,65 @@ impl Decoder {
         self.profile = Some(profile);
     }
 
-    /// Takes a piece of the capture, cut anywhere.
-    pub fn feed(&mut self, piece: &[u8], out: Out<'_>) {
-        let mut lines = core::mem::take(&mut self.lines);
-        lines.feed(piece, &mut |_, line| self.line(line, out));
-        self.lines = lines;
+    /// Reads the capture as that format, or tells it by the first bytes.
+    #[must_use]
+    pub fn with_format(mut self, format: Option<Format>) -> Self {
+        self.reader = Reader::new(format);
+        self
     }
 
-    /// Takes one line.
-    pub fn line(&mut self, line: &[u8], out: Out<'_>) {
-        self.number += 1;
-        let mut scratch = core::mem::take(&mut self.scratch);
-        match parse(line, &mut scratch) {
-            Ok(None) => {}
-            Ok(Some(line)) => self.take(&line, out),
-            Err(reason) => self.damage(reason),
+    /// Takes a piece of the capture, cut anywhere.
+    pub fn feed(&mut self, piece: &[u8], out: Out<'_>) {
+        let mut reader = core::mem::take(&mut self.reader);
+        reader.feed(piece, &mut |record| self.record(record, out));
+        self.reader = reader;
+    }
+
+    /// Takes one record.
+    pub fn record(&mut self, record: &Record<'_>, out: Out<'_>) {
+        let Some(at) = self.wire(record.link) else {
+            self.foreign += 1;
+            return;
+        };
+        match record.data {
+            Data::Bytes(bytes) => self.bytes(at, record, bytes, out),
+            Data::Frame(frame) => self.take_frame(at, record, &frame, out),
+            Data::Fd(fd) => {
+                self.explained.say(CAN_FD, format_args!("{} bytes", fd.bytes.len()));
+                let id = Some((fd.id, fd.extended));
+                out(&self.unexplained(at, record, id, fd.bytes));
+            }
+            Data::Error(error) => {
+                let words: Vec<&str> = error.words().collect();
+                self.explained.say(ERROR_FRAME, format_args!("{}", words.join(", ")));
+                let id = Some((ERROR_FLAG | error.class, true));
+                out(&self.unexplained(at, record, id, &error.data));
+            }
         }
-        self.scratch = scratch;
+    }
+
+    /// What belongs to the bus and not to a protocol.
+    fn unexplained<'a>(
+        &'a self,
+        at: usize,
+        record: &Record<'_>,
+        id: Option<(u32, bool)>,
+        bytes: &'a [u8],
+    ) -> Event<'a> {
+        Event {
+            time: record.time,
+            link: &self.wires[at].name,
+            direction: record.direction,
+            protocol: None,
+            bytes,
+            id: id.map(|(id, _)| id),
+            extended: id.is_some_and(|(_, extended)| extended),
+            remote: false,
+            echo: false,
+            stray: false,
+            explained: &self.explained,
+            wrong: None,
+        }
     }
 
     /// Takes bytes of a serial line as they were read or written.
@@ -178,7 +200,7 @@ impl Decoder {
         bytes: &[u8],
         out: Out<'_>,
     ) {
-        self.take(&Line { time, link, direction, data: Data::Bytes(bytes) }, out);
+        self.record(&Record { time, link, direction, data: Data::Bytes(bytes) }, out);
     }
 
     /// Takes a CAN frame as it was sent or received.
@@ -190,13 +212,14 @@ impl Decoder {
         frame: &Frame,
         out: Out<'_>,
     ) {
-        self.take(&Line { time, link, direction, data: Data::Frame(*frame) }, out);
+        self.record(&Record { time, link, direction, data: Data::Frame(*frame) }, out);
     }
 
     /// Ends the capture: what waits for more is given out as it is.
     pub fn finish(&mut self, out: Out<'_>) {
-        let mut lines = core::mem::take(&mut self.lines);
-        lines.finish(&mut |_, line| self.line(line, out));
+        let mut reader = core::mem::take(&mut self.reader);
+        reader.finish(&mut |record| self.record(record, out));
+        self.reader = reader;
         for at in 0..self.wires.len() {
             for direction in DIRECTIONS {
                 self.drain(at, direction, true, out);
@@ -204,31 +227,27 @@ impl Decoder {
         }
     }
 
-    /// The first 100 lines that could not be read.
+    /// What was read, and what could not be.
     #[must_use]
-    pub fn damaged(&self) -> &[Damage] {
-        &self.damaged
+    pub fn tally(&self) -> &Tally {
+        self.reader.tally()
     }
 
-    /// How many lines could not be read, and how many there were.
+    /// The form of the capture, once it is told.
     #[must_use]
-    pub const fn damaged_of(&self) -> (u64, u64) {
-        (self.damaged_count, self.number)
+    pub fn format(&self) -> Option<Format> {
+        self.reader.format()
+    }
+
+    /// Records of more links than are followed at once, which are left out.
+    #[must_use]
+    pub const fn left_out(&self) -> u64 {
+        self.foreign
     }
 
     /// Links on which the host was seen to hear itself.
     pub(crate) fn echoing(&self) -> impl Iterator<Item = &str> {
         self.wires.iter().filter(|wire| wire.conversation.echoes()).map(|wire| wire.name.as_str())
-    }
-
-    fn take(&mut self, line: &Line<'_>, out: Out<'_>) {
-        let Some(at) = self.wire(line.link) else {
-            return self.damage(BadLine("more links than are followed at once"));
-        };
-        match line.data {
-            Data::Frame(frame) => self.take_frame(at, line, &frame, out),
-            Data::Bytes(bytes) => self.bytes(at, line, bytes, out),
-        }
     }
 
     fn wire(&mut self, name: &str) -> Option<usize> {
@@ -247,26 +266,19 @@ impl Decoder {
         })
     }
 
-    fn damage(&mut self, reason: BadLine) {
-        self.damaged_count += 1;
-        if self.damaged.len() < DAMAGE_MAX {
-            self.damaged.push(Damage { line: self.number, reason });
-        }
-    }
-
-    fn bytes(&mut self, at: usize, line: &Line<'_>, bytes: &[u8], out: Out<'_>) {
+    fn bytes(&mut self, at: usize, record: &Record<'_>, bytes: &[u8], out: Out<'_>) {
         for other in DIRECTIONS {
             let wire = &self.wires[at];
             let flow = &wire.flows[index(other)];
-            let ended =
-                other != line.direction || flow.breaks_off(&wire.rules, other, line.time, bytes);
+            let ended = other != record.direction
+                || flow.breaks_off(&wire.rules, other, record.time, bytes);
             if ended && !flow.pending().is_empty() {
                 self.drain(at, other, true, out);
             }
         }
-        self.wires[at].flows[index(line.direction)].push(line.time, bytes);
+        self.wires[at].flows[index(record.direction)].push(record.time, bytes);
         // Data alone on a line stands for itself: nothing more of it follows.
-        self.drain(at, line.direction, line.time.is_none(), out);
+        self.drain(at, record.direction, record.time.is_none(), out);
     }
 
     /// Gives out what one direction holds.
@@ -325,10 +337,10 @@ impl Decoder {
         });
     }
 
-    fn take_frame(&mut self, at: usize, line: &Line<'_>, frame: &Frame, out: Out<'_>) {
+    fn take_frame(&mut self, at: usize, record: &Record<'_>, frame: &Frame, out: Out<'_>) {
         let Wire { name, rules, conversation, .. } = &mut self.wires[at];
         let context = Context {
-            direction: line.direction,
+            direction: record.direction,
             profile: self.profile,
             id: Some(frame.id),
             extended: frame.extended,
@@ -339,9 +351,9 @@ impl Decoder {
         let rule =
             explain_frame(rules, self.judged, frame, &context, conversation, &mut self.explained);
         out(&Event {
-            time: line.time,
+            time: record.time,
             link: name,
-            direction: line.direction,
+            direction: record.direction,
             protocol: rule.map(|rule| rule.dissector.name()),
             bytes: if frame.remote { &[] } else { frame.bytes() },
             id: Some(frame.id),

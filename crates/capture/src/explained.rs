@@ -3,6 +3,13 @@
 use polepair_core::error::WireError;
 use polepair_core::explain::{Field, Sink, Value};
 
+/// The kind of a CAN FD frame.
+pub(crate) const CAN_FD: &str = "can-fd";
+/// The kind of what a CAN controller reports.
+pub(crate) const ERROR_FRAME: &str = "error-frame";
+/// What is said of a remote request that no protocol explains.
+pub(crate) const REMOTE_REQUEST: &str = "remote request";
+
 /// An explained frame.
 #[derive(Debug, Default)]
 pub struct Explained {
@@ -75,6 +82,14 @@ impl Explained {
         self.error = None;
         self.items.clear();
         self.bytes.clear();
+    }
+
+    /// Says what belongs to no protocol.
+    pub(crate) fn say(&mut self, kind: &str, text: core::fmt::Arguments<'_>) {
+        self.clear();
+        self.kind.push_str(kind);
+        // Writing into a String cannot fail.
+        let _ = core::fmt::Write::write_fmt(&mut self.text, format_args!("{kind}: {text}"));
     }
 
     /// The fields in the order in which they were found.

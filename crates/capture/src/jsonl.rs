@@ -5,7 +5,7 @@ use std::io::Write as _;
 use polepair_core::explain::Direction;
 
 use crate::decoder::Event;
-use crate::explained::{Explained, Item, ItemValue};
+use crate::explained::{Explained, Item, ItemValue, REMOTE_REQUEST};
 
 /// Appends one line: `{"time":…,"link":…,"direction":…,"protocol":…,"bytes":…,"id":…,"extended":…,
 /// "kind":…,"axis":…,"fields":{…},"text":…,"ok":…,"error":…}`.
@@ -51,7 +51,7 @@ fn meaning(event: &Event<'_>, out: &mut Vec<u8>) {
         out.extend_from_slice(b"echo: ");
     }
     if event.remote && explained.text.is_empty() {
-        out.extend_from_slice(b"remote request");
+        out.extend_from_slice(REMOTE_REQUEST.as_bytes());
     }
     escaped(out, &explained.text);
     out.push(b'"');

@@ -8,6 +8,9 @@ use polepair_core::explain::Dissector;
 use polepair_core::proto;
 
 use crate::decoder::{Decoder, Event};
+use crate::format::Format;
+use crate::read::Reader as Source;
+use crate::record::Record;
 use crate::rules::{Rule, Rules, Scope};
 
 /// Share of bytes that a weak check (an 8-bit sum over nine bytes, tried at every offset) explains
@@ -24,9 +27,12 @@ const IDS_MAX: usize = 2048;
 /// Weighs a capture.
 #[derive(Debug)]
 pub struct Judge {
+    source: Source,
+    stated: Option<Format>,
     readers: Vec<Reader>,
 }
 
+/// What one dissector makes of a capture.
 struct Reader {
     dissector: &'static dyn Dissector,
     decoder: Decoder,
@@ -142,21 +148,28 @@ impl Judge {
     /// Nothing weighed yet.
     #[must_use]
     pub fn new() -> Self {
-        Self { readers: proto::dissectors().iter().copied().map(Reader::new).collect() }
+        Self::of_format(None)
+    }
+
+    /// The same of a capture in that format.
+    #[must_use]
+    pub fn of_format(stated: Option<Format>) -> Self {
+        let readers = proto::dissectors().iter().copied().map(Reader::new).collect();
+        Self { source: Source::new(stated), stated, readers }
     }
 
     /// Takes a piece of the capture, cut anywhere.
     pub fn feed(&mut self, piece: &[u8]) {
-        for reader in &mut self.readers {
-            let Reader { decoder, tallies, dissector } = reader;
-            decoder.feed(piece, &mut |event| weigh(*dissector, tallies, event));
-        }
+        let Self { source, readers, .. } = self;
+        source.feed(piece, &mut |record| readers.iter_mut().for_each(|reader| reader.read(record)));
     }
 
     /// The verdicts, one a link, and a decoder that holds to them.
     #[must_use]
     pub fn decide(mut self) -> (Vec<Verdict>, Decoder) {
-        for reader in &mut self.readers {
+        let Self { source, readers, .. } = &mut self;
+        source.finish(&mut |record| readers.iter_mut().for_each(|reader| reader.read(record)));
+        for reader in readers {
             let Reader { decoder, tallies, dissector } = reader;
             decoder.finish(&mut |event| weigh(*dissector, tallies, event));
             tallies.iter_mut().for_each(Tally::settle);
@@ -168,7 +181,7 @@ impl Judge {
         let rules = verdicts.iter().flat_map(|verdict| self.rules(verdict)).collect();
         let echoing = verdicts.iter().filter(|verdict| self.echoes(verdict));
         let echoing = echoing.map(|verdict| verdict.link.clone()).collect();
-        (verdicts, Decoder::judged(Rules(rules), echoing))
+        (verdicts, Decoder::judged(Rules(rules), echoing).with_format(self.stated))
     }
 
     fn verdict(&self, link: &str) -> Verdict {
@@ -257,6 +270,11 @@ impl Reader {
     fn new(dissector: &'static dyn Dissector) -> Self {
         let rules = Rules(vec![Rule { dissector, scope: Scope::Anywhere }]);
         Self { dissector, decoder: Decoder::judged(rules, Vec::new()), tallies: Vec::new() }
+    }
+
+    fn read(&mut self, record: &Record<'_>) {
+        let Self { decoder, tallies, dissector } = self;
+        decoder.record(record, &mut |event| weigh(*dissector, tallies, event));
     }
 
     fn tally(&self, link: &str) -> Option<&Tally> {

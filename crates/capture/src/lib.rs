@@ -1,7 +1,7 @@
 //! Captures of motor-drive buses: reading them, cutting them into frames, explaining every frame.
 //!
 //! ```text
-//!   lines     candump and serial logs, damaged lines named by number
+//!   read      bytes of a file, in any of eight formats, to records; damage named by its place
 //!    └ wire   per link: reassembly, resynchronisation, echo, requests and their replies
 //!       └ Dissector (core's registry)   what the frame says
 //!          └ jsonl | text               one object, or one line, a frame
@@ -15,35 +15,40 @@
 //! use polepair_capture::{Decoder, Rules};
 //!
 //! let mut decoder = Decoder::new(Rules::default());
-//! decoder.line(b"(1700000000.000500) can0 123#0102", &mut |event| {
+//! decoder.feed(b"(1700000000.000500) can0 123#0102\n", &mut |event| {
 //!     assert_eq!((event.link, event.id), ("can0", Some(0x123)));
 //! });
 //! decoder.finish(&mut |_| ());
-//! assert!(decoder.damaged().is_empty());
+//! assert_eq!(decoder.tally().damaged, 0);
 //! ```
 #![forbid(unsafe_code)]
 
-mod candump;
 mod conversation;
+mod date;
 mod decoder;
 mod explained;
 mod follow;
+mod format;
 pub mod jsonl;
 mod judge;
-mod line;
+mod read;
+mod record;
 mod rules;
-mod seriallog;
 mod stamp;
 mod stream;
 pub mod text;
+mod write;
 
-pub use decoder::{Damage, Decoder, Event, Wrong};
+pub use decoder::{Decoder, Event, Wrong};
 pub use explained::{Explained, Item, ItemValue};
 pub use follow::{Follow, Next};
+pub use format::{Format, Packing};
 pub use judge::{Judge, Verdict};
-pub use line::{BadLine, Data, Line, Lines, parse};
+pub use read::{Bad, Damage, Place, Reader, Tally, parse};
+pub use record::{Data, ErrorFrame, Fd, Record};
 pub use rules::{Rule, RuleError, Rules, Scope, nearest};
 pub use stamp::Stamp;
+pub use write::{WriteError, Writer};
 
 #[cfg(test)]
 mod tests;

@@ -2,9 +2,9 @@
 
 use polepair_core::explain::Direction;
 
-use crate::{Data, Decoder, Line, Lines, Rules, Stamp, jsonl, nearest, parse, text};
+use crate::{Data, Decoder, Record, Rules, Stamp, jsonl, nearest, parse, text};
 
-fn line<'a>(text: &'a str, scratch: &'a mut Vec<u8>) -> Line<'a> {
+fn line<'a>(text: &'a str, scratch: &'a mut Vec<u8>) -> Record<'a> {
     parse(text.as_bytes(), scratch).expect("readable").expect("not empty")
 }
 
@@ -16,7 +16,7 @@ fn rendered(capture: &str) -> (String, Vec<String>) {
     let (mut out, mut decoder) = (Vec::new(), Decoder::new(Rules::default()));
     decoder.feed(capture.as_bytes(), &mut |event| jsonl::write(event, &mut out));
     decoder.finish(&mut |event| jsonl::write(event, &mut out));
-    let damaged = decoder.damaged().iter().map(ToString::to_string).collect();
+    let damaged = decoder.tally().damage.iter().map(ToString::to_string).collect();
     (String::from_utf8(out).expect("text"), damaged)
 }
 
@@ -77,7 +77,11 @@ fn damage_is_told_in_words() {
         reason("(1.0) can0 12#11"),
         "a CAN identifier has 3 digits, or 8 when it is extended"
     );
-    assert_eq!(reason("(1.0) can0 123##111"), "CAN FD frames are not read");
+    assert_eq!(reason("(1.0) can0 123##1123"), "a byte has only one hexadecimal digit");
+    assert_eq!(
+        reason("(1.0) can0 40000000#11"),
+        "a CAN identifier of 8 digits is at most 1FFFFFFF"
+    );
     assert_eq!(reason("(1.0) can0 123#112233445566778899"), "a CAN frame has at most 8 bytes");
     assert_eq!(reason("hello"), "a byte has only one hexadecimal digit");
 }
@@ -108,8 +112,8 @@ fn unknown_frames_are_objects_too() {
 fn text_is_aligned_and_plain_unless_coloured() {
     let mut decoder = Decoder::new(Rules::default());
     let (mut out, mut writer) = (Vec::new(), text::Text::new(text::Style::default()));
-    decoder.line(b"(10.5) ttyUSB0 > 01 02", &mut |event| writer.write(event, &mut out));
-    decoder.line(b"(10.75) can0 123#R", &mut |event| writer.write(event, &mut out));
+    let capture = b"(10.5) ttyUSB0 > 01 02\n(10.75) can0 123#R\n";
+    decoder.feed(capture, &mut |event| writer.write(event, &mut out));
     let expected = "   0.000000  ttyUSB0 > ?  01 02                       \
                     not a frame of any known protocol\n   \
                     0.250000  can0      ?  123#R                       remote request\n";
@@ -128,18 +132,13 @@ fn times_keep_their_digits() {
 }
 
 #[test]
-fn lines_are_the_same_however_the_capture_is_cut() {
-    let capture = b"one\n\ntwo\r\nthree";
-    for size in 1..capture.len() {
-        let (mut lines, mut found) = (Lines::default(), Vec::new());
-        let mut each = |number: u64, line: &[u8]| {
-            found.push((number, String::from_utf8_lossy(line.trim_ascii()).into_owned()));
-        };
-        capture.chunks(size).for_each(|piece| lines.feed(piece, &mut each));
-        lines.finish(&mut each);
-        let expected = [(1, "one"), (2, ""), (3, "two"), (4, "three")];
-        assert_eq!(found, expected.map(|(n, text)| (n, text.to_owned())), "pieces of {size}");
-    }
+fn what_is_no_frame_of_a_protocol_is_told() {
+    let (out, damaged) =
+        rendered("(1.0) can0 123##3112233445566778899AA\n(1.0) can0 20000044#0030");
+    assert_eq!(damaged, [] as [&str; 0]);
+    let lines: Vec<&str> = out.lines().collect();
+    assert!(lines[0].contains(r#""kind":"can-fd""#), "{out}");
+    assert!(lines[1].contains("error-frame: bus-off, receive passive, transmit passive"), "{out}");
 }
 
 #[test]
@@ -155,15 +154,15 @@ fn the_nearest_word_is_found_or_none() {
 /// However it is cut, a line beyond the limit is named and left out, and what follows is read.
 #[test]
 fn a_line_that_is_too_long_is_damaged() {
-    let long = "00 ".repeat(crate::line::LINE_MAX);
-    let at_limit = format!("> {}{}", "00 ".repeat(10), " ".repeat(crate::line::LINE_MAX - 32));
+    let long = "00 ".repeat(crate::read::LINE_MAX);
+    let at_limit = format!("> {}{}", "00 ".repeat(10), " ".repeat(crate::read::LINE_MAX - 32));
     let capture = format!("> 01\n{long}\n> 02\n{at_limit}\n{long}");
     for size in [1_000, 1 << 16, capture.len()] {
         let (mut frames, mut decoder) = (Vec::new(), Decoder::new(Rules::default()));
         let mut keep = |event: &crate::Event<'_>| frames.push(event.bytes.to_vec());
         capture.as_bytes().chunks(size).for_each(|piece| decoder.feed(piece, &mut keep));
         decoder.finish(&mut keep);
-        let damaged: Vec<String> = decoder.damaged().iter().map(ToString::to_string).collect();
+        let damaged: Vec<String> = decoder.tally().damage.iter().map(ToString::to_string).collect();
         let expected = [2, 5].map(|n| format!("line {n}: it is longer than 65536 bytes"));
         assert_eq!(damaged, expected);
         assert_eq!(frames, [vec![1], vec![2], vec![0; 10]]);

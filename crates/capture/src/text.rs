@@ -5,6 +5,7 @@ use std::io::Write as _;
 use polepair_core::explain::Direction;
 
 use crate::decoder::Event;
+use crate::explained::REMOTE_REQUEST;
 use crate::stamp::Stamp;
 
 /// Columns that bytes take before a line grows beyond the rest: nine bytes with spaces.
@@ -83,7 +84,7 @@ impl Text {
             out.extend_from_slice(b"echo: ");
         }
         match (explained.text.as_str(), explained.kind.as_str(), event.protocol) {
-            ("", "", None) if event.remote => out.extend_from_slice(b"remote request"),
+            ("", "", None) if event.remote => out.extend_from_slice(REMOTE_REQUEST.as_bytes()),
             ("", "", None) => out.extend_from_slice(b"not a frame of any known protocol"),
             ("", kind, _) => out.extend_from_slice(kind.as_bytes()),
             (text, ..) => out.extend_from_slice(text.as_bytes()),

@@ -1,11 +1,13 @@
-//! `polepair decode FILE|- [--as PROTO[@ID],…] [--format text|jsonl] [-o OUT]`
+//! `polepair decode FILE|- [--as PROTO[@ID],…] [--from FORMAT] [--format text|jsonl] [-o OUT]`
 
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use polepair_capture::{Decoder, Event, Follow, Judge, Next, Rules, Verdict, jsonl, text};
+use polepair_capture::{
+    Decoder, Event, Follow, Format as Form, Judge, Next, Place, Rules, Tally, Verdict, jsonl, text,
+};
 use polepair_core::profile::Profile;
 
 use crate::problem::{self, Exit, Problem, Result};
@@ -22,17 +24,19 @@ type Named = Option<&'static Profile>;
 
 /// Explains every frame of a capture.
 ///
-/// Reads candump logs and serial logs, from a file or from stdin. Without --as the whole capture is
-/// weighed against every protocol, and the verdict goes to stderr.
+/// Reads candump and serial logs, pcap, pcapng, Vector ASC and BLF, PEAK TRC, python-can's CSV and its
+/// own JSONL, also as .gz and .zst, from a file or from stdin. Without --as the whole capture is weighed
+/// against every protocol, and the verdict goes to stderr.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-A capture has one line for each CAN frame, or for each run of serial bytes:
+A log has one line for each CAN frame, or for each run of serial bytes:
   (1700000000.000500) can0 30B#5443000000000005
   (1700000000.000500) ttyUSB0 > 01 01 00 00 00 00 01 5E 61     > host to drive, < drive to host
 
 Examples:
   polepair decode capture.log
   polepair decode capture.log --as tmcl --format jsonl -o frames.jsonl
+  polepair decode machine.blf
   polepair decode bus.log --as canopen@2,thruster@11 --profile syntron-ts-canopen
   tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
 pub struct Decode {
@@ -42,6 +46,9 @@ pub struct Decode {
     /// Protocol, of everything, or @ an axis number or a link; several with commas
     #[arg(long = "as", value_name = "PROTO[@ID],…")]
     rules: Option<String>,
+    /// How the capture is stored [default: told by its first bytes]
+    #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
+    from: Option<Form>,
     #[command(flatten)]
     named_by: super::NamedBy,
     /// How frames are written [default: text, or jsonl if OUT ends so]
@@ -66,10 +73,11 @@ impl Decode {
         let rules = self.rules.as_deref().map(rules).transpose()?;
         let profile = self.named_by.profile()?;
         let mut writer = Writer::new(self.format(), self.out.as_deref())?;
+        let source = Source { rules, profile, form: self.from };
         let decoder = if self.source.as_os_str() == "-" {
-            follow(rules, profile, &mut writer)?
+            source.follow(&mut writer)?
         } else {
-            file(&self.source, rules, profile, &mut writer)?
+            source.file(&self.source, &mut writer)?
         };
         report(&decoder)
     }
@@ -85,30 +93,97 @@ fn rules(text: &str) -> Result<Rules> {
     Rules::parse(text).map_err(|error| problem::no_such_protocol(&error.word))
 }
 
-/// Decodes a file: once through to judge it, once to explain it.
-fn file(path: &Path, rules: Option<Rules>, profile: Named, writer: &mut Writer) -> Result<Decoder> {
-    let mut decoder = match rules {
-        Some(rules) => Decoder::new(rules),
-        None => {
-            let mut judge = Judge::new();
-            pieces(path, &mut |piece| {
-                judge.feed(piece);
-                Ok(())
-            })?;
-            judged(judge)
-        }
-    };
-    decoder = decoder.with_profile(profile);
-    pieces(path, &mut |piece| {
-        decoder.feed(piece, &mut |event| writer.write(event));
-        writer.out.spill()
-    })?;
-    decoder.finish(&mut |event| writer.write(event));
-    writer.out.flush()?;
-    Ok(decoder)
+/// A capture, and what is stated about it.
+struct Source {
+    rules: Option<Rules>,
+    profile: Named,
+    form: Option<Form>,
 }
 
-fn pieces(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+impl Source {
+    fn decoder(&self, rules: Rules) -> Decoder {
+        Decoder::new(rules).with_profile(self.profile).with_format(self.form)
+    }
+
+    fn judged(&self, judge: Judge) -> Decoder {
+        let (verdicts, decoder) = judge.decide();
+        verdicts.iter().for_each(tell);
+        decoder.with_profile(self.profile)
+    }
+
+    /// Decodes a file: once through to judge it, once to explain it.
+    fn file(mut self, path: &Path, writer: &mut Writer) -> Result<Decoder> {
+        let mut decoder = match self.rules.take() {
+            Some(rules) => self.decoder(rules),
+            None => {
+                let mut judge = Judge::of_format(self.form);
+                pieces(path, &mut |piece| {
+                    judge.feed(piece);
+                    Ok(())
+                })?;
+                self.judged(judge)
+            }
+        };
+        pieces(path, &mut |piece| {
+            decoder.feed(piece, &mut |event| writer.write(event));
+            writer.out.spill()
+        })?;
+        decoder.finish(&mut |event| writer.write(event));
+        writer.out.flush()?;
+        Ok(decoder)
+    }
+
+    /// Decodes stdin, piece by piece as it comes.
+    fn follow(mut self, writer: &mut Writer) -> Result<Decoder> {
+        let source = Follow::new(std::io::stdin());
+        let (mut decoder, mut ended) = match self.rules.take() {
+            Some(rules) => (self.decoder(rules), false),
+            None => self.gather(&source, writer)?,
+        };
+        writer.out.flush()?;
+        while !ended {
+            ended = match source.next(None) {
+                Next::Piece(piece) => {
+                    decoder.feed(&piece, &mut |event| writer.write(event));
+                    writer.out.flush()?;
+                    false
+                }
+                Next::Pause => false,
+                Next::End(error) => end(error)?,
+            };
+        }
+        decoder.finish(&mut |event| writer.write(event));
+        writer.out.flush()?;
+        Ok(decoder)
+    }
+
+    /// Gathers stdin until it ends or pauses, judges it, and explains what was gathered.
+    fn gather(&self, source: &Follow, writer: &mut Writer) -> Result<(Decoder, bool)> {
+        let mut gathered = Vec::new();
+        let ended = loop {
+            match source.next(Some(PAUSE)) {
+                Next::Piece(piece) => gathered.extend_from_slice(&piece),
+                Next::Pause if gathered.is_empty() => {}
+                Next::Pause => break false,
+                Next::End(error) => break end(error)?,
+            }
+            if gathered.len() > GATHER_MAX {
+                break false;
+            }
+        };
+        let mut judge = Judge::of_format(self.form);
+        judge.feed(&gathered);
+        let mut decoder = self.judged(judge);
+        if !ended {
+            say("judged by what came so far; --as PROTO states the protocol");
+        }
+        decoder.feed(&gathered, &mut |event| writer.write(event));
+        Ok((decoder, ended))
+    }
+}
+
+/// Reads a file in pieces.
+pub fn pieces(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
     let failed = |error| problem::file(path, "read", &error);
     let mut file = std::fs::File::open(path).map_err(failed)?;
     let mut buffer = vec![0; PIECE];
@@ -120,62 +195,8 @@ fn pieces(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> 
     }
 }
 
-/// Decodes stdin, line by line as it comes.
-fn follow(rules: Option<Rules>, profile: Named, writer: &mut Writer) -> Result<Decoder> {
-    let source = Follow::new(std::io::stdin());
-    let (mut decoder, mut ended) = match rules {
-        Some(rules) => (Decoder::new(rules).with_profile(profile), false),
-        None => gather(&source, profile, writer)?,
-    };
-    writer.out.flush()?;
-    while !ended {
-        ended = match source.next(None) {
-            Next::Piece(piece) => {
-                decoder.feed(&piece, &mut |event| writer.write(event));
-                writer.out.flush()?;
-                false
-            }
-            Next::Pause => false,
-            Next::End(error) => end(error)?,
-        };
-    }
-    decoder.finish(&mut |event| writer.write(event));
-    writer.out.flush()?;
-    Ok(decoder)
-}
-
-/// Gathers stdin until it ends or pauses, judges it, and explains what was gathered.
-fn gather(source: &Follow, profile: Named, writer: &mut Writer) -> Result<(Decoder, bool)> {
-    let mut gathered = Vec::new();
-    let ended = loop {
-        match source.next(Some(PAUSE)) {
-            Next::Piece(piece) => gathered.extend_from_slice(&piece),
-            Next::Pause if gathered.is_empty() => {}
-            Next::Pause => break false,
-            Next::End(error) => break end(error)?,
-        }
-        if gathered.len() > GATHER_MAX {
-            break false;
-        }
-    };
-    let mut judge = Judge::new();
-    judge.feed(&gathered);
-    let mut decoder = judged(judge).with_profile(profile);
-    if !ended {
-        say("judged by what came so far; --as PROTO states the protocol");
-    }
-    decoder.feed(&gathered, &mut |event| writer.write(event));
-    Ok((decoder, ended))
-}
-
 fn end(error: Option<std::io::Error>) -> Result<bool> {
     error.map_or(Ok(true), |error| Err(problem::file(Path::new("stdin"), "read", &error)))
-}
-
-fn judged(judge: Judge) -> Decoder {
-    let (verdicts, decoder) = judge.decide();
-    verdicts.iter().for_each(tell);
-    decoder
 }
 
 fn tell(verdict: &Verdict) {
@@ -184,20 +205,28 @@ fn tell(verdict: &Verdict) {
     say(&format!("{verdict}{advice}"));
 }
 
-/// Names damaged lines. A file without a single readable line is no capture.
 fn report(decoder: &Decoder) -> Result {
+    if decoder.left_out() > 0 {
+        let links = "frames of more links than are followed at once are left out";
+        say(&format!("{} {links}", decoder.left_out()));
+    }
+    damage(decoder.tally())
+}
+
+/// Names damaged places. A file without a single readable one is no capture.
+pub fn damage(tally: &Tally) -> Result {
     const SHOWN: usize = 5;
-    let (damaged, lines) = decoder.damaged_of();
-    for damage in decoder.damaged().iter().take(SHOWN) {
-        say(&format!("{damage}; the line is left out"));
+    for damage in tally.damage.iter().take(SHOWN) {
+        let what = if matches!(damage.place, Place::Line(_)) { "the line" } else { "this part" };
+        say(&format!("{damage}; {what} is left out"));
     }
-    if damaged > SHOWN as u64 {
-        say(&format!("{damaged} of {lines} lines could not be read"));
+    if tally.damaged > SHOWN as u64 {
+        say(&format!("{} places could not be read, {} records were", tally.damaged, tally.records));
     }
-    if damaged > 0 && damaged == lines {
+    if tally.damaged > 0 && tally.records == 0 {
         return Err(Problem::new(Exit::Corrupt, "E510", "this is not a capture.")
-            .why("None of its lines could be read.")
-            .hint("polepair decode --help shows what lines look like"));
+            .why("Nothing of it could be read.")
+            .hint("--from FORMAT states its format; polepair decode --help shows what is read"));
     }
     Ok(Exit::Ok)
 }

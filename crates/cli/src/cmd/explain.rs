@@ -77,6 +77,11 @@ impl Explain {
         let (frame, bytes) = match line.data {
             polepair_capture::Data::Bytes(bytes) => (None, bytes.to_vec()),
             polepair_capture::Data::Frame(frame) => (Some(frame), frame.bytes().to_vec()),
+            polepair_capture::Data::Error(error) => {
+                let words: Vec<&str> = error.words().collect();
+                return Ok(format!("error frame: {}\n", words.join(", ")));
+            }
+            polepair_capture::Data::Fd(_) => return Err(self.unknown(text)),
         };
         let (extended, remote) = frame.map_or((false, false), |f| (f.extended, f.remote));
         let id = frame.map(|frame| frame.id);

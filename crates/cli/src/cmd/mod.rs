@@ -2,6 +2,7 @@
 
 mod completions;
 mod config;
+mod convert;
 mod decode;
 mod demo;
 mod doctor;
@@ -25,8 +26,10 @@ mod watch;
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use polepair::Connector;
+use polepair_capture::Format;
 use polepair_core::drives::profiles;
 use polepair_core::profile::Profile;
 
@@ -56,6 +59,8 @@ Data goes to stdout, prose to stderr. NO_COLOR is honoured.";
 pub enum Verb {
     /// Explain the frames of a capture
     Decode(decode::Decode),
+    /// Write a capture in another format
+    Convert(convert::Convert),
     /// Turn text into the bytes of a frame
     Encode(encode::Encode),
     /// Say what a fault, a status, an exception or a frame means
@@ -117,6 +122,7 @@ pub enum Verb {
 pub fn run(verb: Verb) -> Result {
     match verb {
         Verb::Decode(verb) => verb.run(),
+        Verb::Convert(verb) => verb.run(),
         Verb::Encode(verb) => verb.run(),
         Verb::Explain(verb) => verb.run(),
         Verb::Doctor(verb) => verb.run(),
@@ -145,6 +151,12 @@ pub fn run(verb: Verb) -> Result {
         Verb::Demo(verb) => verb.run(),
         Verb::Completions(verb) => verb.run(),
     }
+}
+
+/// Reads the word of a capture format.
+pub fn capture_format() -> impl TypedValueParser<Value = Format> {
+    PossibleValuesParser::new(Format::names())
+        .map(|word| Format::named(&word).unwrap_or(Format::Text))
 }
 
 /// A user's own profile.

@@ -2,10 +2,11 @@
 
 use polepair_core::explain::Direction;
 
-use crate::line::{BadLine, word};
+use super::Bad;
+use super::text::word;
 
 /// Reads direction and bytes. Without `>` or `<` the direction is not known.
-pub(crate) fn parse(rest: &[u8], bytes: &mut Vec<u8>) -> Result<Option<Direction>, BadLine> {
+pub(crate) fn parse(rest: &[u8], bytes: &mut Vec<u8>) -> Result<Option<Direction>, Bad> {
     bytes.clear();
     let (direction, digits) = match rest.first() {
         Some(b'>') => (Some(Direction::ToDrive), &rest[1..]),
@@ -14,13 +15,13 @@ pub(crate) fn parse(rest: &[u8], bytes: &mut Vec<u8>) -> Result<Option<Direction
     };
     hex_words(digits, bytes)?;
     if bytes.is_empty() {
-        return Err(BadLine("the line has no bytes"));
+        return Err(Bad("the line has no bytes"));
     }
     Ok(direction)
 }
 
 /// Reads bytes in hexadecimal, apart or together: `01 0A`, `010A`.
-pub(crate) fn hex_words(mut digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), BadLine> {
+pub(crate) fn hex_words(mut digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), Bad> {
     loop {
         let (pair, rest) = word(digits);
         if pair.is_empty() {
@@ -32,10 +33,10 @@ pub(crate) fn hex_words(mut digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), Ba
 }
 
 /// Reads bytes in hexadecimal without spaces.
-pub(crate) fn hex_run(digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), BadLine> {
+pub(crate) fn hex_run(digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), Bad> {
     let pairs = digits.chunks_exact(2);
     if !pairs.remainder().is_empty() {
-        return Err(BadLine("a byte has only one hexadecimal digit"));
+        return Err(Bad("a byte has only one hexadecimal digit"));
     }
     for pair in pairs {
         let (high, low) = (hex_digit(pair[0])?, hex_digit(pair[1])?);
@@ -45,11 +46,25 @@ pub(crate) fn hex_run(digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), BadLine>
 }
 
 /// Value of one hexadecimal digit.
-pub(crate) const fn hex_digit(digit: u8) -> Result<u8, BadLine> {
-    match digit {
-        b'0'..=b'9' => Ok(digit - b'0'),
-        b'a'..=b'f' => Ok(digit - b'a' + 10),
-        b'A'..=b'F' => Ok(digit - b'A' + 10),
-        _ => Err(BadLine("expected bytes as hexadecimal digits")),
+pub(crate) const fn hex_digit(digit: u8) -> Result<u8, Bad> {
+    match HEX[digit as usize] {
+        value @ 0..16 => Ok(value),
+        _ => Err(Bad("expected bytes as hexadecimal digits")),
     }
 }
+
+/// Values of hexadecimal digits by their character; 16 for what is none.
+pub(crate) const HEX: [u8; 256] = {
+    let mut table = [16; 256];
+    let mut c = 0;
+    while c < 256 {
+        table[c] = match c as u8 {
+            digit @ b'0'..=b'9' => digit - b'0',
+            digit @ b'a'..=b'f' => digit - b'a' + 10,
+            digit @ b'A'..=b'F' => digit - b'A' + 10,
+            _ => 16,
+        };
+        c += 1;
+    }
+    table
+};

@@ -1,0 +1,173 @@
+//! The forms in which captures are stored, told apart by their first bytes.
+
+use std::path::Path;
+
+/// A form of capture file.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Format {
+    /// candump's log and screen output, serial logs, data alone: a line each.
+    Text,
+    /// pcap, by tcpdump, with CAN frames of Linux (link type 227) or serial bytes (147).
+    Pcap,
+    /// pcapng, by Wireshark and dumpcap; the same link types.
+    Pcapng,
+    /// ASC, by Vector's tools.
+    Asc,
+    /// TRC, by PEAK's tools, versions 1.0 to 2.1.
+    Trc,
+    /// BLF, by Vector's tools.
+    Blf,
+    /// CSV, by python-can.
+    Csv,
+    /// What `polepair decode --format jsonl` prints.
+    Jsonl,
+}
+
+/// Every format with its word and its usual endings.
+const ALL: [(Format, &str, &[&str]); 8] = [
+    (Format::Text, "log", &["log", "txt", "candump"]),
+    (Format::Pcap, "pcap", &["pcap", "cap"]),
+    (Format::Pcapng, "pcapng", &["pcapng", "ntar"]),
+    (Format::Asc, "asc", &["asc"]),
+    (Format::Trc, "trc", &["trc"]),
+    (Format::Blf, "blf", &["blf"]),
+    (Format::Csv, "csv", &["csv"]),
+    (Format::Jsonl, "jsonl", &["jsonl", "ndjson"]),
+];
+
+/// Bytes that are looked at to tell a format.
+pub(crate) const HEAD_MAX: usize = 4096;
+
+/// How formats that are not text begin.
+const MAGIC: [(&[u8], Format); 6] = [
+    (&[0xA1, 0xB2, 0xC3, 0xD4], Format::Pcap),
+    (&[0xD4, 0xC3, 0xB2, 0xA1], Format::Pcap),
+    (&[0xA1, 0xB2, 0x3C, 0x4D], Format::Pcap),
+    (&[0x4D, 0x3C, 0xB2, 0xA1], Format::Pcap),
+    (&[0x0A, 0x0D, 0x0D, 0x0A], Format::Pcapng),
+    (b"LOGG", Format::Blf),
+];
+
+impl Format {
+    /// Its word.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        ALL.iter().find(|(format, ..)| *format == self).map_or("log", |(_, name, _)| name)
+    }
+
+    /// Every word, for error texts and help.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        ALL.iter().map(|(_, name, _)| *name)
+    }
+
+    /// The format of that word.
+    #[must_use]
+    pub fn named(word: &str) -> Option<Self> {
+        ALL.iter().find(|(_, name, _)| *name == word).map(|(format, ..)| *format)
+    }
+
+    /// The format that a file's name tells, compressed or not: `bus.asc.gz`.
+    #[must_use]
+    pub fn of_path(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        let name = Packing::ENDINGS.iter().find_map(|(_, end)| name.strip_suffix(end));
+        let name = name.map_or_else(|| path.to_path_buf(), Into::into);
+        let end = name.extension()?.to_str()?.to_ascii_lowercase();
+        ALL.iter().find(|(_, _, ends)| ends.contains(&end.as_str())).map(|(format, ..)| *format)
+    }
+
+    /// The format that begins so; `None` while there is too little to tell. What nothing tells is
+    /// read line by line.
+    pub(crate) fn of_head(head: &[u8], ended: bool) -> Option<Self> {
+        let enough = ended || head.len() >= HEAD_MAX;
+        if head.len() < 4 && !enough {
+            return None;
+        }
+        if let Some((_, format)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
+            return Some(*format);
+        }
+        let text = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
+        let (whole, rest) =
+            text.split_at(text.iter().rposition(|c| *c == b'\n').map_or(0, |n| n + 1));
+        let told = whole.split(|c| *c == b'\n').find_map(Self::of_line);
+        told.or_else(|| enough.then(|| Self::of_line(rest).unwrap_or(Self::Text)))
+    }
+
+    /// The format that has such a line, if it is not a mere comment.
+    fn of_line(line: &[u8]) -> Option<Self> {
+        let line = line.trim_ascii();
+        let begins = |word: &[u8]| {
+            line.get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word))
+        };
+        match line {
+            _ if begins(b";$FILEVERSION") => Some(Self::Trc),
+            [] | [b';' | b'#', ..] => None,
+            _ if begins(b"date ") || begins(b"base ") => Some(Self::Asc),
+            _ if begins(b"timestamp,") => Some(Self::Csv),
+            [b'{', ..] => Some(Self::Jsonl),
+            // PEAK's first versions number their lines `1)`.
+            [b'0'..=b'9', ..] if after_digits(line).first() == Some(&b')') => Some(Self::Trc),
+            _ => Some(Self::Text),
+        }
+    }
+}
+
+fn after_digits(line: &[u8]) -> &[u8] {
+    &line[line.iter().take_while(|c| c.is_ascii_digit()).count()..]
+}
+
+impl std::fmt::Display for Format {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// How a file is compressed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Packing {
+    /// gzip.
+    Gzip,
+    /// Zstandard.
+    Zstd,
+}
+
+impl Packing {
+    const ENDINGS: [(Self, &'static str); 2] = [(Self::Gzip, ".gz"), (Self::Zstd, ".zst")];
+
+    /// The compression that a file's name tells.
+    #[must_use]
+    pub fn of_path(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        Self::ENDINGS.iter().find(|(_, end)| name.ends_with(end)).map(|(packing, _)| *packing)
+    }
+
+    /// Bytes that tell it.
+    pub(crate) const HEAD: usize = 4;
+
+    /// The compression that begins so.
+    pub(crate) fn of_head(head: &[u8]) -> Option<Self> {
+        match head {
+            [0x1F, 0x8B, ..] => Some(Self::Gzip),
+            // A Zstandard frame, or one of those that may be skipped.
+            [0x28, 0xB5, 0x2F, 0xFD, ..] | [0x50..=0x5F, 0x2A, 0x4D, 0x18, ..] => Some(Self::Zstd),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Format, Packing};
+    use std::path::Path;
+
+    #[test]
+    fn names_and_endings() {
+        for name in Format::names() {
+            assert_eq!(Format::named(name).map(Format::name), Some(name));
+            assert_eq!(Format::of_path(Path::new(&format!("a.{name}.gz"))), Format::named(name));
+        }
+        assert_eq!(Format::of_path(Path::new("BUS.ASC")), Some(Format::Asc));
+        assert_eq!(Format::of_path(Path::new("bus")), None);
+        assert_eq!(Packing::of_path(Path::new("a.log.zst")), Some(Packing::Zstd));
+    }
+}

@@ -1,0 +1,60 @@
+//! Formats that have a line for each record.
+
+use super::{Bad, Damage, Place, Source, Taker};
+use crate::record::Record;
+
+/// Bytes that a line may have at most; a longer one is damaged.
+pub(crate) const LINE_MAX: usize = 1 << 16;
+pub(super) const TOO_LONG: Bad = Bad("it is longer than 65536 bytes");
+
+/// Reads one line of a format.
+pub(super) trait Line: core::fmt::Debug + Send {
+    /// What the line says; `None` for headers, comments and what is not traffic.
+    fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad>;
+}
+
+/// Cuts bytes into numbered lines.
+#[derive(Debug)]
+pub(super) struct Lines<L> {
+    format: L,
+    number: u64,
+    /// The rest of this line is left out.
+    skipping: bool,
+}
+
+impl<L: Line> Lines<L> {
+    pub(super) fn new(format: L) -> Self {
+        Self { format, number: 0, skipping: false }
+    }
+
+    fn take(&mut self, line: &[u8], taker: &mut dyn Taker) {
+        self.number += 1;
+        let read = if line.len() > LINE_MAX { Err(TOO_LONG) } else { self.format.line(line) };
+        match read {
+            Ok(None) => {}
+            Ok(Some(record)) => taker.record(&record),
+            Err(reason) => taker.damage(Damage { place: Place::Line(self.number), reason }),
+        }
+    }
+}
+
+impl<L: Line> Source for Lines<L> {
+    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize {
+        let mut used = 0;
+        for end in memchr::memchr_iter(b'\n', bytes) {
+            match core::mem::take(&mut self.skipping) {
+                true => {}
+                false => self.take(&bytes[used..end], taker),
+            }
+            used = end + 1;
+        }
+        let rest = &bytes[used..];
+        if ended && !rest.is_empty() && !self.skipping {
+            self.take(rest, taker);
+        } else if rest.len() > LINE_MAX && !self.skipping {
+            self.take(rest, taker);
+            self.skipping = true;
+        }
+        if ended || self.skipping { bytes.len() } else { used }
+    }
+}

@@ -1,0 +1,197 @@
+//! A line a record: candump's log and screen output, serial logs, and data alone.
+
+use polepair_core::explain::Direction;
+use polepair_core::medium::Frame;
+
+use super::lines::{LINE_MAX, Line};
+use super::seriallog::HEX;
+use super::{Bad, candump, seriallog};
+use crate::record::{Data, Record, STANDARD_MAX};
+use crate::stamp::Stamp;
+
+/// The reader of such lines.
+#[derive(Debug, Default)]
+pub(super) struct Text {
+    scratch: Vec<u8>,
+}
+
+impl Line for Text {
+    fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad> {
+        match logged(line) {
+            Some(record) => Ok(Some(record)),
+            None => parse(line, &mut self.scratch),
+        }
+    }
+}
+
+/// Reads one line. `None` for an empty line or a `#` or `;` comment. The bytes of a serial line are
+/// put into `scratch`.
+///
+/// # Errors
+/// What is wrong with the line, in words.
+pub fn parse<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Option<Record<'a>>, Bad> {
+    if line.len() > LINE_MAX {
+        return Err(super::lines::TOO_LONG);
+    }
+    let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
+    match line.first() {
+        None | Some(b'#' | b';') => Ok(None),
+        Some(b'(') => stamped(line, scratch).map(Some),
+        Some(_) => bare(line, scratch).map(Some),
+    }
+}
+
+/// A line of candump's log in its usual form, `(1700000000.000500) can0 30B#5443000000000005`;
+/// `None` for all others. This is the way that millions of lines go.
+fn logged(line: &[u8]) -> Option<Record<'_>> {
+    let line = line.strip_suffix(b"\r").unwrap_or(line);
+    let [b'(', seconds @ .., b')', b' '] = line.first_chunk::<20>()? else { return None };
+    let [whole @ .., b'.', _, _, _, _, _, _] = seconds else { return None };
+    let micros = digits(&seconds[whole.len() + 1..])?;
+    let time = Stamp(digits(whole)? * 1_000_000_000 + micros * 1000);
+    let rest = &line[20..];
+    let link = rest.iter().position(|c| *c == b' ')?;
+    let (link, frame) = (std::str::from_utf8(&rest[..link]).ok()?, &rest[link + 1..]);
+    let (id, extended, data) = match frame {
+        [a, b, c, b'#', data @ ..] => (number(&[*a, *b, *c])?, false, data),
+        [a, b, c, d, e, f, g, h, b'#', data @ ..] => {
+            (number(&[*a, *b, *c, *d, *e, *f, *g, *h])?, true, data)
+        }
+        _ => return None,
+    };
+    let limit = if extended { crate::record::ID_MASK } else { STANDARD_MAX };
+    if id > limit || data.len() > 16 || !data.len().is_multiple_of(2) || link.is_empty() {
+        return None;
+    }
+    let mut frame = Frame { id, extended, len: (data.len() / 2) as u8, ..Frame::default() };
+    let mut bad = 0;
+    for (byte, pair) in frame.data.iter_mut().zip(data.as_chunks::<2>().0) {
+        let (high, low) = (HEX[usize::from(pair[0])], HEX[usize::from(pair[1])]);
+        bad |= high | low;
+        *byte = high << 4 | low;
+    }
+    let data = Data::Frame(frame);
+    (bad < 16).then_some(Record { time: Some(time), link, direction: None, data })
+}
+
+fn digits(text: &[u8]) -> Option<u64> {
+    let (mut sum, mut bad) = (0, false);
+    for c in text {
+        let digit = c.wrapping_sub(b'0');
+        bad |= digit > 9;
+        sum = sum * 10 + u64::from(digit & 0xF);
+    }
+    (!bad).then_some(sum)
+}
+
+fn number(text: &[u8]) -> Option<u32> {
+    let (mut sum, mut bad) = (0, 0);
+    for c in text {
+        let digit = HEX[usize::from(*c)];
+        bad |= digit;
+        sum = sum << 4 | u32::from(digit & 0xF);
+    }
+    (bad < 16).then_some(sum)
+}
+
+fn stamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, Bad> {
+    let close = line.iter().position(|c| *c == b')').ok_or(Bad("the time stamp has no end"))?;
+    let time = Stamp::parse(line[1..close].trim_ascii())
+        .ok_or(Bad("the time stamp is not seconds with decimals"))?;
+    let (link, rest) = word(&line[close + 1..]);
+    let link = name(link)?;
+    if link.is_empty() {
+        return Err(Bad("no link follows the time stamp"));
+    }
+    let (direction, data) = body(rest, scratch)?;
+    Ok(Record { time: Some(time), link, direction, data })
+}
+
+/// Data alone, as `polepair encode` prints it, or after the name of a link.
+fn bare<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, Bad> {
+    let (first, after) = word(line);
+    let named = match after.first() {
+        Some(b'>' | b'<') => !matches!(first, b">" | b"<"),
+        _ => {
+            !first.contains(&b'#')
+                && (word(after).0.contains(&b'#') || candump::is_on_screen(after))
+        }
+    };
+    let (link, rest) = if named { (first, after) } else { (&b"-"[..], line) };
+    let (direction, data) = body(rest, scratch)?;
+    Ok(Record { time: None, link: name(link)?, direction, data })
+}
+
+fn name(link: &[u8]) -> Result<&str, Bad> {
+    std::str::from_utf8(link).map_err(|_| Bad("the link's name is not text"))
+}
+
+fn body<'a>(
+    rest: &'a [u8],
+    scratch: &'a mut Vec<u8>,
+) -> Result<(Option<Direction>, Data<'a>), Bad> {
+    if rest.contains(&b'#') {
+        return candump::parse(rest, scratch);
+    }
+    if candump::is_on_screen(rest) {
+        return candump::on_screen(rest, scratch);
+    }
+    let direction = seriallog::parse(rest, scratch)?;
+    Ok((direction, Data::Bytes(scratch)))
+}
+
+/// The first word, and what follows it without the space between.
+pub(crate) fn word(text: &[u8]) -> (&[u8], &[u8]) {
+    let text = text.trim_ascii_start();
+    let end = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len());
+    (&text[..end], text[end..].trim_ascii_start())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{logged, parse};
+
+    #[test]
+    fn a_line_needs_no_time() {
+        let read = |line: &[u8]| {
+            let mut scratch = Vec::new();
+            let record = parse(line, &mut scratch).expect("a line").expect("not empty");
+            (record.link.to_owned(), record.direction.is_some(), record.time.is_some())
+        };
+        let expected = |link: &str, directed: bool| (link.to_owned(), directed, false);
+        assert_eq!(read(b"ttyUSB0 > 01 02"), expected("ttyUSB0", true));
+        assert_eq!(read(b"> 01 02"), expected("-", true));
+        assert_eq!(read(b"01 02"), expected("-", false));
+        assert_eq!(read(b"can0 001#0102"), expected("can0", false));
+        assert_eq!(read(b"001#0102"), expected("-", false));
+        assert_eq!(read(b"  can0  123   [2]  01 02"), expected("can0", false));
+    }
+
+    /// The way of millions of lines says the same as the way of all others, or nothing.
+    #[test]
+    fn the_quick_way_reads_as_the_slow_one() {
+        for line in [
+            "(1700000000.000500) can0 30B#5443000000000005",
+            "(1700000000.999999) vcan12 0400A05E#3412\r",
+            "(1700000000.000001) c 123#",
+            "(1700000000.000001) can0 7ff#aAbB",
+        ] {
+            let mut scratch = Vec::new();
+            let quick = logged(line.as_bytes()).expect(line);
+            assert_eq!(Some(quick), parse(line.as_bytes(), &mut scratch).expect(line), "{line}");
+        }
+        for line in [
+            "(1700000000.000500) can0 30B#R",
+            "(1700000000.000500) can0 30B#1",
+            "(1700000000.000500) can0 30B#11 T",
+            "(1700000000.000500) can0 830#11",
+            "(1700000000.000500) can0 20000004#11",
+            "(1700000000.000500) can0 30B##111",
+            "(1700000000.000500) can0 30B#1G",
+            "(170000000x.000500) can0 30B#11",
+            "(1700000000.0005)",
+        ] {
+            assert_eq!(logged(line.as_bytes()), None, "{line}");
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! TRC, the text log of PEAK's tools, versions 1.0 to 1.3 and 2.0, 2.1.
+
+use polepair_core::explain::Direction;
+
+use super::Bad;
+use super::lines::Line;
+use crate::date;
+use crate::record::{ErrorFrame, ID_MASK, Record, STANDARD_MAX, Shape, classic, fd_length};
+use crate::stamp::Stamp;
+
+/// Columns of the versions that do not name them, in the letters of those that do: `N`umber,
+/// `O`ffset in milliseconds, `B`us, `d`irection, `I`dentifier, `R`eserved, `l`ength, `D`ata.
+const COLUMNS: [(&str, &str); 6] = [
+    ("1.0", "NOIlD"),
+    ("1.1", "NOdIlD"),
+    ("1.2", "NOBdIlD"),
+    ("1.3", "NOBdIRlD"),
+    ("2.0", "NOTIdlD"),
+    ("2.1", "NOTBIdRLD"),
+];
+
+/// The reader of such lines.
+#[derive(Debug)]
+pub(super) struct Trc {
+    begin: Stamp,
+    columns: Vec<u8>,
+    link: String,
+    bytes: Vec<u8>,
+}
+
+impl Default for Trc {
+    fn default() -> Self {
+        let columns = COLUMNS[0].1.as_bytes().to_vec();
+        Self { begin: Stamp(0), columns, link: String::new(), bytes: Vec::new() }
+    }
+}
+
+impl Line for Trc {
+    fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad> {
+        let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
+        match line {
+            [] => Ok(None),
+            [b';', header @ ..] => {
+                self.header(&String::from_utf8_lossy(header));
+                Ok(None)
+            }
+            _ => {
+                let line = std::str::from_utf8(line).map_err(|_| Bad("the line is not text"))?;
+                self.record(line)
+            }
+        }
+    }
+}
+
+/// The words of a line, by column.
+#[derive(Default)]
+struct Columns<'a> {
+    offset: &'a str,
+    kind: &'a str,
+    bus: &'a str,
+    id: &'a str,
+    direction: &'a str,
+    length: &'a str,
+    /// The length is a code.
+    coded: bool,
+    data: &'a str,
+}
+
+impl Trc {
+    fn header(&mut self, line: &str) {
+        let Some((key, value)) = line.trim().split_once('=') else { return };
+        let value = value.trim();
+        match key.trim() {
+            "$FILEVERSION" => {
+                let known = COLUMNS.iter().rev().find(|(version, _)| value >= *version);
+                self.columns = known.unwrap_or(&COLUMNS[0]).1.as_bytes().to_vec();
+            }
+            "$STARTTIME" => {
+                let begin = value.parse().ok().and_then(date::from_days);
+                self.begin = begin.unwrap_or(self.begin);
+            }
+            "$COLUMNS" => {
+                let letters = value.split(',').filter_map(|word| word.trim().bytes().next());
+                self.columns = letters.collect();
+            }
+            _ => {}
+        }
+    }
+
+    fn split<'a>(&self, mut line: &'a str) -> Columns<'a> {
+        let mut found = Columns { bus: "1", ..Columns::default() };
+        for column in &self.columns {
+            line = line.trim_ascii_start();
+            if *column == b'D' {
+                found.data = line;
+                break;
+            }
+            let (word, rest) =
+                line.split_once(|c: char| c.is_ascii_whitespace()).unwrap_or((line, ""));
+            line = rest;
+            match column {
+                b'O' => found.offset = word,
+                b'T' => found.kind = word,
+                b'B' => found.bus = word,
+                b'I' => found.id = word,
+                b'd' => found.direction = word,
+                b'l' => found.length = word,
+                b'L' => (found.length, found.coded) = (word, true),
+                _ => {}
+            }
+        }
+        found
+    }
+
+    fn record<'a>(&'a mut self, line: &'a str) -> Result<Option<Record<'a>>, Bad> {
+        let columns = self.split(line);
+        let time = self.time(columns.offset).ok_or(Bad("expected milliseconds"))?;
+        // Vector's counting, and PEAK's: from 1.
+        let bus = columns.bus.parse::<u32>().ok().filter(|n| *n > 0);
+        let bus = bus.ok_or(Bad("expected the number of a bus"))? - 1;
+        self.link.clear();
+        let _ = std::fmt::Write::write_fmt(&mut self.link, format_args!("can{bus}"));
+        let direction = match columns.direction {
+            "Rx" => Some(Direction::ToHost),
+            "Tx" => Some(Direction::ToDrive),
+            _ => None,
+        };
+        let shape = match (columns.kind, columns.direction) {
+            ("ST" | "EC" | "EV", _) => return Ok(None),
+            ("ER", _) | (_, "Error") => Shape::Error(error(ErrorFrame::BUS_ERROR, 0)),
+            (_, "Warng") => Shape::Error(warning(columns.data)),
+            _ if columns.id == "FFFFFFFF" => Shape::Error(warning(columns.data)),
+            _ => self.frame(&columns)?,
+        };
+        let data = shape.with(&self.bytes);
+        Ok(Some(Record { time: Some(time), link: &self.link, direction, data }))
+    }
+
+    fn time(&self, word: &str) -> Option<Stamp> {
+        let (whole, rest) = word.split_once('.').unwrap_or((word, ""));
+        let ms = whole.parse::<u64>().ok()?;
+        let digits = rest.bytes().chain(std::iter::repeat(b'0')).take(6);
+        let ns = digits.fold(0, |sum, digit| sum * 10 + u64::from(digit.wrapping_sub(b'0').min(9)));
+        let since = ms.checked_mul(1_000_000)?.checked_add(ns)?;
+        Some(Stamp(self.begin.0.checked_add(since)?))
+    }
+
+    fn frame(&mut self, columns: &Columns<'_>) -> Result<Shape, Bad> {
+        let extended = columns.id.len() > 4;
+        let id = u32::from_str_radix(columns.id, 16).map_err(|_| Bad("expected an identifier"))?;
+        if id > if extended { ID_MASK } else { STANDARD_MAX } {
+            return Err(Bad("the identifier is too great"));
+        }
+        let length = columns.length.parse::<u8>().map_err(|_| Bad("expected a length"))?;
+        let length = if columns.coded { fd_length(length.min(15)) } else { length };
+        let fd = matches!(columns.kind, "FD" | "FB" | "FE" | "BI");
+        if columns.kind == "RR" || columns.data.starts_with("RTR") {
+            return Ok(Shape::Frame(classic(id, extended, true, length, &[])));
+        }
+        self.bytes.clear();
+        let mut words = columns.data.split_ascii_whitespace();
+        for _ in 0..length.min(if fd { 64 } else { 8 }) {
+            let word = words.next().ok_or(Bad("it has fewer bytes than its length says"))?;
+            let byte = u8::from_str_radix(word, 16).map_err(|_| Bad("expected bytes"))?;
+            self.bytes.push(byte);
+        }
+        let brs = u8::from(matches!(columns.kind, "FB" | "BI"));
+        let flags = brs | u8::from(matches!(columns.kind, "FE" | "BI")) << 1;
+        Ok(match fd {
+            true => Shape::Fd { id, extended, flags },
+            false => Shape::Frame(classic(id, extended, false, length, &self.bytes)),
+        })
+    }
+}
+
+fn error(class: u32, detail: u8) -> ErrorFrame {
+    ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] }
+}
+
+/// What a warning says at its end: the bus is light, heavy or off, a queue is full.
+fn warning(text: &str) -> ErrorFrame {
+    let says = |word: &str| text.split_ascii_whitespace().any(|other| other.starts_with(word));
+    match () {
+        () if says("BUSOFF") => error(0x40, 0),
+        () if says("BUSHEAVY") || says("BUSPASSIVE") => error(ErrorFrame::CONTROLLER_CLASS, 0x30),
+        () if says("BUSLIGHT") => error(ErrorFrame::CONTROLLER_CLASS, 0x0C),
+        () if says("QOVERRUN") || says("OVERRUN") => error(ErrorFrame::CONTROLLER_CLASS, 0x01),
+        () => error(ErrorFrame::BUS_ERROR, 0),
+    }
+}

@@ -1,0 +1,179 @@
+//! What a capture holds: a record is one CAN frame, or bytes of a serial line as they were read.
+
+use polepair_core::explain::Direction;
+use polepair_core::medium::Frame;
+
+use crate::stamp::Stamp;
+
+/// One record of a capture.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Record<'a> {
+    /// When; `None` where the capture does not say.
+    pub time: Option<Stamp>,
+    /// On which link; `-` where the capture does not say.
+    pub link: &'a str,
+    /// Who sent it, where the capture says so.
+    pub direction: Option<Direction>,
+    /// What.
+    pub data: Data<'a>,
+}
+
+/// What a record carries.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Data<'a> {
+    /// As many bytes of a serial line as were read at once.
+    Bytes(&'a [u8]),
+    /// A classic CAN frame.
+    Frame(Frame),
+    /// A CAN FD frame. No drive here speaks it: it is kept and shown.
+    Fd(Fd<'a>),
+    /// What a CAN controller reported of its bus.
+    Error(ErrorFrame),
+}
+
+/// A CAN FD frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Fd<'a> {
+    /// 11-bit or 29-bit identifier.
+    pub id: u32,
+    /// True for a 29-bit identifier.
+    pub extended: bool,
+    /// As Linux has them (`linux/can.h`): 1 bit-rate switch, 2 error state of the sender.
+    pub flags: u8,
+    /// 0 to 64 bytes.
+    pub bytes: &'a [u8],
+}
+
+/// An error frame as Linux makes it (`linux/can/error.h`): what a controller saw, not a frame that
+/// anybody sent.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub struct ErrorFrame {
+    /// Classes of error, a bit each.
+    pub class: u32,
+    /// Details, by class.
+    pub data: [u8; 8],
+}
+
+/// Bit of an identifier that says that a frame is an error frame.
+pub(crate) const ERROR_FLAG: u32 = 0x2000_0000;
+/// Bit of an identifier that says that it has 29 bits.
+pub(crate) const EXTENDED_FLAG: u32 = 0x8000_0000;
+/// Bit of an identifier that says that a frame is a remote request.
+pub(crate) const REMOTE_FLAG: u32 = 0x4000_0000;
+/// The 29 bits of an identifier.
+pub(crate) const ID_MASK: u32 = 0x1FFF_FFFF;
+/// Identifiers of 11 bits end here.
+pub(crate) const STANDARD_MAX: u32 = 0x7FF;
+
+/// Lengths that a CAN FD frame may have beyond 8, by its length code from 9.
+const FD_LENGTHS: [u8; 7] = [12, 16, 20, 24, 32, 48, 64];
+
+/// Bytes of a CAN FD frame with that length code.
+pub(crate) fn fd_length(code: u8) -> u8 {
+    match code {
+        0..=8 => code,
+        _ => FD_LENGTHS[usize::from(code - 9).min(FD_LENGTHS.len() - 1)],
+    }
+}
+
+/// The length code of a CAN FD frame of so many bytes, or of the next longer one.
+pub(crate) fn fd_code(length: usize) -> u8 {
+    match length {
+        0..=8 => length as u8,
+        _ => 9 + FD_LENGTHS.iter().take_while(|n| usize::from(**n) < length).count().min(6) as u8,
+    }
+}
+
+impl ErrorFrame {
+    /// Names of the classes, from bit 0.
+    const CLASSES: [&'static str; 10] = [
+        "transmit timeout",
+        "arbitration lost",
+        "controller",
+        "protocol violation",
+        "transceiver",
+        "no acknowledge",
+        "bus-off",
+        "bus error",
+        "restarted",
+        "error counters",
+    ];
+    /// What a controller reports in byte 1, from bit 0.
+    const CONTROLLER: [&'static str; 7] = [
+        "receive buffer overflow",
+        "transmit buffer overflow",
+        "receive warning",
+        "transmit warning",
+        "receive passive",
+        "transmit passive",
+        "error active again",
+    ];
+    /// The class of what a controller reports.
+    pub(crate) const CONTROLLER_CLASS: u32 = 4;
+    /// The class of an error frame that nothing more is known of.
+    pub(crate) const BUS_ERROR: u32 = 0x80;
+
+    /// What was seen, in words.
+    pub fn words(&self) -> impl Iterator<Item = &'static str> {
+        let bits = |mask: u32, names: &'static [&'static str]| {
+            names.iter().enumerate().filter(move |(bit, _)| mask >> bit & 1 == 1).map(|(_, n)| *n)
+        };
+        let details = if self.class & Self::CONTROLLER_CLASS == 0 { 0 } else { self.data[1] };
+        let known = if details == 0 { self.class } else { self.class & !Self::CONTROLLER_CLASS };
+        bits(known, &Self::CLASSES).chain(bits(u32::from(details), &Self::CONTROLLER))
+    }
+}
+
+/// A CAN record but for the bytes of CAN FD, which stay where they were read.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Shape {
+    Frame(Frame),
+    Error(ErrorFrame),
+    Fd { id: u32, extended: bool, flags: u8 },
+}
+
+impl Shape {
+    /// The record's data.
+    pub(crate) fn with(self, bytes: &[u8]) -> Data<'_> {
+        match self {
+            Self::Frame(frame) => Data::Frame(frame),
+            Self::Error(error) => Data::Error(error),
+            Self::Fd { id, extended, flags } => Data::Fd(Fd { id, extended, flags, bytes }),
+        }
+    }
+}
+
+/// A classic frame from what most formats store.
+pub(crate) fn classic(id: u32, extended: bool, remote: bool, len: u8, bytes: &[u8]) -> Frame {
+    let mut data = [0; 8];
+    let len = len.min(8);
+    if !remote {
+        let have = bytes.len().min(usize::from(len));
+        data[..have].copy_from_slice(&bytes[..have]);
+    }
+    Frame { id, extended, remote, len, data }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ErrorFrame, fd_code, fd_length};
+
+    #[test]
+    fn lengths_of_can_fd() {
+        for code in 0..=15 {
+            assert_eq!(fd_code(usize::from(fd_length(code))), code);
+        }
+        assert_eq!((fd_code(9), fd_code(33), fd_code(65)), (9, 14, 15));
+    }
+
+    #[test]
+    fn error_frames_in_words() {
+        let words = |class, detail| {
+            let frame = ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] };
+            frame.words().collect::<Vec<_>>().join(", ")
+        };
+        assert_eq!(words(0x40, 0), "bus-off");
+        assert_eq!(words(0x04, 0x30), "receive passive, transmit passive");
+        assert_eq!(words(0xA8, 0), "protocol violation, no acknowledge, bus error");
+    }
+}

@@ -1,0 +1,172 @@
+//! Captures written: the formats that are read, compressed or not.
+
+mod asc;
+mod blf;
+mod csv;
+mod pcap;
+mod pcapng;
+mod text;
+mod trc;
+
+use core::fmt;
+use std::io::{self, Write};
+
+use crate::format::{Format, Packing};
+use crate::record::Record;
+
+/// Bytes that are gathered before they are passed on.
+const GATHER: usize = 1 << 16;
+
+/// Why a record cannot be written.
+#[derive(Debug)]
+pub enum WriteError {
+    /// The file cannot be written.
+    Io(io::Error),
+    /// The format has no place for such a record.
+    Unfit(&'static str),
+    /// The format is not one that records are written in.
+    Unwritable(Format),
+}
+
+impl fmt::Display for WriteError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io(error) => error.fmt(f),
+            Self::Unfit(what) => f.write_str(what),
+            Self::Unwritable(format) => write!(f, "{format} is what decode writes, not a capture"),
+        }
+    }
+}
+
+impl std::error::Error for WriteError {}
+
+impl From<io::Error> for WriteError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+/// Writes one format.
+trait Sink: fmt::Debug + Send {
+    /// Appends a record. Nothing is appended where it does not fit.
+    fn record(&mut self, record: &Record<'_>, out: &mut Vec<u8>) -> Result<(), &'static str>;
+    /// Appends what stands at the end.
+    fn finish(&mut self, _out: &mut Vec<u8>) {}
+}
+
+/// Writes records to a file.
+pub struct Writer<W: Write> {
+    sink: Box<dyn Sink>,
+    buffer: Vec<u8>,
+    out: Out<W>,
+}
+
+enum Out<W: Write> {
+    Plain(W),
+    Gzip(flate2::write::GzEncoder<W>),
+    Zstd(zstd::stream::write::Encoder<'static, W>),
+}
+
+impl<W: Write> fmt::Debug for Writer<W> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Writer").field("sink", &self.sink).finish_non_exhaustive()
+    }
+}
+
+impl<W: Write> Writer<W> {
+    /// A writer of that format, compressed if `packing` says so.
+    ///
+    /// # Errors
+    /// [`WriteError::Unwritable`] for JSONL, which is made by decoding.
+    pub fn new(format: Format, packing: Option<Packing>, out: W) -> Result<Self, WriteError> {
+        let sink: Box<dyn Sink> = match format {
+            Format::Text => Box::new(text::Text),
+            Format::Pcap => Box::new(pcap::Pcap::default()),
+            Format::Pcapng => Box::new(pcapng::Pcapng::default()),
+            Format::Asc => Box::new(asc::Asc::default()),
+            Format::Trc => Box::new(trc::Trc::default()),
+            Format::Blf => Box::new(blf::Blf::default()),
+            Format::Csv => Box::new(csv::Csv::default()),
+            Format::Jsonl => return Err(WriteError::Unwritable(format)),
+        };
+        let out = match packing {
+            None => Out::Plain(out),
+            Some(Packing::Gzip) => {
+                Out::Gzip(flate2::write::GzEncoder::new(out, flate2::Compression::default()))
+            }
+            Some(Packing::Zstd) => Out::Zstd(zstd::stream::write::Encoder::new(out, 3)?),
+        };
+        Ok(Self { sink, buffer: Vec::with_capacity(2 * GATHER), out })
+    }
+
+    /// Writes a record.
+    ///
+    /// # Errors
+    /// [`WriteError::Unfit`] where the format has no place for it, and nothing is written;
+    /// [`WriteError::Io`].
+    pub fn write(&mut self, record: &Record<'_>) -> Result<(), WriteError> {
+        self.sink.record(record, &mut self.buffer).map_err(WriteError::Unfit)?;
+        if self.buffer.len() >= GATHER { self.flush() } else { Ok(()) }
+    }
+
+    /// Passes on what was gathered.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`].
+    pub fn flush(&mut self) -> Result<(), WriteError> {
+        let out: &mut dyn Write = match &mut self.out {
+            Out::Plain(out) => out,
+            Out::Gzip(out) => out,
+            Out::Zstd(out) => out,
+        };
+        out.write_all(&self.buffer)?;
+        self.buffer.clear();
+        Ok(out.flush()?)
+    }
+
+    /// Ends the file.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`].
+    pub fn finish(mut self) -> Result<W, WriteError> {
+        self.sink.finish(&mut self.buffer);
+        self.flush()?;
+        Ok(match self.out {
+            Out::Plain(out) => out,
+            Out::Gzip(out) => out.finish()?,
+            Out::Zstd(out) => out.finish()?,
+        })
+    }
+}
+
+/// Numbers for the names of links, for formats that count channels: the number at the end of the
+/// name, or else the first that is free.
+#[derive(Debug, Default)]
+struct Channels(Vec<(String, u32)>);
+
+/// Links that one file can tell apart by numbers.
+const CHANNELS_MAX: usize = 256;
+
+impl Channels {
+    /// The link's number, from 0.
+    fn of(&mut self, link: &str) -> Result<u32, &'static str> {
+        if let Some((_, number)) = self.0.iter().find(|(name, _)| name == link) {
+            return Ok(*number);
+        }
+        if self.0.len() >= CHANNELS_MAX {
+            return Err("more links than this format counts");
+        }
+        let digits = link.bytes().rev().take_while(u8::is_ascii_digit).count();
+        let told = link[link.len() - digits..].parse::<u32>().ok().filter(|n| *n < 255);
+        let free = |number: &u32| !self.0.iter().any(|(_, other)| other == number);
+        let number = told.filter(free).or_else(|| (0..).find(free)).unwrap_or(0);
+        self.0.push((link.to_owned(), number));
+        Ok(number)
+    }
+}
+
+const NO_SERIAL: &str =
+    "this format holds CAN frames alone: write a serial capture as log or pcapng";
+
+#[cfg(test)]
+pub(crate) mod tests;

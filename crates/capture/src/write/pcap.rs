@@ -1,0 +1,98 @@
+//! pcap with nanoseconds: one link type a file, no names of links.
+
+use polepair_core::explain::Direction;
+
+use super::Sink;
+use crate::read::linktype;
+use crate::record::{Data, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Record};
+use crate::stamp::Stamp;
+
+/// Flag of a CAN FD frame in its sixth byte.
+const FLAG_FD: u8 = 4;
+/// Bytes of a packet that a file says it keeps: tcpdump's own limit.
+pub(super) const KEPT_MAX: u32 = 262_144;
+
+/// The writer of such files.
+#[derive(Debug, Default)]
+pub(super) struct Pcap {
+    /// The link type and the link, once the first record has told.
+    begun: Option<(u32, String)>,
+}
+
+impl Sink for Pcap {
+    fn record(&mut self, record: &Record<'_>, out: &mut Vec<u8>) -> Result<(), &'static str> {
+        let kind = kind(&record.data);
+        match &self.begun {
+            None => {
+                header(kind, out);
+                self.begun = Some((kind, record.link.to_owned()));
+            }
+            Some((other, _)) if *other != kind => {
+                return Err("pcap holds CAN or serial bytes, not both: write pcapng");
+            }
+            Some((_, link)) if link != record.link => {
+                return Err("pcap does not tell links apart: write pcapng");
+            }
+            Some(_) => {}
+        }
+        let Stamp(time) = record.time.unwrap_or(Stamp(0));
+        let seconds = u32::try_from(time / 1_000_000_000);
+        let seconds = seconds.map_err(|_| "the time is beyond what pcap counts")?;
+        out.extend_from_slice(&seconds.to_le_bytes());
+        out.extend_from_slice(&((time % 1_000_000_000) as u32).to_le_bytes());
+        let at = out.len();
+        out.extend_from_slice(&[0; 8]);
+        packet(record, out);
+        let size = ((out.len() - at - 8) as u32).to_le_bytes();
+        out[at..at + 4].copy_from_slice(&size);
+        out[at + 4..at + 8].copy_from_slice(&size);
+        Ok(())
+    }
+
+    fn finish(&mut self, out: &mut Vec<u8>) {
+        if self.begun.is_none() {
+            header(linktype::CAN, out);
+        }
+    }
+}
+
+fn header(kind: u32, out: &mut Vec<u8>) {
+    for word in [0xA1B2_3C4D_u32, 2 | 4 << 16, 0, 0, KEPT_MAX, kind] {
+        out.extend_from_slice(&word.to_le_bytes());
+    }
+}
+
+/// The link type that holds such a record.
+pub(super) fn kind(data: &Data<'_>) -> u32 {
+    if matches!(data, Data::Bytes(_)) { linktype::SERIAL } else { linktype::CAN }
+}
+
+/// Appends a packet.
+pub(super) fn packet(record: &Record<'_>, out: &mut Vec<u8>) {
+    let mut can = |word: u32, len: u8, flags: u8, bytes: &[u8]| {
+        out.extend_from_slice(&word.to_be_bytes());
+        out.extend_from_slice(&[len, flags, 0, 0]);
+        out.extend_from_slice(bytes);
+    };
+    let extended = |extended: bool| if extended { EXTENDED_FLAG } else { 0 };
+    match &record.data {
+        Data::Frame(frame) => {
+            let remote = if frame.remote { REMOTE_FLAG } else { 0 };
+            let bytes = if frame.remote { &[] } else { frame.bytes() };
+            can(frame.id | extended(frame.extended) | remote, frame.len, 0, bytes);
+        }
+        Data::Fd(fd) => {
+            let flags = fd.flags & 3 | FLAG_FD;
+            can(fd.id | extended(fd.extended), fd.bytes.len() as u8, flags, fd.bytes);
+        }
+        Data::Error(error) => can(error.class | ERROR_FLAG, 8, 0, &error.data),
+        Data::Bytes(bytes) => {
+            out.push(match record.direction {
+                None => 0,
+                Some(Direction::ToDrive) => 1,
+                Some(Direction::ToHost) => 2,
+            });
+            out.extend_from_slice(bytes);
+        }
+    }
+}

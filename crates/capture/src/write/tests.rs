@@ -1,0 +1,215 @@
+//! Every format written and read back, whole, in pieces, compressed, and damaged.
+
+use polepair_core::explain::Direction;
+use polepair_core::medium::Frame;
+
+use super::{WriteError, Writer};
+use crate::{Data, ErrorFrame, Fd, Format, Packing, Reader, Record, Stamp};
+
+const FORMATS: [Format; 7] = [
+    Format::Text,
+    Format::Pcap,
+    Format::Pcapng,
+    Format::Asc,
+    Format::Trc,
+    Format::Blf,
+    Format::Csv,
+];
+const BEGIN: u64 = 1_700_000_000_123_456_000;
+
+/// A record that outlives what it was read from.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Owned {
+    time: Option<u64>,
+    link: String,
+    direction: Option<Direction>,
+    what: String,
+}
+
+impl Owned {
+    pub(crate) fn of(record: &Record<'_>) -> Self {
+        let time = record.time.map(|stamp| stamp.0);
+        let link = record.link.to_owned();
+        Self { time, link, direction: record.direction, what: format!("{:?}", record.data) }
+    }
+}
+
+/// What a format keeps of a record.
+fn kept(format: Format, mut record: Owned) -> Owned {
+    let told = match format {
+        Format::Csv | Format::Pcap => false,
+        Format::Asc | Format::Trc | Format::Blf => !record.what.starts_with("Error"),
+        _ => true,
+    };
+    let unit = if format == Format::Trc { 1000 } else { 1 };
+    record.time = record.time.map(|time| time / unit);
+    record.direction = if told { record.direction } else { None };
+    if matches!(format, Format::Asc | Format::Trc) && told && record.direction.is_none() {
+        record.direction = Some(Direction::ToHost);
+    }
+    if matches!(format, Format::Blf) && told {
+        record.direction.get_or_insert(Direction::ToHost);
+    }
+    if matches!(format, Format::Asc | Format::Trc | Format::Blf) && !told {
+        record.what = "Error".to_owned();
+    }
+    if format == Format::Csv && record.what.starts_with("Fd") {
+        record.what = record.what.replace("flags: 3", "flags: 0");
+    }
+    record
+}
+
+/// Frames of every kind on one bus.
+fn frames(count: u64) -> Vec<(Stamp, Option<Direction>, Frame)> {
+    let ways = [None, Some(Direction::ToDrive), Some(Direction::ToHost)];
+    (0..count)
+        .map(|n| {
+            let extended = n % 3 == 0;
+            let id = if extended { 0x0400_A05E + n as u32 } else { (0x181 + n as u32) & 0x7FF };
+            let remote = n % 7 == 6;
+            let len = (n % 9) as u8;
+            let mut data = [0; 8];
+            if !remote {
+                (0..len).for_each(|at| data[usize::from(at)] = (n * 31 + u64::from(at)) as u8);
+            }
+            let frame = Frame { id, extended, remote, len, data };
+            (Stamp(BEGIN + n * 1_234_567_000), ways[n as usize % 3], frame)
+        })
+        .collect()
+}
+
+fn written(format: Format, packing: Option<Packing>, count: u64) -> (Vec<u8>, Vec<Owned>) {
+    let mut writer = Writer::new(format, packing, Vec::new()).expect("a format to write");
+    let mut expected = Vec::new();
+    let mut write = |record: &Record<'_>| {
+        writer.write(record).expect("fits");
+        expected.push(kept(format, Owned::of(record)));
+    };
+    let link = "can0";
+    for (time, direction, frame) in frames(count) {
+        write(&Record { time: Some(time), link, direction, data: Data::Frame(frame) });
+    }
+    let last = Some(Stamp(BEGIN + count * 1_234_567_000));
+    let bytes = [0xA5; 24];
+    let fd = Fd { id: 0x77, extended: false, flags: 3, bytes: &bytes };
+    write(&Record { time: last, link, direction: None, data: Data::Fd(fd) });
+    let error = ErrorFrame { class: 0x44, data: [0, 0x30, 0, 0, 0, 0, 0, 0] };
+    write(&Record { time: last, link, direction: None, data: Data::Error(error) });
+    (writer.finish().expect("written"), expected)
+}
+
+fn read(format: Format, file: &[u8], size: usize) -> (Vec<Owned>, Vec<String>) {
+    let (mut found, mut reader) = (Vec::new(), Reader::default());
+    let mut keep = |record: &Record<'_>| found.push(kept(format, Owned::of(record)));
+    file.chunks(size).for_each(|piece| reader.feed(piece, &mut keep));
+    reader.finish(&mut keep);
+    assert_eq!(reader.format(), Some(format));
+    assert_eq!(reader.tally().records, found.len() as u64);
+    (found, reader.tally().damage.iter().map(ToString::to_string).collect())
+}
+
+#[test]
+fn what_is_written_is_read_however_it_is_cut() {
+    for format in FORMATS {
+        for packing in [None, Some(Packing::Gzip), Some(Packing::Zstd)] {
+            let (file, expected) = written(format, packing, 300);
+            for size in [1, 7, 64, 4096, file.len()] {
+                let (found, damage) = read(format, &file, size);
+                assert_eq!(damage, [] as [&str; 0], "{format} {packing:?} in pieces of {size}");
+                assert_eq!(found.len(), expected.len(), "{format} {packing:?} in pieces of {size}");
+                for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                    assert_eq!(found, expected, "{format} {packing:?} record {n}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn serial_bytes_are_kept_where_there_is_a_place_for_them() {
+    let record = |direction, link| Record {
+        time: Some(Stamp(BEGIN)),
+        link,
+        direction,
+        data: Data::Bytes(&[1, 0xFF, 0]),
+    };
+    let records = [
+        record(Some(Direction::ToDrive), "ttyUSB0"),
+        record(Some(Direction::ToHost), "ttyUSB0"),
+        record(None, "ttyUSB1"),
+    ];
+    for format in [Format::Text, Format::Pcapng] {
+        let mut writer = Writer::new(format, None, Vec::new()).expect("a format to write");
+        records.iter().for_each(|record| writer.write(record).expect("fits"));
+        let (found, damage) = read(format, &writer.finish().expect("written"), 5);
+        assert_eq!(damage, [] as [&str; 0]);
+        assert_eq!(found, records.each_ref().map(Owned::of), "{format}");
+    }
+    for format in [Format::Asc, Format::Trc, Format::Blf, Format::Csv] {
+        let mut writer = Writer::new(format, None, Vec::new()).expect("a format to write");
+        assert!(matches!(writer.write(&records[0]), Err(WriteError::Unfit(_))), "{format}");
+    }
+    let mut writer = Writer::new(Format::Pcap, None, Vec::new()).expect("a format to write");
+    writer.write(&records[0]).expect("fits");
+    assert!(matches!(writer.write(&records[2]), Err(WriteError::Unfit(_))), "another link");
+}
+
+#[test]
+fn a_file_that_is_cut_off_is_read_to_the_cut() {
+    for format in FORMATS {
+        let (file, expected) = written(format, None, 3000);
+        let (found, damage) = read(format, &file[..file.len() * 2 / 3], 4096);
+        assert!(damage.len() <= 2, "{format}: {damage:?}");
+        assert!(found.len() * 3 > expected.len(), "{format}: {} records", found.len());
+        let same = found.iter().zip(&expected).filter(|(a, b)| a == b).count();
+        assert!(same + 1 >= found.len(), "{format}: {same} of {}", found.len());
+    }
+}
+
+#[test]
+fn what_follows_damage_is_read() {
+    for format in FORMATS {
+        let (mut file, expected) = written(format, None, 30_000);
+        let middle = file.len() / 2;
+        file[middle..middle + 40].fill(0x99);
+        let (found, damage) = read(format, &file, 4096);
+        assert!(!damage.is_empty() && damage.len() < 12, "{format}: {damage:?}");
+        let last = expected.last();
+        assert_eq!(found.last(), last, "{format}: {damage:?}");
+        assert!(found.len() * 10 > expected.len() * 7, "{format}: {} records", found.len());
+    }
+}
+
+/// Bytes changed, taken out, put in twice, and cut off: everything ends, and nothing grows.
+#[test]
+fn mutated_files_are_read_to_their_end() {
+    let mut state = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut next = |limit: usize| {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % limit.max(1)
+    };
+    for round in 0..2_000 {
+        let format = FORMATS[round % FORMATS.len()];
+        let packing = [None, None, Some(Packing::Gzip), Some(Packing::Zstd)][next(4)];
+        let (mut file, expected) = written(format, packing, 40);
+        for _ in 0..=next(4) {
+            let at = next(file.len());
+            match next(4) {
+                0 => file[at] = next(256) as u8,
+                1 => drop(file.drain(at..(at + next(20)).min(file.len()))),
+                2 => file.truncate(at + 1),
+                _ => {
+                    let again = file[at..(at + next(60)).min(file.len())].to_vec();
+                    file.splice(at..at, again);
+                }
+            }
+        }
+        let mut found = 0;
+        let mut reader = Reader::default();
+        let size = 1 + next(200);
+        file.chunks(size).for_each(|piece| reader.feed(piece, &mut |_| found += 1));
+        reader.finish(&mut |_| found += 1);
+        assert!(found <= 40 * expected.len(), "{format} {packing:?} round {round}: {found}");
+    }
+}

@@ -1,0 +1,122 @@
+//! `polepair convert FILE|- OUT|- [--from FORMAT] [--to FORMAT]`
+
+use std::fs::File;
+use std::io::{self, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use polepair_capture::{Format, Packing, Reader, Record, WriteError, Writer};
+
+use super::decode::{damage, pieces};
+use crate::problem::{self, Exit, Problem, Result};
+use crate::terminal::say;
+
+const PIECE: usize = 1 << 16;
+/// Kinds of records that found no place and are named one by one.
+const UNFIT_MAX: usize = 5;
+
+/// Writes a capture in another format.
+///
+/// Reads and writes candump and serial logs, pcap, pcapng, Vector ASC and BLF, PEAK TRC and
+/// python-can's CSV; reads decode's JSONL. A name that ends in .gz or .zst is compressed.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Serial bytes have a place in log, pcap and pcapng alone; csv and pcap hold one bus.
+
+Examples:
+  polepair convert machine.blf machine.log
+  polepair convert bus.log bus.pcapng              # for Wireshark
+  polepair convert bus.log.gz - --to asc | less")]
+pub struct Convert {
+    /// The capture; - for stdin
+    #[arg(value_name = "FILE|-")]
+    source: PathBuf,
+    /// Where to write; - for stdout
+    #[arg(value_name = "OUT|-")]
+    out: PathBuf,
+    /// How the capture is stored [default: told by its first bytes]
+    #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
+    from: Option<Format>,
+    /// How it is written [default: told by OUT's name]
+    #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
+    to: Option<Format>,
+}
+
+/// Records that found no place: the reason, and how many.
+type Unfit = Vec<(&'static str, u64)>;
+
+impl Convert {
+    pub fn run(self) -> Result {
+        let to = self.to.or_else(|| Format::of_path(&self.out)).ok_or_else(|| {
+            Problem::new(Exit::Usage, "E248", "the format to write is not known.")
+                .why("The name of the file does not tell it.")
+                .hint(format!("--to says it: {}", Format::names().collect::<Vec<_>>().join(", ")))
+        })?;
+        let failed = |error| problem::file(&self.out, "write", &error);
+        let file: Box<dyn Write> = match self.out.as_os_str() == "-" {
+            true => Box::new(io::stdout().lock()),
+            false => Box::new(BufWriter::new(File::create(&self.out).map_err(failed)?)),
+        };
+        let mut writer = Writer::new(to, Packing::of_path(&self.out), file)
+            .map_err(|error| self.refused(&error))?;
+        let (mut reader, mut unfit, mut wrong) = (Reader::new(self.from), Unfit::new(), None);
+        let mut write = |record: &Record<'_>| match writer.write(record) {
+            Ok(()) => {}
+            Err(WriteError::Unfit(why)) => count(&mut unfit, why),
+            Err(error) => wrong = wrong.take().or(Some(error)),
+        };
+        read(&self.source, &mut |piece| {
+            reader.feed(piece, &mut write);
+            Ok(())
+        })?;
+        reader.finish(&mut write);
+        if let Some(error) = wrong {
+            return Err(self.refused(&error));
+        }
+        let written = writer.finish().and_then(|mut file| Ok(file.flush()?));
+        written.map_err(|error| self.refused(&error))?;
+        self.tell(&reader, to, &unfit)
+    }
+
+    fn refused(&self, error: &WriteError) -> Problem {
+        match error {
+            WriteError::Io(error) => problem::file(&self.out, "write", error),
+            other => Problem::new(Exit::Usage, "E248", format!("{other}."))
+                .hint("polepair decode FILE --format jsonl explains a capture"),
+        }
+    }
+
+    fn tell(&self, reader: &Reader, to: Format, unfit: &Unfit) -> Result {
+        for (why, count) in unfit {
+            say(&format!("{count} records are left out: {why}"));
+        }
+        damage(reader.tally())?;
+        let lost: u64 = unfit.iter().map(|(_, count)| count).sum();
+        let from = reader.format().map_or("nothing", Format::name);
+        say(&format!("{} records: {from} to {to}", reader.tally().records - lost));
+        Ok(if lost > 0 { Exit::Partial } else { Exit::Ok })
+    }
+}
+
+fn count(unfit: &mut Unfit, why: &'static str) {
+    let known = unfit.iter().position(|(other, _)| *other == why);
+    match known.or_else(|| unfit.len().checked_sub(1).filter(|last| last + 1 == UNFIT_MAX)) {
+        Some(at) => unfit[at].1 += 1,
+        None => unfit.push((why, 1)),
+    }
+}
+
+fn read(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    if path.as_os_str() != "-" {
+        return pieces(path, each);
+    }
+    let mut buffer = vec![0; PIECE];
+    loop {
+        match io::stdin().read(&mut buffer) {
+            Ok(0) => return Ok(()),
+            Ok(count) => each(&buffer[..count])?,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(problem::file(path, "read", &error)),
+        }
+    }
+}
