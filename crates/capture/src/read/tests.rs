@@ -55,11 +55,11 @@ fn vector_asc() {
          \x20  0.015991 CAN 1 Status:chip status error passive - TxErr: 132 RxErr: 0\r\n\
          \x20  2.501000 1  ErrorFrame\r\n\
          \x20  2.510001 2  100             Rx   r\r\n\
-         \x20  2.520002 3  200             Tx   r Length = 1704000 BitCount = 145 ID = 88888888x\r\n\
-         \x20  2.584921 4  300             Tx   r 8 Length = 1704000 BitCount = 145 ID = 88888888x\r\n\
-         \x20  3.098426 1  18EBFF00x       Rx   d 8 01 A0 0F A6 60 3B D1 40  Length = 273910 BitCount = 141 ID = 418119424x\r\n\
+         \x20  2.520002 3  200             Tx   r Length = 1704000 BitCount = 145\r\n\
+         \x20  2.584921 4  300             Tx   r 8 Length = 1704000 BitCount = 145\r\n\
+         \x20  3.098426 1  18EBFF00x       Rx   d 8 01 A0 0F A6 60 3B D1 40  Length = 273910\r\n\
          \x20  4.000000 1  Statistic: D 1 R 1 XD 0 XR 0 E 0 O 0 B 0.02%\r\n\
-         \x20  5.000000 CANFD   1 Rx        300                                   1 0 9 12 01 02 03 04 05 06 07 08 09 0A 0B 0C   102203  133   303000\r\n\
+         \x20  5.000000 CANFD   1 Rx        300          1 0 9 12 01 02 03 04 05 06 07 08 09 0A 0B 0C   102203\r\n\
          \x20  6.000000 1  Engine          Rx   d 1 01\r\n\
          End TriggerBlock\r\n",
     );

@@ -20,7 +20,7 @@ pub(super) struct Unpack {
 }
 
 enum Engine {
-    Gzip(flate2::write::MultiGzDecoder<Vec<u8>>),
+    Gzip(Box<flate2::write::MultiGzDecoder<Vec<u8>>>),
     Zstd(zstd::stream::write::Decoder<'static, Vec<u8>>),
     /// It could not be set up.
     None,
@@ -35,7 +35,7 @@ impl core::fmt::Debug for Unpack {
 impl Unpack {
     pub(super) fn new(packing: Packing) -> Self {
         let engine = match packing {
-            Packing::Gzip => Engine::Gzip(flate2::write::MultiGzDecoder::new(Vec::new())),
+            Packing::Gzip => Engine::Gzip(Box::new(flate2::write::MultiGzDecoder::new(Vec::new()))),
             Packing::Zstd => zstd(),
         };
         Self { engine, broken: None }

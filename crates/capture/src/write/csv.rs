@@ -41,7 +41,7 @@ impl Sink for Csv {
         let [extended, remote, error] = [extended, remote, error].map(u8::from);
         let data = BASE64.encode(bytes);
         // Writing into a Vec cannot fail.
-        let _ = write!(out, "{seconds}.{ns:09},{id:#x},{extended},{remote},{error},{len},{data}\n");
+        let _ = writeln!(out, "{seconds}.{ns:09},{id:#x},{extended},{remote},{error},{len},{data}");
         Ok(())
     }
 
