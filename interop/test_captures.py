@@ -32,6 +32,11 @@ def messages(count=400):
         )
 
 
+def known(kind):
+    """The messages that python-can's writer of that format knows: TRC's leaves out requests."""
+    return [message for message in messages() if kind != "trc" or not message.is_remote_frame]
+
+
 def run(*words, **options):
     done = subprocess.run([POLEPAIR, *words], capture_output=True, timeout=60, **options)
     assert done.returncode == 0, done.stderr.decode()
@@ -51,7 +56,7 @@ def identity(message):
 @pytest.mark.parametrize("kind", ["log", "asc", "blf", "trc", "csv"])
 @pytest.mark.parametrize("packed", ["", ".gz"])
 def test_python_can_writes_and_we_read(kind, packed, tmp_path):
-    sent = list(messages())
+    sent = known(kind)
     path = tmp_path / f"bus.{kind}"
     with can.Logger(str(path)) as logger:
         for message in sent:
@@ -65,14 +70,16 @@ def test_python_can_writes_and_we_read(kind, packed, tmp_path):
     for message, frame in zip(sent, found):
         assert (frame["id"], frame["extended"]) == (message.arbitration_id, message.is_extended_id)
         assert bytes.fromhex(frame["bytes"]) == bytes(message.data)
-    steps = [after["time"] - before["time"] for before, after in zip(found, found[1:])]
-    assert all(abs(step - 0.001) < 1e-5 for step in steps)
+    for message, frame in zip(sent, found):
+        since = frame["time"] - found[0]["time"]
+        assert abs(since - (message.timestamp - sent[0].timestamp)) < 1e-5
 
 
 @pytest.mark.parametrize("kind", ["log", "asc", "blf", "trc", "csv"])
 def test_we_write_and_python_can_reads(kind, tmp_path):
-    sent = list(messages())
-    source, path = tmp_path / "source.log", tmp_path / f"bus.{kind}"
+    sent = known(kind)
+    # python-can's log forgets the length of a remote request; its BLF keeps everything.
+    source, path = tmp_path / "source.blf", tmp_path / f"bus.{kind}"
     with can.Logger(str(source)) as logger:
         for message in sent:
             logger(message)
@@ -94,7 +101,8 @@ def test_formats_in_a_circle_keep_every_record(tmp_path):
         path = tmp_path / f"circle.{end}"
         run("convert", str(last), str(path))
         last = path
-    assert last.read_text().splitlines() == source.read_text().upper().replace("CAN0", "can0").splitlines()
+    expected = source.read_text().upper().replace("CAN0", "can0")
+    assert last.read_text().splitlines() == expected.splitlines()
 
 
 def test_can_utils_read_and_write_as_we_do(tmp_path):
@@ -112,11 +120,11 @@ def test_can_utils_read_and_write_as_we_do(tmp_path):
     back = subprocess.run(["asc2log", "-I", str(ours)], capture_output=True, check=True, timeout=60)
 
     def frames(text):
-        return [line.split()[2] for line in text.splitlines()]
+        return [line.split()[2].upper() for line in text.splitlines()]
 
-    expected = [line.split()[2].upper() for line in log.read_text().splitlines()]
-    assert [frame.upper() for frame in frames(run("convert", str(theirs), "-", "--to", "log"))] == expected
-    assert [frame.upper() for frame in frames(back.stdout.decode())] == expected
+    expected = frames(log.read_text())
+    assert frames(run("convert", str(theirs), "-", "--to", "log")) == expected
+    assert frames(back.stdout.decode()) == expected
 
 
 def test_tshark_reads_what_we_write(tmp_path):
@@ -128,8 +136,7 @@ def test_tshark_reads_what_we_write(tmp_path):
             logger(message)
     for end in ["pcap", "pcapng"]:
         path = tmp_path / f"bus.{end}"
-        source = log
-        run("convert", str(source), str(path))
+        run("convert", str(log), str(path))
         words = ["-T", "fields", "-e", "can.id", "-e", "can.len", "-e", "frame.time_epoch"]
         shown = subprocess.run(
             ["tshark", "-r", str(path), *words], capture_output=True, check=True, timeout=60
