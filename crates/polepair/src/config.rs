@@ -20,7 +20,7 @@
 //! lead = "5 mm"
 //! ```
 //! `@arm` is then a connection string, as are `@arm#2`, `@arm?timeout=50`, `@cell#x`, and `@machine`
-//! for every [[link]]. A rack is read when it is asked for: what is wrong with it stops nobody else.
+//! for every `[[link]]`. A rack is read when it is asked for: what is wrong with it stops nobody else.
 
 use crate::error::Error;
 use crate::file::{FileError, Text};
