@@ -1,7 +1,7 @@
 //! Time stamps of captures, exact to the nanosecond.
 
 /// Nanoseconds since the capture's epoch, as its lines state them.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Debug)]
 pub struct Stamp(pub u64);
 
 const NS: u64 = 1_000_000_000;

@@ -106,14 +106,11 @@ impl<W: Write> Writer<W> {
     /// [`WriteError::Io`].
     pub fn write(&mut self, record: &Record<'_>) -> Result<(), WriteError> {
         self.sink.record(record, &mut self.buffer).map_err(WriteError::Unfit)?;
-        if self.buffer.len() >= GATHER { self.flush() } else { Ok(()) }
+        if self.buffer.len() >= GATHER { Ok(self.spill()?) } else { Ok(()) }
     }
 
-    /// Passes on what was gathered.
-    ///
-    /// # Errors
-    /// [`WriteError::Io`].
-    pub fn flush(&mut self) -> Result<(), WriteError> {
+    /// Passes on what was gathered, compressed or not.
+    fn spill(&mut self) -> io::Result<()> {
         let out: &mut dyn Write = match &mut self.out {
             Out::Plain(out) => out,
             Out::Gzip(out) => out,
@@ -121,7 +118,7 @@ impl<W: Write> Writer<W> {
         };
         out.write_all(&self.buffer)?;
         self.buffer.clear();
-        Ok(out.flush()?)
+        Ok(())
     }
 
     /// Ends the file.
@@ -130,7 +127,7 @@ impl<W: Write> Writer<W> {
     /// [`WriteError::Io`].
     pub fn finish(mut self) -> Result<W, WriteError> {
         self.sink.finish(&mut self.buffer);
-        self.flush()?;
+        self.spill()?;
         Ok(match self.out {
             Out::Plain(out) => out,
             Out::Gzip(out) => out.finish()?,
@@ -169,4 +166,4 @@ const NO_SERIAL: &str =
     "this format holds CAN frames alone: write a serial capture as log or pcapng";
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

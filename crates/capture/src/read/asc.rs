@@ -12,7 +12,7 @@ use crate::stamp::Stamp;
 const FD_MAX: usize = 64;
 
 /// The reader of such lines.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Asc {
     begin: Stamp,
     decimal: bool,
@@ -21,13 +21,6 @@ pub(super) struct Asc {
     last: u64,
     link: String,
     bytes: Vec<u8>,
-}
-
-impl Default for Asc {
-    fn default() -> Self {
-        let (begin, link, bytes) = (Stamp(0), String::new(), Vec::new());
-        Self { begin, decimal: false, relative: false, last: 0, link, bytes }
-    }
 }
 
 impl Line for Asc {

@@ -21,7 +21,7 @@ pub(crate) const CONTAINER_HEAD: usize = 16;
 pub(crate) const FILE_HEAD: usize = 144;
 /// Where the file's header holds the time of its beginning.
 pub(crate) const BEGIN_AT: usize = 40;
-/// Signs of an object that are looked for behind damage.
+/// Bytes between objects that are padding, and no damage.
 const PADDING_MAX: usize = 8;
 
 /// Kinds of objects.
@@ -80,7 +80,7 @@ impl Source for Blf {
             match self.open(bytes) {
                 Some(count) => used = count,
                 None if ended => {
-                    self.damage(0, "the file's header is cut off or damaged", taker);
+                    self.damage("the file's header is cut off or damaged", taker);
                     return bytes.len();
                 }
                 None => return 0,
@@ -93,7 +93,7 @@ impl Source for Blf {
         }
         if ended && !self.tail.is_empty() {
             self.tail.clear();
-            self.damage(0, "the last object is cut off", taker);
+            self.damage("the last object is cut off", taker);
         }
         used
     }
@@ -131,7 +131,7 @@ impl Blf {
         let next = memchr::memmem::find(&bytes[1..], SIGNATURE).map(|at| at + 1);
         let padding = next.is_some_and(|at| at < PADDING_MAX) && !bytes.starts_with(SIGNATURE);
         if !padding && !core::mem::replace(&mut self.lost, true) {
-            self.damage(0, "the object's header is damaged", taker);
+            self.damage("the object's header is damaged", taker);
         }
         next.unwrap_or(bytes.len() - SIGNATURE.len() + 1)
     }
@@ -142,7 +142,7 @@ impl Blf {
         }
         // What is shorter than a signature may be padding.
         if !self.lost && bytes.len() >= SIGNATURE.len() {
-            self.damage(0, "the last object is cut off", taker);
+            self.damage("the last object is cut off", taker);
             self.rescue(bytes, taker);
         }
         Some(bytes.len())
@@ -159,7 +159,7 @@ impl Blf {
 
     fn container(&mut self, body: &[u8], taker: &mut dyn Taker) {
         if !self.unpack(body, taker) {
-            self.damage(0, "the container cannot be unpacked to its end", taker);
+            self.damage("the container cannot be unpacked to its end", taker);
             self.tail.clear();
         }
     }
@@ -220,7 +220,7 @@ impl Blf {
                     data: shape.with(bytes),
                 });
             }
-            None => self.damage(0, "the object is shorter than its kind", taker),
+            None => self.damage("the object is shorter than its kind", taker),
         }
     }
 
@@ -234,8 +234,8 @@ impl Blf {
         Some(Stamp(self.begin?.0.checked_add(ns)?))
     }
 
-    fn damage(&self, within: u64, reason: &'static str, taker: &mut dyn Taker) {
-        taker.damage(Damage { place: Place::Byte(self.taken + within), reason: Bad(reason) });
+    fn damage(&self, reason: &'static str, taker: &mut dyn Taker) {
+        taker.damage(Damage { place: Place::Byte(self.taken), reason: Bad(reason) });
     }
 }
 

@@ -25,7 +25,7 @@ const CAN_HEADER: usize = 8;
 /// The length of a CAN FD frame whose sender did not set its flag.
 const FD_PACKET: usize = 72;
 /// Flag of byte 5: a CAN FD frame.
-const FLAG_FD: u8 = 4;
+pub(crate) const FLAG_FD: u8 = 4;
 
 /// What a packet carries, and who sent it where the link type says so.
 pub(super) type Content<'a> = (Option<Direction>, Data<'a>);

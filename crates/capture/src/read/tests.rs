@@ -1,6 +1,5 @@
 //! Files as other people's tools write them.
 
-use crate::write::tests::Owned;
 use crate::{Reader, Record};
 
 /// The records of a file as `time link way data`, and the damage.
@@ -14,7 +13,6 @@ fn read(file: &str) -> (Vec<String>, Vec<String>) {
 
 /// A record as the text that we write.
 fn shown(record: &Record<'_>) -> String {
-    let _ = Owned::of(record);
     let mut writer = crate::Writer::new(crate::Format::Text, None, Vec::new()).expect("text");
     writer.write(record).expect("fits");
     let text = String::from_utf8(writer.finish().expect("written")).expect("text");
@@ -159,4 +157,50 @@ fn what_decode_prints_is_read_back() {
     let (found, damage) = read(std::str::from_utf8(&printed).expect("text"));
     assert_eq!(damage, [] as [&str; 0]);
     assert_eq!(found, lines);
+}
+
+/// A pcap file of one packet of that link type.
+fn pcap(kind: u32, packet: &[u8]) -> Vec<u8> {
+    let size = packet.len() as u32;
+    let words = [0xA1B2_C3D4, 2 | 4 << 16, 0, 0, 0xFFFF, kind, 1, 500_000, size, size];
+    words.iter().flat_map(|word: &u32| word.to_le_bytes()).chain(packet.iter().copied()).collect()
+}
+
+#[test]
+fn packets_of_every_interface_at_once() {
+    let frame = [0x80, 0, 0x12, 0x34, 2, 0, 0, 0, 0xAA, 0xBB];
+    let cooked = |way: u8| {
+        let header = [0, way, 1, 0x18, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x0C];
+        [&header[..], &frame].concat()
+    };
+    let cooked_2 = |way: u8| {
+        let header = [0, 0x0C, 0, 0, 0, 0, 0, 3, 1, 0x18, way, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+        [&header[..], &frame].concat()
+    };
+    for (kind, packet, way) in [
+        (227, frame.to_vec(), ""),
+        (113, cooked(4), " T"),
+        (113, cooked(0), " R"),
+        (276, cooked_2(4), " T"),
+        (276, cooked_2(0), " R"),
+    ] {
+        let (mut found, mut reader) = (Vec::new(), Reader::default());
+        reader.feed(&pcap(kind, &packet), &mut |record| found.push(shown(record)));
+        reader.finish(&mut |record| found.push(shown(record)));
+        assert_eq!(found, [format!("(0000000001.500000) can0 00001234#AABB{way}")], "{kind}");
+        assert_eq!(reader.tally().damaged, 0, "{kind}");
+    }
+    let mut reader = Reader::default();
+    reader.feed(&pcap(1, &frame), &mut |_| panic!("Ethernet"));
+    assert_eq!(reader.tally().damaged, 1);
+}
+
+#[test]
+fn peak_trc_between_the_versions() {
+    let second = ";$FILEVERSION=1.2\n;$STARTTIME=25569.0\n\
+         \x20    1)      1059.900 2  Rx         0300  2  00 11\n";
+    assert_eq!(read(second), (vec!["(0000000001.059900) can1 300#0011 R".to_owned()], vec![]));
+    let third = ";$FILEVERSION=1.3\n;$STARTTIME=25569.0\n\
+         \x20    1)      1059.900 1  Tx         0300 -  2  00 11\n";
+    assert_eq!(read(third), (vec!["(0000000001.059900) can0 300#0011 T".to_owned()], vec![]));
 }

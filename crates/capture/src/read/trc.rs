@@ -115,7 +115,7 @@ impl Trc {
     fn record<'a>(&'a mut self, line: &'a str) -> Result<Option<Record<'a>>, Bad> {
         let columns = self.split(line);
         let time = self.time(columns.offset).ok_or(Bad("expected milliseconds"))?;
-        // Vector's counting, and PEAK's: from 1.
+        // PEAK counts buses from 1, Linux its interfaces from 0.
         let bus = columns.bus.parse::<u32>().ok().filter(|n| *n > 0);
         let bus = bus.ok_or(Bad("expected the number of a bus"))? - 1;
         self.link.clear();

@@ -3,12 +3,10 @@
 use polepair_core::explain::Direction;
 
 use super::Sink;
-use crate::read::linktype;
+use crate::read::linktype::{self, FLAG_FD};
 use crate::record::{Data, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Record};
 use crate::stamp::Stamp;
 
-/// Flag of a CAN FD frame in its sixth byte.
-const FLAG_FD: u8 = 4;
 /// Bytes of a packet that a file says it keeps: tcpdump's own limit.
 pub(super) const KEPT_MAX: u32 = 262_144;
 

@@ -19,7 +19,7 @@ const BEGIN: u64 = 1_700_000_000_123_456_000;
 
 /// A record that outlives what it was read from.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Owned {
+struct Owned {
     time: Option<u64>,
     link: String,
     direction: Option<Direction>,
@@ -27,7 +27,7 @@ pub(crate) struct Owned {
 }
 
 impl Owned {
-    pub(crate) fn of(record: &Record<'_>) -> Self {
+    fn of(record: &Record<'_>) -> Self {
         let time = record.time.map(|stamp| stamp.0);
         let link = record.link.to_owned();
         Self { time, link, direction: record.direction, what: format!("{:?}", record.data) }

@@ -19,8 +19,7 @@ impl Sink for Text {
         if let Some(time) = record.time {
             stamp(time, out);
         }
-        // Writing into a Vec cannot fail.
-        let _ = write!(out, "{}", record.link);
+        out.extend_from_slice(record.link.as_bytes());
         if let Data::Bytes(bytes) = record.data {
             out.extend_from_slice(match record.direction {
                 Some(Direction::ToDrive) => b" > ",
@@ -45,6 +44,7 @@ impl Sink for Text {
 /// Six decimals as candump has them, nine where they say more.
 fn stamp(time: Stamp, out: &mut Vec<u8>) {
     let (seconds, ns) = (time.0 / 1_000_000_000, time.0 % 1_000_000_000);
+    // Writing into a Vec cannot fail.
     let _ = match ns.is_multiple_of(1000) {
         true => write!(out, "({seconds:010}.{:06}) ", ns / 1000),
         false => write!(out, "({seconds:010}.{ns:09}) "),
