@@ -14,6 +14,7 @@ use crate::format::Format;
 use crate::read::{Reader, Tally};
 use crate::record::{Data, ERROR_FLAG, Record};
 use crate::rules::{Rule, Rules, Scope};
+use crate::session::{Heard, Notice, Session};
 use crate::stamp::Stamp;
 use crate::stream::{Flow, Piece, Shape};
 
@@ -23,6 +24,8 @@ pub const LINKS_MAX: usize = 256;
 /// One frame of a capture, or bytes that are none.
 #[derive(Clone, Copy, Debug)]
 pub struct Event<'a> {
+    /// Its number in the capture, from 1.
+    pub number: u64,
     /// When its first byte came.
     pub time: Option<Stamp>,
     /// On which link.
@@ -47,6 +50,8 @@ pub struct Event<'a> {
     pub explained: &'a Explained,
     /// What is wrong with it.
     pub wrong: Option<Wrong>,
+    /// What its conversation tells at this frame.
+    pub notices: &'a [Notice],
 }
 
 /// What is wrong with a frame.
@@ -82,6 +87,11 @@ pub struct Decoder {
     wires: Vec<Wire>,
     reader: Reader,
     explained: Explained,
+    notices: Vec<Notice>,
+    /// Frames that were given out.
+    count: u64,
+    /// Conversations are followed.
+    follows: bool,
     /// Records beyond the links that are followed.
     foreign: u64,
 }
@@ -93,6 +103,7 @@ struct Wire {
     rules: Vec<Rule>,
     flows: [Flow; 3],
     conversation: Conversation,
+    session: Session,
 }
 
 type Out<'a> = &'a mut dyn FnMut(&Event<'_>);
@@ -109,8 +120,16 @@ impl Decoder {
             wires: Vec::new(),
             reader: Reader::default(),
             explained: Explained::default(),
+            notices: Vec::new(),
+            count: 0,
+            follows: true,
             foreign: 0,
         }
+    }
+
+    /// A decoder that looks at each frame by itself, to see what `rules` make of it.
+    pub(crate) fn weighing(rules: Rules) -> Self {
+        Self { judged: true, follows: false, ..Self::new(rules) }
     }
 
     /// A decoder by what a [`Judge`](crate::Judge) found.
@@ -169,13 +188,15 @@ impl Decoder {
 
     /// What belongs to the bus and not to a protocol.
     fn unexplained<'a>(
-        &'a self,
+        &'a mut self,
         at: usize,
         record: &Record<'_>,
         id: Option<(u32, bool)>,
         bytes: &'a [u8],
     ) -> Event<'a> {
+        self.count += 1;
         Event {
+            number: self.count,
             time: record.time,
             link: &self.wires[at].name,
             direction: record.direction,
@@ -188,6 +209,7 @@ impl Decoder {
             stray: false,
             explained: &self.explained,
             wrong: None,
+            notices: &[],
         }
     }
 
@@ -227,6 +249,17 @@ impl Decoder {
         }
     }
 
+    /// After [`finish`](Self::finish): what conversations leave open, link by link.
+    pub fn ending(&mut self, each: &mut dyn FnMut(&str, &[Notice])) {
+        for wire in &mut self.wires {
+            self.notices.clear();
+            wire.session.end(&mut self.notices);
+            if !self.notices.is_empty() {
+                each(&wire.name, &self.notices);
+            }
+        }
+    }
+
     /// What was read, and what could not be.
     #[must_use]
     pub fn tally(&self) -> &Tally {
@@ -261,6 +294,7 @@ impl Decoder {
                 rules: self.rules.on(name),
                 flows: Default::default(),
                 conversation: Conversation::with_echo(echoes),
+                session: Session::default(),
             });
             self.wires.len() - 1
         })
@@ -295,7 +329,8 @@ impl Decoder {
     }
 
     fn piece(&mut self, at: usize, bytes: &[u8], piece: &Piece, place: Place, out: Out<'_>) {
-        let Wire { name, rules, conversation, .. } = &mut self.wires[at];
+        self.count += 1;
+        let Wire { name, rules, conversation, session, .. } = &mut self.wires[at];
         let Place { time, direction, glued } = place;
         let rule = rules.get(piece.rule);
         let whole = piece.shape == Shape::Frame;
@@ -306,10 +341,11 @@ impl Decoder {
         let answered = rule.filter(|_| reply && !echo);
         let request = answered.and_then(|rule| conversation.request(rule.dissector, &raw));
         let usual = rule.and_then(|rule| drives::usual(rule.dissector));
+        let profile = rule.and_then(|rule| spoken(self.profile, rule)).or(usual);
         let context = Context {
             direction: speaker,
             request: request.map(|request| request.bytes),
-            profile: rule.and_then(|rule| spoken(self.profile, rule)).or(usual),
+            profile,
             ..Context::default()
         };
         self.explained.clear();
@@ -321,7 +357,24 @@ impl Decoder {
         if whole && direction == Some(Direction::ToDrive) && asks {
             conversation.ask(&raw);
         }
+        self.notices.clear();
+        if let Some(rule) = rule.filter(|_| self.follows) {
+            let heard = Heard {
+                number: self.count,
+                time,
+                direction,
+                raw,
+                remote: false,
+                echo,
+                wrong,
+                dissector: rule.dissector,
+                profile,
+                stated: self.profile.is_some(),
+            };
+            session.take(&heard, &mut self.explained, &mut self.notices);
+        }
         out(&Event {
+            number: self.count,
             time,
             link: name,
             direction,
@@ -334,11 +387,13 @@ impl Decoder {
             stray: piece.shape == Shape::Junk,
             explained: &self.explained,
             wrong,
+            notices: &self.notices,
         });
     }
 
     fn take_frame(&mut self, at: usize, record: &Record<'_>, frame: &Frame, out: Out<'_>) {
-        let Wire { name, rules, conversation, .. } = &mut self.wires[at];
+        self.count += 1;
+        let Wire { name, rules, conversation, session, .. } = &mut self.wires[at];
         let context = Context {
             direction: record.direction,
             profile: self.profile,
@@ -350,7 +405,25 @@ impl Decoder {
         self.explained.clear();
         let rule =
             explain_frame(rules, self.judged, frame, &context, conversation, &mut self.explained);
+        let wrong = self.explained.error.map(Wrong::Wire);
+        self.notices.clear();
+        if let Some(rule) = rule.filter(|_| self.follows) {
+            let heard = Heard {
+                number: self.count,
+                time: record.time,
+                direction: record.direction,
+                raw: Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended },
+                remote: frame.remote,
+                echo: false,
+                wrong,
+                dissector: rule.dissector,
+                profile: spoken(self.profile, rule).or_else(|| drives::usual(rule.dissector)),
+                stated: self.profile.is_some(),
+            };
+            session.take(&heard, &mut self.explained, &mut self.notices);
+        }
         out(&Event {
+            number: self.count,
             time: record.time,
             link: name,
             direction: record.direction,
@@ -362,7 +435,8 @@ impl Decoder {
             echo: false,
             stray: false,
             explained: &self.explained,
-            wrong: self.explained.error.map(Wrong::Wire),
+            wrong,
+            notices: &self.notices,
         });
     }
 }

@@ -269,7 +269,7 @@ impl Verdict {
 impl Reader {
     fn new(dissector: &'static dyn Dissector) -> Self {
         let rules = Rules(vec![Rule { dissector, scope: Scope::Anywhere }]);
-        Self { dissector, decoder: Decoder::judged(rules, Vec::new()), tallies: Vec::new() }
+        Self { dissector, decoder: Decoder::weighing(rules), tallies: Vec::new() }
     }
 
     fn read(&mut self, record: &Record<'_>) {

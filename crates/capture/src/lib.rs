@@ -3,13 +3,14 @@
 //! ```text
 //!   read      bytes of a file, in any of eight formats, to records; damage named by its place
 //!    └ wire   per link: reassembly, resynchronisation, echo, requests and their replies
-//!       └ Dissector (core's registry)   what the frame says
-//!          └ jsonl | text               one object, or one line, a frame
+//!       └ Dissector (core's registry)   what the frame says by itself
+//!          └ session                    what its conversation tells: values, states, faults, oddities
+//!             └ jsonl | text            one object, or one line, a frame
 //!   judge     which protocol a capture speaks, when nobody says
 //! ```
 //!
-//! No protocol is named here: what a frame means is known by the dissectors of
-//! [`polepair_core::proto`].
+//! What a frame means by itself is known by the dissectors of [`polepair_core::proto`]; only
+//! [`session`] knows protocols by name.
 //!
 //! ```
 //! use polepair_capture::{Decoder, Rules};
@@ -34,6 +35,7 @@ mod judge;
 mod read;
 mod record;
 mod rules;
+pub mod session;
 mod stamp;
 mod stream;
 pub mod text;

@@ -1,0 +1,310 @@
+//! What a conversation tells beyond its single frames: values, requests and how they ended, states,
+//! faults, and what a healthy bus does not do.
+//!
+//! Each protocol that a link speaks has one [`Follower`]. It is given every frame that the protocol
+//! claims, after the frame was explained by itself, and may add to what is said of it.
+
+mod exchange;
+mod name;
+
+use core::fmt::Debug;
+
+use polepair_core::explain::{Direction, Dissector, Raw};
+use polepair_core::profile::Profile;
+
+use crate::decoder::Wrong;
+use crate::explained::Explained;
+use crate::stamp::Stamp;
+
+pub use name::{Name, name};
+
+/// One thing that a conversation tells.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Notice {
+    /// A value.
+    Signal(Signal),
+    /// A request, and how it ended; told at the frame that settles it.
+    Exchange(Exchange),
+    /// A state changed.
+    Change(Change),
+    /// A fault came or went.
+    Fault(Fault),
+    /// Something that a healthy bus does not do.
+    Odd(Odd),
+}
+
+/// A value that a drive told or was told.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Signal {
+    /// Whose.
+    pub axis: u32,
+    /// Its name: `Actual/Position` and the like where the profile says that it is one of an axis'
+    /// signals, else the parameter's or the object's own.
+    pub name: Name,
+    /// The value in `unit`.
+    pub value: f64,
+    /// The integer on the wire.
+    pub exact: Option<i64>,
+    /// As the profile has it; empty where nobody says.
+    pub unit: Name,
+    /// How far it can be trusted.
+    pub quality: Quality,
+    /// The frame that asked for it.
+    pub request: Option<u64>,
+}
+
+/// How far a value can be trusted. The numbers are those of the columns.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+#[repr(u8)]
+pub enum Quality {
+    /// It stands in a whole frame.
+    Good = 0,
+    /// It came too late to belong to its request for sure.
+    Stale = 1,
+    /// Its frame's check fails.
+    BadCheck = 2,
+    /// What it is was concluded, not stated: by a usual drive's names or a default mapping.
+    Inferred = 3,
+}
+
+/// A request, and how it ended.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Exchange {
+    /// Whom it went to; `None` for everybody.
+    pub axis: Option<u32>,
+    /// The protocol's word for it: `GAP`, `SDO read`.
+    pub op: Name,
+    /// The frame that asked first, and when.
+    pub asked: (u64, Option<Stamp>),
+    /// The frame that answered last, and when.
+    pub answered: Option<(u64, Option<Stamp>)>,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// How often it was sent again.
+    pub retries: u16,
+}
+
+impl Exchange {
+    /// Nanoseconds from the request to its answer.
+    #[must_use]
+    pub fn latency(&self) -> Option<u64> {
+        Some(self.answered?.1?.since(self.asked.1?))
+    }
+}
+
+/// How a request ended.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Outcome {
+    /// Answered: done.
+    Done,
+    /// Answered: refused, and not done.
+    Refused,
+    /// Whether it was done cannot be told.
+    Unknown,
+    /// Answered, after it had been given up.
+    Late,
+    /// Not answered.
+    Unanswered,
+    /// The answer's check fails.
+    Broken,
+}
+
+impl Outcome {
+    /// The word of the columns.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Refused => "notdone",
+            Self::Unknown => "unknown",
+            Self::Late => "stale",
+            Self::Unanswered => "timeout",
+            Self::Broken => "crc",
+        }
+    }
+}
+
+/// A state of an axis or a node that changed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Change {
+    /// Whose; `None` for the bus.
+    pub axis: Option<u32>,
+    /// Which: `nmt`, `power`, `mode`, `presence`, `bus`.
+    pub what: Name,
+    /// What it was; empty at first.
+    pub from: Name,
+    /// What it is now.
+    pub to: Name,
+}
+
+/// A fault that came, or went.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Fault {
+    /// Whose.
+    pub axis: u32,
+    /// The drive's code, or the bits of its fault word.
+    pub code: u32,
+    /// What happened, in words.
+    pub text: Name,
+    /// Why it usually happens; empty where no profile says.
+    pub cause: Name,
+    /// What to do; empty where no profile says.
+    pub remedy: Name,
+    /// It is there no more.
+    pub gone: bool,
+}
+
+/// Something that a healthy bus does not do.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Odd {
+    /// What sort of thing.
+    pub kind: Oddity,
+    /// Whose, where it is one axis'.
+    pub axis: Option<u32>,
+    /// When, where that is before the frame that told it.
+    pub time: Option<Stamp>,
+    /// One sentence, with numbers.
+    pub text: String,
+}
+
+macro_rules! oddities {
+    ($($(#[$doc:meta])* $name:ident = $word:literal, $weight:literal;)*) => {
+        /// Sorts of things that a healthy bus does not do.
+        #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+        pub enum Oddity { $($(#[$doc])* $name,)* }
+
+        impl Oddity {
+            /// All of them.
+            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+
+            /// Its word in outputs and filters.
+            #[must_use]
+            pub const fn word(self) -> &'static str {
+                match self { $(Self::$name => $word,)* }
+            }
+
+            /// How much one of them matters, 1 to 9; what is rarer matters more than its weight.
+            #[must_use]
+            pub const fn weight(self) -> u8 {
+                match self { $(Self::$name => $weight,)* }
+            }
+        }
+    };
+}
+
+oddities! {
+    /// A request had no answer in time.
+    Unanswered = "unanswered", 6;
+    /// The same request again, before an answer.
+    Retry = "retry", 4;
+    /// An answer to a request that had been given up.
+    LateReply = "late-reply", 7;
+    /// An answer that nobody asked for.
+    ForeignReply = "foreign-reply", 7;
+    /// The same answer twice.
+    DuplicateReply = "duplicate-reply", 6;
+    /// A drive refused.
+    Refused = "refused", 5;
+    /// A frame's check fails.
+    BadCheck = "bad-check", 5;
+    /// Bytes that belong to no frame.
+    Stray = "stray", 3;
+    /// A frame that breaks its protocol.
+    Malformed = "malformed", 5;
+    /// Two devices have one address.
+    DuplicateAddress = "duplicate-address", 9;
+    /// A drive started again while it was in use.
+    Restart = "restart", 9;
+    /// A drive that spoke regularly fell silent.
+    Silent = "silent", 8;
+    /// A transfer in several parts was broken off.
+    Incomplete = "incomplete", 6;
+    /// A counter or toggle that should go on by one did not.
+    Sequence = "sequence", 7;
+    /// Mapped data of another length than its mapping.
+    Length = "length", 6;
+    /// A fault was told.
+    Fault = "fault", 8;
+    /// Faults in quick succession.
+    Storm = "storm", 8;
+    /// A controller reported an error of the bus.
+    BusError = "bus-error", 6;
+    /// A controller left the bus.
+    BusOff = "bus-off", 9;
+    /// Something that comes at a steady rate came much too early or too late.
+    Jitter = "jitter", 3;
+    /// One identifier takes most of the bus.
+    Babbling = "babbling", 8;
+}
+
+/// A frame as a follower hears it.
+#[derive(Clone, Copy)]
+#[expect(dead_code, reason = "followers of single protocols look at what the usual one need not")]
+pub(crate) struct Heard<'a> {
+    /// Its number in the capture, from 1.
+    pub number: u64,
+    /// When its first byte came.
+    pub time: Option<Stamp>,
+    /// Who sent it, where the capture says so.
+    pub direction: Option<Direction>,
+    /// Its bytes, and its CAN identifier.
+    pub raw: Raw<'a>,
+    /// A CAN remote request.
+    pub remote: bool,
+    /// The host's own request, heard back.
+    pub echo: bool,
+    /// What is wrong with it.
+    pub wrong: Option<Wrong>,
+    /// Who explained it.
+    pub dissector: &'static dyn Dissector,
+    /// The drive whose names are used.
+    pub profile: Option<&'static Profile>,
+    /// The profile was stated and is not a usual drive's.
+    pub stated: bool,
+}
+
+/// Follows one protocol on one link.
+pub(crate) trait Follower: Debug + Send {
+    /// Takes a frame. May add to what is said of it, and tells what it is told by it.
+    fn take(&mut self, heard: &Heard<'_>, said: &mut Explained, notices: &mut Vec<Notice>);
+
+    /// Time goes on to `now`, whoever speaks: what was due by then did not come.
+    fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+        let _ = (now, notices);
+    }
+
+    /// The capture ends.
+    fn end(&mut self, notices: &mut Vec<Notice>);
+}
+
+/// The followers of one link, by protocol.
+#[derive(Debug, Default)]
+pub(crate) struct Session {
+    followers: Vec<(Name, Box<dyn Follower>)>,
+}
+
+impl Session {
+    /// Tells what a frame means in its conversation.
+    pub fn take(&mut self, heard: &Heard<'_>, said: &mut Explained, notices: &mut Vec<Notice>) {
+        if let Some(now) = heard.time {
+            self.followers.iter_mut().for_each(|(_, follower)| follower.pass(now, notices));
+        }
+        let spoken = heard.dissector.name();
+        let at = self.followers.iter().position(|(name, _)| *name == spoken);
+        let at = at.unwrap_or_else(|| {
+            self.followers.push((spoken, follower(heard.dissector)));
+            self.followers.len() - 1
+        });
+        self.followers[at].1.take(heard, said, notices);
+    }
+
+    /// Tells what is left open at the end.
+    pub fn end(&mut self, notices: &mut Vec<Notice>) {
+        self.followers.iter_mut().for_each(|(_, follower)| follower.end(notices));
+    }
+}
+
+/// Who follows a protocol's conversations.
+fn follower(_spoken: &'static dyn Dissector) -> Box<dyn Follower> {
+    Box::<exchange::Exchanges>::default()
+}
