@@ -1,6 +1,7 @@
 //! The polepair command line. No protocol is named here: what a drive speaks is known by the library.
 #![forbid(unsafe_code)]
 
+mod capture;
 mod cmd;
 mod interrupt;
 mod motion;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use polepair_capture::{Format, Packing, Reader, Record, WriteError, Writer};
 
-use super::decode::{damage, pieces};
+use crate::capture::{damage, pieces};
 use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::say;
 

@@ -1,0 +1,206 @@
+//! A capture as the verbs take it: a file or stdin, what is stated about it, who takes its frames.
+
+use std::io::{Read as _, stdin};
+use std::path::Path;
+use std::time::Duration;
+
+use clap::Args;
+use polepair_capture::session::Notice;
+use polepair_capture::{Decoder, Event, Follow, Format, Judge, Next, Place, Rules, Tally, Verdict};
+use polepair_core::profile::Profile;
+
+use crate::cmd::{NamedBy, capture_format};
+use crate::problem::{self, Exit, Problem, Result};
+use crate::terminal::say;
+
+/// A capture on stdin that pauses so long is judged by what came so far, and followed from there.
+const PAUSE: Duration = Duration::from_millis(700);
+/// Bytes of a capture on stdin that are gathered for the judgement.
+const GATHER_MAX: usize = 1 << 28;
+const PIECE: usize = 1 << 18;
+
+/// What a person states about a capture.
+#[derive(Args, Debug)]
+pub struct Stated {
+    /// Protocol, of everything, or @ an axis number or a link; several with commas
+    #[arg(long = "as", value_name = "PROTO[@ID],…")]
+    rules: Option<String>,
+    /// How the capture is stored [default: told by its first bytes]
+    #[arg(long, value_name = "FORMAT", value_parser = capture_format())]
+    from: Option<Format>,
+    #[command(flatten)]
+    named_by: NamedBy,
+}
+
+/// Who takes the frames of a capture.
+pub trait Sink {
+    /// Takes a frame.
+    fn take(&mut self, event: &Event<'_>);
+
+    /// After some frames. `now`: nobody knows when the next one comes.
+    fn settle(&mut self, now: bool) -> Result<()> {
+        let _ = now;
+        Ok(())
+    }
+
+    /// What conversations of a link leave open at the end.
+    fn ending(&mut self, link: &str, notices: &[Notice]) {
+        let _ = (link, notices);
+    }
+}
+
+impl Stated {
+    /// Understands what is stated, before anything is read or written.
+    pub fn source(&self) -> Result<Source> {
+        let rules = self.rules.as_deref().map(Rules::parse).transpose();
+        let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
+        Ok(Source { rules, profile: self.named_by.profile()?, form: self.from })
+    }
+}
+
+/// What is stated about a capture, understood.
+pub struct Source {
+    rules: Option<Rules>,
+    profile: Option<&'static Profile>,
+    form: Option<Format>,
+}
+
+impl Source {
+    /// Explains a capture, frame by frame. `-` is stdin, which is followed as it grows.
+    pub fn read(self, path: &Path, sink: &mut dyn Sink) -> Result<Decoder> {
+        let mut decoder = match path.as_os_str() == "-" {
+            true => self.follow(sink)?,
+            false => self.file(path, sink)?,
+        };
+        decoder.finish(&mut |event| sink.take(event));
+        decoder.ending(&mut |link, notices| sink.ending(link, notices));
+        sink.settle(true)?;
+        Ok(decoder)
+    }
+
+    fn decoder(&self, rules: Rules) -> Decoder {
+        Decoder::new(rules).with_profile(self.profile).with_format(self.form)
+    }
+
+    fn judged(&self, judge: Judge) -> Decoder {
+        let (verdicts, decoder) = judge.decide();
+        verdicts.iter().for_each(tell);
+        decoder.with_profile(self.profile)
+    }
+
+    /// Decodes a file: once through to judge it, once to explain it.
+    fn file(mut self, path: &Path, sink: &mut dyn Sink) -> Result<Decoder> {
+        let mut decoder = match self.rules.take() {
+            Some(rules) => self.decoder(rules),
+            None => {
+                let mut judge = Judge::of_format(self.form);
+                pieces(path, &mut |piece| {
+                    judge.feed(piece);
+                    Ok(())
+                })?;
+                self.judged(judge)
+            }
+        };
+        pieces(path, &mut |piece| {
+            decoder.feed(piece, &mut |event| sink.take(event));
+            sink.settle(false)
+        })?;
+        Ok(decoder)
+    }
+
+    /// Decodes stdin, piece by piece as it comes.
+    fn follow(mut self, sink: &mut dyn Sink) -> Result<Decoder> {
+        let source = Follow::new(stdin());
+        let (mut decoder, mut ended) = match self.rules.take() {
+            Some(rules) => (self.decoder(rules), false),
+            None => self.gather(&source, sink)?,
+        };
+        sink.settle(true)?;
+        while !ended {
+            ended = match source.next(None) {
+                Next::Piece(piece) => {
+                    decoder.feed(&piece, &mut |event| sink.take(event));
+                    sink.settle(true)?;
+                    false
+                }
+                Next::Pause => false,
+                Next::End(error) => end(error)?,
+            };
+        }
+        Ok(decoder)
+    }
+
+    /// Gathers stdin until it ends or pauses, judges it, and explains what was gathered.
+    fn gather(&self, source: &Follow, sink: &mut dyn Sink) -> Result<(Decoder, bool)> {
+        let mut gathered = Vec::new();
+        let ended = loop {
+            match source.next(Some(PAUSE)) {
+                Next::Piece(piece) => gathered.extend_from_slice(&piece),
+                Next::Pause if gathered.is_empty() => {}
+                Next::Pause => break false,
+                Next::End(error) => break end(error)?,
+            }
+            if gathered.len() > GATHER_MAX {
+                break false;
+            }
+        };
+        let mut judge = Judge::of_format(self.form);
+        judge.feed(&gathered);
+        let mut decoder = self.judged(judge);
+        if !ended {
+            say("judged by what came so far; --as PROTO states the protocol");
+        }
+        decoder.feed(&gathered, &mut |event| sink.take(event));
+        Ok((decoder, ended))
+    }
+}
+
+/// Reads a file in pieces.
+pub fn pieces(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    let failed = |error| problem::file(path, "read", &error);
+    let mut file = std::fs::File::open(path).map_err(failed)?;
+    let mut buffer = vec![0; PIECE];
+    loop {
+        match file.read(&mut buffer).map_err(failed)? {
+            0 => return Ok(()),
+            count => each(&buffer[..count])?,
+        }
+    }
+}
+
+fn end(error: Option<std::io::Error>) -> Result<bool> {
+    error.map_or(Ok(true), |error| Err(problem::file(Path::new("stdin"), "read", &error)))
+}
+
+fn tell(verdict: &Verdict) {
+    let doubt = verdict.protocol.is_some() && verdict.sure < 0.5;
+    let advice = if doubt { " - a guess; --as PROTO states the protocol" } else { "" };
+    say(&format!("{verdict}{advice}"));
+}
+
+/// Tells what was left out of a capture that was read.
+pub fn report(decoder: &Decoder) -> Result {
+    if decoder.left_out() > 0 {
+        let links = "frames of more links than are followed at once are left out";
+        say(&format!("{} {links}", decoder.left_out()));
+    }
+    damage(decoder.tally())
+}
+
+/// Names damaged places. A file without a single readable one is no capture.
+pub fn damage(tally: &Tally) -> Result {
+    const SHOWN: usize = 5;
+    for damage in tally.damage.iter().take(SHOWN) {
+        let what = if matches!(damage.place, Place::Line(_)) { "the line" } else { "this part" };
+        say(&format!("{damage}; {what} is left out"));
+    }
+    if tally.damaged > SHOWN as u64 {
+        say(&format!("{} places could not be read, {} records were", tally.damaged, tally.records));
+    }
+    if tally.damaged > 0 && tally.records == 0 {
+        return Err(Problem::new(Exit::Corrupt, "E510", "this is not a capture.")
+            .why("Nothing of it could be read.")
+            .hint("--from FORMAT states its format; polepair decode --help shows what is read"));
+    }
+    Ok(Exit::Ok)
+}
