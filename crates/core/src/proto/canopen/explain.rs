@@ -7,7 +7,7 @@
 
 mod fields;
 mod names;
-mod say;
+pub mod say;
 
 use core::fmt::Write as _;
 
@@ -27,6 +27,7 @@ use crate::explain::{
 use crate::medium::Frame;
 use crate::profile::Profile;
 use fields::Fields;
+pub use fields::usual_mapping;
 use say::Pieces;
 
 /// The protocol in captures, dashboards and the encoder.
@@ -187,6 +188,17 @@ impl Dissector for CanopenDissector {
         let context =
             Context { profile: addressing.profile, id: Some(frame.id), ..Context::default() };
         self.explain(frame.bytes(), &context, sink);
+    }
+}
+
+/// Explains a segment of a block, which nobody but who follows the transfer can tell from a command:
+/// `bytes` are eight, and the identifier that of the node's default channel.
+pub fn explain_part(bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
+    let Some(frame) = frame(bytes, context) else { return };
+    let node = Cob::of(frame.id as u16).node().unwrap_or(0);
+    sink.axis(node.into());
+    if let Ok(said) = Said::of(&frame, true) {
+        explain(&said, &frame, node, context, sink);
     }
 }
 

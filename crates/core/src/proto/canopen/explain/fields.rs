@@ -243,7 +243,8 @@ impl Fields<'_> {
 
 /// The mapping that CiA 402 gives a PDO of that length from the factory; what a drive's is now
 /// stands in its objects.
-pub(super) fn usual_mapping(cob: Cob, len: u8) -> Option<Map> {
+#[must_use]
+pub fn usual_mapping(cob: Cob, len: u8) -> Option<Map> {
     let (word, second) = match cob {
         Cob::Rpdo(number, _) => (CONTROLWORD, [0, 0x6060, 0x607A, 0x60FF].get(number as usize - 1)),
         Cob::Tpdo(number, _) => (STATUSWORD, [0, 0x6061, 0x6064, 0x606C].get(number as usize - 1)),

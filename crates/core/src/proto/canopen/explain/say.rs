@@ -21,27 +21,28 @@ impl Write for Pieces<'_> {
 }
 
 /// The profile, if it is one of this protocol's.
-pub(super) fn own(profile: Option<&'static Profile>) -> Option<&'static Profile> {
+#[must_use]
+pub fn own(profile: Option<&'static Profile>) -> Option<&'static Profile> {
     profile.filter(|profile| profile.protocol == "canopen")
 }
 
 /// The profile's parameter that an object is.
-pub(super) fn parameter(
-    object: Object,
-    profile: Option<&'static Profile>,
-) -> Option<&'static Parameter> {
+#[must_use]
+pub fn parameter(object: Object, profile: Option<&'static Profile>) -> Option<&'static Parameter> {
     let same = |p: &&Parameter| (p.index, p.space) == (object.index, object.sub);
     own(profile)?.parameters.iter().find(same)
 }
 
 /// What an object is called, empty if nobody calls it.
-pub(super) fn name(object: Object, profile: Option<&'static Profile>) -> &'static str {
+#[must_use]
+pub fn name(object: Object, profile: Option<&'static Profile>) -> &'static str {
     let named = parameter(object, profile).map(|parameter| parameter.name);
     named.or_else(|| names::standard(object).map(|(name, _)| name)).unwrap_or("")
 }
 
 /// Whether an object's values have a sign.
-pub(super) fn signed(object: Object, profile: Option<&'static Profile>) -> bool {
+#[must_use]
+pub fn signed(object: Object, profile: Option<&'static Profile>) -> bool {
     match parameter(object, profile) {
         Some(parameter) => {
             matches!(parameter.encoding, Encoding::I8 | Encoding::I16 | Encoding::I32)
@@ -51,7 +52,8 @@ pub(super) fn signed(object: Object, profile: Option<&'static Profile>) -> bool 
 }
 
 /// `bits` as the object's value.
-pub(super) fn number(object: Object, bits: u32, len: u8, profile: Option<&'static Profile>) -> i64 {
+#[must_use]
+pub fn number(object: Object, bits: u32, len: u8, profile: Option<&'static Profile>) -> i64 {
     let rest = match len {
         1..=3 if bits >> (8 * len) == 0 => 32 - 8 * u32::from(len),
         _ => 0,
@@ -63,7 +65,10 @@ pub(super) fn number(object: Object, bits: u32, len: u8, profile: Option<&'stati
 }
 
 /// An object's name and value.
-pub(super) fn value(
+///
+/// # Errors
+/// Those of `out`.
+pub fn value(
     object: Object,
     raw: i64,
     profile: Option<&'static Profile>,
@@ -196,7 +201,9 @@ impl fmt::Display for Bare<'_> {
     }
 }
 
-pub(super) const fn mode(mode: Mode) -> &'static str {
+/// The standard's word for a mode.
+#[must_use]
+pub const fn mode(mode: Mode) -> &'static str {
     match mode {
         Mode::None => "none",
         Mode::ProfilePosition => "profile position",
@@ -213,19 +220,22 @@ pub(super) const fn mode(mode: Mode) -> &'static str {
 }
 
 /// What an emergency's code means: the drive's own word, else the standard's for its class.
-pub(super) fn fault(code: u16, profile: Option<&'static Profile>) -> &'static str {
+#[must_use]
+pub fn fault(code: u16, profile: Option<&'static Profile>) -> &'static str {
     let known = own(profile).and_then(|p| p.faults.iter().find(|f| f.code == u32::from(code)));
     known.map_or(class(code), |fault| fault.text)
 }
 
 /// What an abort code means.
-pub(super) fn abort(abort: Abort) -> &'static str {
+#[must_use]
+pub fn abort(abort: Abort) -> &'static str {
     abort.text().unwrap_or("a code that the standard does not have")
 }
 
 /// The two characters that a TS drive shows: its codes are the numbers of two glyphs of its
 /// seven-segment display \[I\], as all codes of its manual's table agree (3.5.2).
-pub(super) fn shown(code: u16) -> Option<[char; 2]> {
+#[must_use]
+pub fn shown(code: u16) -> Option<[char; 2]> {
     const GLYPHS: [char; 29] = [
         '0', '1', '2', '3', '4', '5', '6', '7', '8', '9', 'A', 'b', 'c', 'd', 'E', 'F', 'G', 'H',
         'I', 'J', 'L', 'n', 'o', 'P', 'q', 'r', 'S', 't', 'U',

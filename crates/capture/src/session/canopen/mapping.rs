@@ -1,0 +1,142 @@
+//! Process data by their mapping: where each value lies in the eight bytes and what it is, worked
+//! out once, when the mapping is learnt.
+
+use polepair_core::proto::canopen::cia402;
+use polepair_core::proto::canopen::pdo::{BITS_MAX, Entry, Field};
+use polepair_core::proto::canopen::sdo::Object;
+
+use super::meaning::{Book, Meaning};
+use crate::session::{Name, Quality};
+
+/// Entries of one mapping: one a bit.
+pub(super) const ENTRIES_MAX: usize = BITS_MAX as usize;
+
+/// The values of one PDO.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Mapping {
+    places: Vec<Place>,
+    entries: Vec<(Entry, Field)>,
+    bytes: u8,
+    quality: Quality,
+    watched: bool,
+}
+
+/// One value: where it lies, and what it is.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Place {
+    above: u8,
+    rest: u8,
+    signed: bool,
+    flag: bool,
+    mask: i64,
+    equals: i64,
+    factor: f64,
+    /// The signal's name.
+    pub name: Name,
+    /// Its unit; empty where nobody says.
+    pub unit: Name,
+    /// The object that it is a value of.
+    pub object: Object,
+}
+
+impl Place {
+    fn new(field: Field, object: Object, meaning: &Meaning) -> Self {
+        let Meaning { name, unit, factor, signed, mask, equals } = *meaning;
+        Self {
+            above: BITS_MAX - field.at - field.bits,
+            rest: BITS_MAX - field.bits,
+            signed,
+            flag: equals.is_some(),
+            mask,
+            equals: equals.unwrap_or(0),
+            factor,
+            name,
+            unit,
+            object,
+        }
+    }
+
+    /// The integer that eight bytes, the first lowest, hold for it.
+    #[inline]
+    #[must_use]
+    pub const fn exact(&self, data: u64) -> i64 {
+        let top = data << (self.above & 63);
+        let rest = self.rest & 63;
+        let raw = if self.signed { top.cast_signed() >> rest } else { (top >> rest).cast_signed() };
+        let masked = raw & self.mask;
+        if self.flag { (masked == self.equals) as i64 } else { masked }
+    }
+}
+
+impl Mapping {
+    /// Entries one behind the other; `None` when they are none, or more than a frame has.
+    pub(super) fn new(entries: &[Entry], book: &Book<'_>, quality: Quality) -> Option<Self> {
+        let mut mapping =
+            Self { places: Vec::new(), entries: Vec::new(), bytes: 0, quality, watched: false };
+        let mut at = 0;
+        for entry in entries {
+            let end = at + entry.bits;
+            if entry.bits == 0 || entry.bits > BITS_MAX || end > BITS_MAX {
+                return None;
+            }
+            mapping.add(*entry, Field { at, bits: entry.bits }, book);
+            at = end;
+        }
+        mapping.bytes = at.div_ceil(8);
+        (at > 0).then_some(mapping)
+    }
+
+    fn add(&mut self, entry: Entry, field: Field, book: &Book<'_>) {
+        self.entries.push((entry, field));
+        if entry.is_gap() {
+            return;
+        }
+        let object = entry.object;
+        self.watched |= is_watched(object);
+        let meanings = book.meanings(object);
+        self.places.extend(meanings.iter().map(|meaning| Place::new(field, object, meaning)));
+    }
+
+    /// Gives each value that eight bytes hold, the first lowest: its place, the integer, and that in
+    /// its unit.
+    #[inline]
+    pub fn signals(&self, data: u64, mut each: impl FnMut(&Place, i64, f64)) {
+        for place in &self.places {
+            let exact = place.exact(data);
+            each(place, exact, exact as f64 * place.factor);
+        }
+    }
+
+    /// Bytes of its frame.
+    #[must_use]
+    pub const fn bytes(&self) -> u8 {
+        self.bytes
+    }
+
+    /// Whether the capture states it, or it was concluded.
+    #[must_use]
+    pub const fn quality(&self) -> Quality {
+        self.quality
+    }
+
+    /// It holds a value by which a state is told.
+    pub(super) const fn is_watched(&self) -> bool {
+        self.watched
+    }
+
+    /// The entries in order, and where each lies.
+    pub(super) fn entries(&self) -> &[(Entry, Field)] {
+        &self.entries
+    }
+}
+
+/// Error code, statusword and mode tell states.
+fn is_watched(object: Object) -> bool {
+    let states = [ERROR_CODE, cia402::STATUSWORD, MODE_DISPLAY];
+    states.contains(&object)
+}
+
+/// The fault of a CiA 402 drive.
+pub(super) const ERROR_CODE: Object = Object::new(0x603F, 0);
+/// The mode that it is in.
+pub(super) const MODE_DISPLAY: Object = Object::new(0x6061, 0);

@@ -1,0 +1,210 @@
+//! Which PDOs there are, and what they carry: by the objects 1400h to 1BFFh that the capture shows
+//! being written or read, else by the data sheet or profile, else as drives usually have it.
+
+use polepair_core::drives;
+use polepair_core::profile::Profile;
+use polepair_core::proto::canopen::cob::Cob;
+use polepair_core::proto::canopen::explain::{say, usual_mapping};
+use polepair_core::proto::canopen::pdo::{CobId, Entry};
+use polepair_core::proto::canopen::sdo::Object;
+
+use super::mapping::{ENTRIES_MAX, Mapping};
+use super::meaning::Book;
+use crate::session::Quality;
+
+/// PDOs of one link that are known; a capture with more is hostile.
+const PDOS_MAX: usize = 2048;
+/// PDOs of a node with an identifier by default.
+const BY_DEFAULT: u16 = 4;
+
+/// One PDO of one node.
+#[derive(Debug)]
+pub(super) struct Pdo {
+    pub node: u8,
+    /// From the node.
+    pub told: bool,
+    /// From 1.
+    pub number: u16,
+    cob: Option<CobId>,
+    count: Option<u8>,
+    entries: Vec<Option<Entry>>,
+    /// The node started again since: what was written may be lost.
+    stale: bool,
+    /// `None` while it has to be worked out.
+    laid: Option<Laid>,
+    /// Its wrong length was told.
+    pub accused: bool,
+}
+
+/// What frames of a length are read by.
+#[derive(Debug)]
+struct Laid {
+    mapping: Option<Mapping>,
+    /// The length that it was concluded from, where it was.
+    by_len: Option<u8>,
+}
+
+/// What is known beside the node's own objects.
+#[derive(Clone, Copy)]
+pub(super) struct Beside<'a> {
+    pub book: Book<'a>,
+    /// The node is a drive by CiA 402.
+    pub drive: bool,
+}
+
+impl Pdo {
+    fn new(node: u8, told: bool, number: u16) -> Self {
+        let (cob, count, entries) = (None, None, Vec::new());
+        let (stale, laid, accused) = (false, None, false);
+        Self { node, told, number, cob, count, entries, stale, laid, accused }
+    }
+
+    /// The mapping of a frame with so many bytes.
+    pub fn mapping(&mut self, len: u8, beside: &Beside<'_>) -> Option<&Mapping> {
+        let fits = |laid: &Laid| laid.by_len.is_none_or(|by| by == len);
+        if !self.laid.as_ref().is_some_and(fits) {
+            self.laid = Some(self.lay(len, beside));
+        }
+        self.laid.as_ref()?.mapping.as_ref()
+    }
+
+    /// The mapping by which the last frame was read.
+    pub fn last_mapping(&self) -> Option<&Mapping> {
+        self.laid.as_ref()?.mapping.as_ref()
+    }
+
+    /// What it is called: `TPDO1`.
+    pub fn name(&self) -> String {
+        format!("{}PDO{}", if self.told { 'T' } else { 'R' }, self.number)
+    }
+
+    /// What a mapping hangs on changed.
+    pub fn forget(&mut self) {
+        (self.laid, self.accused) = (None, false);
+    }
+
+    /// The node started again.
+    pub fn restart(&mut self) {
+        if self.count.is_some() {
+            (self.stale, self.laid) = (true, None);
+        }
+    }
+
+    fn lay(&self, len: u8, beside: &Beside<'_>) -> Laid {
+        let book = &beside.book;
+        if let Some((entries, quality)) = self.stated(book.profile) {
+            return Laid { mapping: Mapping::new(&entries, book, quality), by_len: None };
+        }
+        let usual = || usual_mapping(self.default_cob().filter(|_| beside.drive)?, len);
+        let known = self.count.is_some() || self.entries.iter().any(Option::is_some);
+        let usual = if known { None } else { usual() };
+        let entries: Vec<Entry> =
+            usual.iter().flat_map(|map| map.fields()).map(|(e, _)| e).collect();
+        Laid { mapping: Mapping::new(&entries, book, Quality::Inferred), by_len: Some(len) }
+    }
+
+    /// Its entries, of the capture where that has them, else as the profile says they are at first.
+    fn stated(&self, profile: Option<&'static Profile>) -> Option<(Vec<Entry>, Quality)> {
+        let index = if self.told { 0x1A00 } else { 0x1600 } + (self.number - 1);
+        let default = |sub| default(profile, Object::new(index, sub));
+        let mut captured = self.count.is_some() && !self.stale;
+        let count = self.count.or_else(|| u8::try_from(default(0)?).ok())?;
+        let mut entries = Vec::new();
+        for sub in 1..=count {
+            let own = self.entries.get(usize::from(sub) - 1).copied().flatten();
+            captured &= own.is_some();
+            let known = own.or_else(|| Some(Entry::from(u32::try_from(default(sub)?).ok()?)));
+            entries.push(known?);
+        }
+        let sheet = profile.is_some_and(|profile| !is_built_in(profile)) && !self.stale;
+        Some((entries, if captured || sheet { Quality::Good } else { Quality::Inferred }))
+    }
+
+    /// Whose identifier it has while nobody moves it.
+    pub fn default_cob(&self) -> Option<Cob> {
+        let number = u8::try_from(self.number).ok().filter(|_| self.number <= BY_DEFAULT)?;
+        Some(if self.told { Cob::Tpdo(number, self.node) } else { Cob::Rpdo(number, self.node) })
+    }
+
+    /// Takes what an object of it holds.
+    fn learn(&mut self, mapping: bool, sub: u8, raw: u32) {
+        match (mapping, sub) {
+            (false, 1) => self.cob = Some(CobId(raw)),
+            (false, _) => return,
+            (true, 0) => {
+                self.count = u8::try_from(raw).ok().filter(|n| usize::from(*n) <= ENTRIES_MAX)
+            }
+            (true, sub) if usize::from(sub) <= ENTRIES_MAX => {
+                let at = usize::from(sub) - 1;
+                self.entries.resize(self.entries.len().max(at + 1), None);
+                self.entries[at] = Some(Entry::from(raw));
+            }
+            _ => return,
+        }
+        self.stale = false;
+        self.forget();
+    }
+}
+
+/// What a profile says that an object is at first.
+fn default(profile: Option<&'static Profile>, object: Object) -> Option<i64> {
+    say::parameter(object, profile)?.default
+}
+
+/// Whether a profile is of a product and not of the device that a data sheet describes.
+fn is_built_in(profile: &'static Profile) -> bool {
+    drives::profiles().iter().any(|known| core::ptr::eq(*known, profile))
+}
+
+/// The PDOs of a link.
+#[derive(Debug, Default)]
+pub(super) struct Pdos {
+    pub all: Vec<Pdo>,
+}
+
+/// Where a PDO went: `None` when it is switched off.
+pub(super) struct Moved {
+    pub at: usize,
+    pub from: Option<u32>,
+    pub to: Option<u32>,
+}
+
+impl Pdos {
+    /// Where a PDO stands; it is made if there is room.
+    pub fn at(&mut self, node: u8, told: bool, number: u16) -> Option<usize> {
+        let same = |p: &Pdo| (p.node, p.told, p.number) == (node, told, number);
+        let known = self.all.iter().position(same);
+        known.or_else(|| {
+            (self.all.len() < PDOS_MAX).then(|| {
+                self.all.push(Pdo::new(node, told, number));
+                self.all.len() - 1
+            })
+        })
+    }
+
+    /// Takes what an object of a node holds, and tells if a PDO has another identifier now.
+    pub fn learn(&mut self, node: u8, object: Object, raw: u32) -> Option<Moved> {
+        let (told, mapping) = match object.index {
+            0x1400..=0x15FF => (false, false),
+            0x1600..=0x17FF => (false, true),
+            0x1800..=0x19FF => (true, false),
+            0x1A00..=0x1BFF => (true, true),
+            _ => return None,
+        };
+        let at = self.at(node, told, (object.index & 0x1FF) + 1)?;
+        let pdo = &mut self.all[at];
+        let id = |pdo: &Pdo| match pdo.cob {
+            Some(cob) => Some(cob.id()).filter(|_| cob.is_valid()),
+            None => pdo.default_cob().map(|cob| cob.id().into()),
+        };
+        let from = id(pdo);
+        pdo.learn(mapping, object.sub, raw);
+        let to = id(pdo);
+        (from != to || (!mapping && object.sub == 1)).then_some(Moved { at, from, to })
+    }
+
+    /// Those of a node.
+    pub fn of(&mut self, node: u8) -> impl Iterator<Item = &mut Pdo> {
+        self.all.iter_mut().filter(move |pdo| pdo.node == node)
+    }
+}
