@@ -404,7 +404,8 @@ impl Decoder {
         };
         self.explained.clear();
         let rule =
-            explain_frame(rules, self.judged, frame, &context, conversation, &mut self.explained);
+            explain_frame(rules, self.judged, frame, &context, conversation, &mut self.explained)
+                .or_else(|| claimant(rules, session, frame));
         let wrong = self.explained.error.map(Wrong::Wire);
         self.notices.clear();
         if let Some(rule) = rule.filter(|_| self.follows) {
@@ -422,6 +423,8 @@ impl Decoder {
             };
             session.take(&heard, &mut self.explained, &mut self.notices);
         }
+        // A conversation may tell that a frame is another than it looks like.
+        let wrong = self.explained.error.map(Wrong::Wire);
         out(&Event {
             number: self.count,
             time: record.time,
@@ -473,6 +476,12 @@ fn wrong(error: Option<WireError>, piece: &Piece) -> Option<Wrong> {
 fn spoken(profile: Option<&'static Profile>, rule: &Rule) -> Option<&'static Profile> {
     let language = rule.dissector.language();
     profile.filter(|profile| profile.protocol == language || language.starts_with(profile.protocol))
+}
+
+/// The rule of the protocol that a capture gave an identifier to which is not its own.
+fn claimant<'r>(rules: &'r [Rule], session: &Session, frame: &Frame) -> Option<&'r Rule> {
+    let name = session.claimant(frame.id, frame.extended)?;
+    rules.iter().find(|rule| rule.dissector.name() == name)
 }
 
 /// Lets the first rule that holds for the frame explain it, as what it asks or answers.

@@ -4,7 +4,6 @@
 //! Each protocol that a link speaks has one [`Follower`]. It is given every frame that the protocol
 //! claims, after the frame was explained by itself, and may add to what is said of it.
 
-#[expect(dead_code, reason = "what transfers teach is not wired yet")]
 pub mod canopen;
 mod exchange;
 mod name;
@@ -275,6 +274,12 @@ pub(crate) trait Follower: Debug + Send {
         let _ = (now, notices);
     }
 
+    /// Whether the capture gave that CAN identifier to this protocol, which is not its own otherwise.
+    fn claims(&self, id: u32, extended: bool) -> bool {
+        let _ = (id, extended);
+        false
+    }
+
     /// The capture ends.
     fn end(&mut self, notices: &mut Vec<Notice>);
 }
@@ -298,6 +303,12 @@ impl Session {
             self.followers.len() - 1
         });
         self.followers[at].1.take(heard, said, notices);
+    }
+
+    /// The protocol that the capture gave a CAN identifier to, beside those that are its own.
+    pub fn claimant(&self, id: u32, extended: bool) -> Option<Name> {
+        let mut claims = self.followers.iter().filter(|(_, it)| it.claims(id, extended));
+        claims.next().map(|(name, _)| *name)
     }
 
     /// Tells what is left open at the end.

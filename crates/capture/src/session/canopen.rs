@@ -5,52 +5,133 @@
 //!   services   whose an identifier is: by default, or as the capture moved it
 //!    ├ sdo     transfers, one at a time on each channel
 //!    ├ pdo     what PDOs carry; mapping, where each value lies; meaning, what it is
-//!    ├ nodes   NMT states, boot-up, heartbeat, guarding; who has whose number
+//!    ├ node    NMT state and presence, by beat (heartbeat) and guard; who shares a number
 //!    ├ emcy    faults
 //!    ├ power   the states of a CiA 402 drive
-//!    └ sync    the beat
+//!    ├ sync    the beat of the bus
+//!    └ learn   what the values of objects teach about all of these
 //! ```
 
+mod beat;
+mod emcy;
+mod guard;
+mod learn;
 mod mapping;
 mod meaning;
+mod node;
 mod pdo;
+mod power;
+mod say;
+mod sdo;
 mod services;
+mod sync;
+#[cfg(test)]
+mod tests;
 
-use core::fmt::Write as _;
-use std::collections::HashMap;
-
-use polepair_core::explain::{Context, Dissector as _, Sink as _};
 use polepair_core::profile::Profile;
-use polepair_core::proto::canopen::CanopenDissector;
-use polepair_core::proto::canopen::explain::say;
+use polepair_core::proto::canopen::NODE_MAX;
+use polepair_core::proto::canopen::cob;
+use polepair_core::proto::canopen::emcy::Emergency;
+use polepair_core::proto::canopen::heartbeat::Heartbeat;
+use polepair_core::proto::canopen::nmt::{Command, Order, State};
+use polepair_core::proto::canopen::sync::Sync;
 
-use super::{Follower, Heard, Notice, Odd, Oddity, Quality, Signal};
+use super::{Follower, Heard, Notice, Odd, Oddity, Signal};
 use crate::explained::Explained;
+use crate::stamp::Stamp;
 pub use mapping::{Mapping, Place};
 use meaning::Book;
+use node::Node;
 use pdo::{Beside, Pdos};
+use sdo::Channel;
 use services::{Service, Services};
+use sync::Beats;
+
+/// Channels of service data on one bus: one a node, and those that the capture makes.
+const CHANNELS_MAX: usize = 3 * NODE_MAX as usize;
+/// A node-ID is an index into the table of nodes.
+const NODES: usize = NODE_MAX as usize + 1;
 
 /// Follows the CANopen of one bus.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Canopen {
     services: Services,
     pdos: Pdos,
+    channels: Vec<Channel>,
+    servers: Vec<learn::Server>,
+    nodes: Vec<Option<Box<Node>>>,
+    sync: Beats,
     profile: Option<&'static Profile>,
-    values: HashMap<polepair_core::proto::canopen::sdo::Object, i64>,
+    /// When the capture began, and when somebody spoke last.
+    began: Option<Stamp>,
+    latest: Option<Stamp>,
+    /// Nothing is due before.
+    due: Stamp,
+    /// Requests are heard on this bus.
+    followed: bool,
+}
+
+const NEVER: Stamp = Stamp(u64::MAX);
+
+impl Default for Canopen {
+    fn default() -> Self {
+        Self {
+            services: Services::default(),
+            pdos: Pdos::default(),
+            channels: (0..=NODE_MAX).map(|node| Channel::new(node, None)).collect(),
+            servers: Vec::new(),
+            nodes: (0..NODES).map(|_| None).collect(),
+            sync: Beats::default(),
+            profile: None,
+            began: None,
+            latest: None,
+            due: NEVER,
+            followed: false,
+        }
+    }
 }
 
 impl Follower for Canopen {
     fn take(&mut self, heard: &Heard<'_>, said: &mut Explained, notices: &mut Vec<Notice>) {
         let Some(id) = heard.raw.id.filter(|_| !heard.echo) else { return };
+        if self.began.is_none() {
+            self.began = heard.time;
+            self.channels.iter_mut().for_each(|channel| channel.since(heard.time));
+        }
         self.name_by(heard.profile);
+        let bytes = heard.raw.bytes;
         match self.services.of(id, heard.raw.extended, &mut self.pdos) {
-            Service::Pdo(at) if !heard.remote => self.process(at.into(), heard, said, notices),
-            _ => {}
+            Service::Pdo(_) if heard.remote => {}
+            Service::Pdo(at) => self.process(at.into(), heard, said, notices),
+            Service::State(node) => self.state(node, heard, notices),
+            _ if heard.remote => {}
+            Service::Request(at) => self.request(at.into(), heard, said, notices),
+            Service::Reply(at) => self.reply(at.into(), heard, said, notices),
+            Service::Nmt => self.order(bytes, heard.time, notices),
+            Service::Emcy(node) => self.emergency(node, heard, said, notices),
+            Service::Sync => {
+                if let Ok(Sync { counter }) = Sync::parse(bytes) {
+                    self.sync.take(counter, heard.time, notices);
+                }
+            }
+            Service::Unknown | Service::Nobody => {}
+        }
+        self.latest = heard.time.max(self.latest);
+    }
+
+    fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+        if now > self.due {
+            self.overdue(now, notices);
         }
     }
 
-    fn end(&mut self, _notices: &mut Vec<Notice>) {}
+    fn claims(&self, id: u32, extended: bool) -> bool {
+        self.services.claims(id, extended)
+    }
+
+    fn end(&mut self, notices: &mut Vec<Notice>) {
+        self.channels.iter_mut().for_each(|channel| channel.end(notices));
+    }
 }
 
 impl Canopen {
@@ -66,6 +147,145 @@ impl Canopen {
         }
     }
 
+    fn node(&mut self, node: u8) -> &mut Node {
+        let place = &mut self.nodes[usize::from(node & NODE_MAX)];
+        place.get_or_insert_with(|| Box::new(Node::new(node)))
+    }
+
+    /// Something is due then.
+    fn expect(&mut self, due: Option<Stamp>) {
+        self.due = due.map_or(self.due, |due| self.due.min(due));
+    }
+
+    /// Looks who did not do what was due.
+    fn overdue(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+        for at in 0..self.channels.len() {
+            let before = notices.len();
+            self.channels[at].pass(now, notices);
+            self.hush(self.channels[at].node, before, notices);
+        }
+        for node in self.nodes.iter_mut().flatten() {
+            if node.guard.due().is_some_and(|due| due < now) {
+                node.unguarded(notices);
+            }
+        }
+        self.silences(now, notices);
+        self.due = NEVER;
+        let channels = self.channels.iter().filter_map(Channel::due);
+        let nodes = self.nodes.iter().flatten();
+        let nodes = nodes.flat_map(|node| [node.beat.due(), node.guard.due()]).flatten();
+        self.due = channels.chain(nodes).min().unwrap_or(NEVER);
+    }
+
+    /// Looks whose heartbeat stays out. Where nobody at all spoke, several are not silent: the
+    /// capture paused, or the bus was down.
+    fn silences(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+        let missed = |node: &Node| node.beat.due().filter(|due| *due < now);
+        let missing = self.nodes.iter().flatten().filter_map(|node| missed(node));
+        let (count, first) = missing.fold((0, NEVER), |(n, first), due| (n + 1, first.min(due)));
+        let paused = count > 1 && self.latest.is_some_and(|latest| latest < first);
+        if let (true, Some(latest)) = (paused, self.latest) {
+            let ms = now.since(latest) / 1_000_000;
+            let text = format!("nobody said anything for {ms} ms, {count} heartbeats stayed out");
+            let (kind, axis, time) = (Oddity::Silent, None, Some(latest));
+            notices.push(Notice::Odd(Odd { kind, axis, time, text }));
+        }
+        for node in self.nodes.iter_mut().flatten() {
+            if paused {
+                node.beat.off();
+            } else {
+                node.silent(now, notices);
+            }
+        }
+    }
+
+    /// Who looks who is there is not told that nobody is.
+    fn hush(&mut self, node: u8, before: usize, notices: &mut Vec<Notice>) {
+        if notices.len() == before {
+            return;
+        }
+        let missing = |notice: &Notice| {
+            matches!(notice, Notice::Odd(Odd { kind: Oddity::Unanswered | Oddity::Retry, .. }))
+        };
+        let mut at = before;
+        while at < notices.len() {
+            if missing(&notices[at]) && !self.node(node).unanswered() {
+                notices.remove(at);
+            } else {
+                at += 1;
+            }
+        }
+    }
+
+    /// The master orders something of one node, or of all that are known.
+    fn order(&mut self, bytes: &[u8], now: Option<Stamp>, notices: &mut Vec<Notice>) {
+        let Ok(Order { command, node }) = Order::parse(bytes) else { return };
+        if matches!(command, Command::Other(_)) {
+            return;
+        }
+        self.sync.restart();
+        if node != 0 {
+            self.node(node);
+        }
+        for known in self.nodes.iter_mut().flatten().filter(|n| node == 0 || n.id == node) {
+            known.order(command, now, notices);
+        }
+        if matches!(command, Command::ResetNode | Command::ResetCommunication) {
+            let meant = |channel: &&mut Channel| node == 0 || channel.node == node;
+            self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(notices));
+        }
+    }
+
+    /// Boot-up, heartbeat, or guarding.
+    fn state(&mut self, id: u8, heard: &Heard<'_>, notices: &mut Vec<Notice>) {
+        let at = (heard.number, heard.time);
+        if heard.remote {
+            let before = notices.len();
+            let node = self.node(id);
+            node.guarded(at, notices);
+            let due = node.guard.due();
+            self.expect(due);
+            return self.hush(id, before, notices);
+        }
+        let Ok(Heartbeat { state, toggle }) = Heartbeat::parse(heard.raw.bytes) else { return };
+        let node = self.node(id);
+        if state == State::BootUp {
+            node.boot(heard.time, notices);
+            self.pdos.of(id).for_each(pdo::Pdo::restart);
+            let meant = |channel: &&mut Channel| channel.node == id;
+            self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(notices));
+        } else if node.guard.answer(id, toggle, at, notices) {
+            node.state_told(state, heard.time, notices);
+        } else {
+            node.tell(state, heard.time, notices);
+            let due = node.beat.due();
+            self.expect(due);
+        }
+    }
+
+    fn emergency(
+        &mut self,
+        id: u8,
+        heard: &Heard<'_>,
+        said: &mut Explained,
+        notices: &mut Vec<Notice>,
+    ) {
+        let bytes = heard.raw.bytes;
+        let default = u32::from(cob::EMCY | u16::from(id));
+        if heard.raw.id != Some(default) {
+            say::by_default(bytes, Some(default), self.profile, said);
+        }
+        let Ok(emergency) = Emergency::parse(bytes) else { return };
+        let words = emcy::Words::of(emergency.code.into(), bytes.len() == 2, self.profile);
+        if words.inferred {
+            say::inferred(&words, said);
+        }
+        let node = self.node(id);
+        // Who starts says that there is no fault, before or behind its boot-up.
+        node.hear(emergency.code != 0, notices);
+        node.faults.take(id, &emergency, words, heard.time, notices);
+    }
+
     /// Reads process data by their mapping.
     fn process(
         &mut self,
@@ -76,55 +296,82 @@ impl Canopen {
     ) {
         let bytes = heard.raw.bytes;
         let Ok(len @ 0..=8) = u8::try_from(bytes.len()) else { return };
-        let pdo = &mut self.pdos.all[at];
-        let beside =
-            Beside { book: Book { profile: self.profile, values: &self.values }, drive: false };
-        let (node, data) = (u32::from(pdo.node), word(bytes));
-        let Some(mapping) = pdo.mapping(len, &beside) else { return };
-        if len < mapping.bytes() {
-            return;
+        let (id, told) = (self.pdos.all[at].node, self.pdos.all[at].told);
+        self.node(id);
+        let Some(node) = self.nodes[usize::from(id)].as_deref_mut() else { return };
+        if told {
+            node.processes(heard.time, notices);
         }
-        let quality = mapping.quality();
-        mapping.signals(data, |place, exact, value| {
-            let Place { name, unit, .. } = *place;
+        let pdo = &mut self.pdos.all[at];
+        let profile = self.profile;
+        let book = Book { profile, values: &node.values };
+        pdo.mapping(len, &Beside { book, drive: node.drive });
+        pdo.measure(len, notices);
+        say::process(pdo, bytes, profile, said);
+        let Some(mapping) = pdo.last_mapping().filter(|map| len >= map.bytes()) else { return };
+        let (axis, quality) = (u32::from(id), mapping.quality());
+        let watched = told && mapping.is_watched();
+        mapping.signals(word(bytes), |place, exact, value| {
+            let Place { name, unit, object, .. } = *place;
+            if watched && place.is_number() {
+                node.power.take(id, object, exact, &mut node.faults, profile, notices);
+            }
             let exact = Some(exact);
-            let signal = Signal { axis: node, name, value, exact, unit, quality, request: None };
+            let signal = Signal { axis, name, value, exact, unit, quality, request: None };
             notices.push(Notice::Signal(signal));
         });
-        say_process(pdo, heard, data, self.profile, said);
     }
-}
 
-/// Says what process data are, object by object.
-fn say_process(
-    pdo: &pdo::Pdo,
-    heard: &Heard<'_>,
-    data: u64,
-    profile: Option<&'static Profile>,
-    said: &mut Explained,
-) {
-    let Some(mapping) = pdo.last_mapping() else { return };
-    said.clear();
-    let id = pdo.default_cob().map(|cob| u32::from(cob.id()));
-    let context = Context { profile, id, ..Context::default() };
-    CanopenDissector.explain(heard.raw.bytes, &context, said);
-    said.axis(pdo.node.into());
-    said.kind(&pdo.name());
-    said.text.truncate(said.text.find(" (").unwrap_or(said.text.len()));
-    let _ = write!(
-        said.text,
-        " ({}",
-        if mapping.quality() == Quality::Good { "" } else { "if mapped as usual: " }
-    );
-    for (at, (entry, field)) in mapping.entries().iter().enumerate() {
-        let raw = match say::signed(entry.object, profile) {
-            true => field.signed(data),
-            false => field.unsigned(data).cast_signed(),
-        };
-        said.text.push_str(if at > 0 { "; " } else { "" });
-        let _ = say::value(entry.object, raw, profile, &mut said.text);
+    fn request(
+        &mut self,
+        at: usize,
+        heard: &Heard<'_>,
+        said: &mut Explained,
+        notices: &mut Vec<Notice>,
+    ) {
+        let Some(bytes) = service(heard.raw.bytes) else { return };
+        let (before, place) = (notices.len(), (heard.number, heard.time));
+        self.followed = true;
+        let part = self.channels[at].request(bytes, place, notices);
+        let channel = &self.channels[at];
+        let moved = heard.raw.id != Some(u32::from(cob::SDO_REQUEST | u16::from(channel.node)));
+        say::part(channel, part, heard.raw.bytes, (false, moved), self.profile, said);
+        let (node, due) = (channel.node, channel.due());
+        self.expect(due);
+        self.settle(at, notices);
+        self.hush(node, before, notices);
     }
-    said.text.push(')');
+
+    fn reply(
+        &mut self,
+        at: usize,
+        heard: &Heard<'_>,
+        said: &mut Explained,
+        notices: &mut Vec<Notice>,
+    ) {
+        let Some(bytes) = service(heard.raw.bytes) else { return };
+        let place = (heard.number, heard.time);
+        let id = self.channels[at].node;
+        self.node(id).hear(true, notices);
+        let channel = &mut self.channels[at];
+        let part = channel.reply(bytes, place, self.followed, notices);
+        let moved = heard.raw.id != Some(u32::from(cob::SDO_REPLY | u16::from(id)));
+        say::part(channel, part, heard.raw.bytes, (true, moved), self.profile, said);
+        let (two, due) = (channel.is_answered_by_two(), channel.due());
+        self.expect(due);
+        if two {
+            self.node(id).double("its requests are answered twice", notices);
+        }
+        self.settle(at, notices);
+    }
+
+    /// What a transfer brought is known from now on.
+    fn settle(&mut self, at: usize, notices: &mut Vec<Notice>) {
+        let id = self.channels[at].node;
+        if let Some(settled) = self.channels[at].settled() {
+            self.learn(id, &settled, notices);
+        }
+    }
 }
 
 /// Up to eight bytes as a number, the first lowest.
@@ -134,7 +381,17 @@ fn word(bytes: &[u8]) -> u64 {
     u64::from_le_bytes(all)
 }
 
+/// Service data of eight bytes, or of seven where the last does not count.
+fn service(bytes: &[u8]) -> Option<[u8; 8]> {
+    matches!(bytes.len(), 7 | 8).then(|| word(bytes).to_le_bytes())
+}
+
 /// Something that a healthy bus does not do.
 fn odd(kind: Oddity, node: u8, text: String) -> Notice {
-    Notice::Odd(Odd { kind, axis: Some(node.into()), time: None, text })
+    odd_at(kind, node, None, text)
+}
+
+/// The same, seen later than it was.
+fn odd_at(kind: Oddity, node: u8, time: Option<Stamp>, text: String) -> Notice {
+    Notice::Odd(Odd { kind, axis: Some(node.into()), time, text })
 }

@@ -56,6 +56,11 @@ impl Place {
         }
     }
 
+    /// It is the whole number, and no flag in it.
+    pub(super) const fn is_number(&self) -> bool {
+        !self.flag
+    }
+
     /// The integer that eight bytes, the first lowest, hold for it.
     #[inline]
     #[must_use]

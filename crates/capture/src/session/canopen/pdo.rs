@@ -10,7 +10,7 @@ use polepair_core::proto::canopen::sdo::Object;
 
 use super::mapping::{ENTRIES_MAX, Mapping};
 use super::meaning::Book;
-use crate::session::Quality;
+use crate::session::{Notice, Oddity, Quality};
 
 /// PDOs of one link that are known; a capture with more is hostile.
 const PDOS_MAX: usize = 2048;
@@ -76,6 +76,22 @@ impl Pdo {
     /// What it is called: `TPDO1`.
     pub fn name(&self) -> String {
         format!("{}PDO{}", if self.told { 'T' } else { 'R' }, self.number)
+    }
+
+    /// Looks whether a frame of so many bytes is as long as the mapping that the capture shows. Who
+    /// receives may be sent more.
+    pub fn measure(&mut self, len: u8, notices: &mut Vec<Notice>) {
+        let Some(mapping) = self.last_mapping() else { return };
+        let need = mapping.bytes();
+        let wrong = len < need || (self.told && len > need);
+        if !wrong || mapping.quality() != Quality::Good {
+            self.accused &= wrong;
+            return;
+        }
+        if !core::mem::replace(&mut self.accused, true) {
+            let text = format!("{} has {len} bytes, mapped are {need}", self.name());
+            notices.push(super::odd(Oddity::Length, self.node, text));
+        }
     }
 
     /// What a mapping hangs on changed.

@@ -24,7 +24,7 @@ pub(super) enum Service {
     Emcy(u8),
     /// The PDO at that place.
     Pdo(u16),
-    /// To the node, on the channel at that place.
+    /// To the node, on the channel at that place; the usual one of a node stands at its number.
     Request(u16),
     /// From the node, on the channel at that place.
     Reply(u16),
@@ -120,6 +120,8 @@ fn by_default(id: u16, pdos: &mut Pdos) -> Service {
         Cob::Tpdo(number, node) => pdo(pdos, node, true, number),
         Cob::Rpdo(number, node) => pdo(pdos, node, false, number),
         Cob::Heartbeat(node) => Service::State(node),
+        Cob::SdoRequest(node) => Service::Request(u16::from(node)),
+        Cob::SdoReply(node) => Service::Reply(u16::from(node)),
         _ => Service::Nobody,
     }
 }

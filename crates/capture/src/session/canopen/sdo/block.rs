@@ -1,0 +1,63 @@
+//! The segments of one block until it is said how many of them arrived: the others are sent again.
+
+use polepair_core::proto::canopen::sdo::{BLOCK_MAX, BlockSegment, SEGMENT};
+
+/// What came of a block.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Block {
+    bytes: Vec<u8>,
+    /// Segments of the block at most.
+    pub room: u8,
+    /// The last one that came in order.
+    pub count: u8,
+    /// That was the last of all.
+    pub last: bool,
+    /// The last segment of all, whose end may not count.
+    tail: Option<[u8; SEGMENT]>,
+}
+
+impl Block {
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.bytes.clear();
+        (self.room, self.count, self.last, self.tail) = (BLOCK_MAX, 0, false, None);
+    }
+
+    /// Takes a segment; `false` if it is not the next one.
+    pub fn push(&mut self, segment: &BlockSegment) -> bool {
+        if segment.number != self.count + 1 || segment.number > BLOCK_MAX || self.last {
+            return false;
+        }
+        self.bytes.extend_from_slice(&segment.data);
+        (self.count, self.last) = (segment.number, segment.last);
+        true
+    }
+
+    /// No more segments come before an acknowledgement.
+    pub const fn is_full(&self) -> bool {
+        self.last || self.count >= self.room
+    }
+
+    /// So many segments arrived: gives their bytes, but not those of the last of all, which wait
+    /// until it is said how many of them count. The next block has `room`.
+    pub fn arrived(&mut self, arrived: u8, room: u8, mut each: impl FnMut(&[u8])) {
+        let all = arrived >= self.count && self.last;
+        let len = usize::from(arrived.min(self.count)) * SEGMENT;
+        let (whole, _) = self.bytes.split_at(len);
+        match whole.split_last_chunk::<SEGMENT>() {
+            Some((before, tail)) if all => {
+                each(before);
+                self.tail = Some(*tail);
+            }
+            _ => each(whole),
+        }
+        self.bytes.clear();
+        (self.room, self.count, self.last) = (room, 0, all);
+    }
+
+    /// The bytes of the last segment that count.
+    pub fn tail(&mut self, unused: u8) -> Option<([u8; SEGMENT], usize)> {
+        let tail = self.tail.take()?;
+        Some((tail, SEGMENT.saturating_sub(unused.into())))
+    }
+}

@@ -1,0 +1,73 @@
+//! The beat of a bus: SYNC, its counter and its period.
+
+use crate::session::{Notice, Odd, Oddity};
+use crate::stamp::Stamp;
+
+/// Intervals in a row that make a period.
+const STEADY: u32 = 16;
+
+/// SYNC of one bus.
+#[derive(Debug, Default)]
+pub(super) struct Beats {
+    last: Option<Stamp>,
+    period: u64,
+    steady: u32,
+    counter: Option<u8>,
+    /// By object 1019h, or as the counter showed.
+    overflow: Option<u8>,
+}
+
+impl Beats {
+    /// The counter goes up to this.
+    pub fn configure(&mut self, overflow: u8) {
+        self.overflow = Some(overflow).filter(|overflow| *overflow > 1);
+    }
+
+    /// Who is ordered about may begin to count again.
+    pub const fn restart(&mut self) {
+        (self.counter, self.steady) = (None, 0);
+    }
+
+    /// SYNC came.
+    pub fn take(&mut self, counter: Option<u8>, now: Option<Stamp>, notices: &mut Vec<Notice>) {
+        if let Some(text) = self.count(counter) {
+            notices.push(odd(Oddity::Sequence, text));
+        }
+        let Some(now) = now else { return };
+        let Some(last) = self.last.replace(now) else { return };
+        let interval = now.since(last);
+        if interval.abs_diff(self.period) * 10 <= self.period {
+            self.steady += 1;
+            return;
+        }
+        // A beat that stops for long, or changes, is somebody's will.
+        let off = interval * 2 < self.period
+            || (interval * 2 > self.period * 3 && interval < self.period * 10);
+        if self.steady >= STEADY && off {
+            let (us, period) = (interval / 1000, self.period / 1000);
+            let text = format!("SYNC came after {us} us instead of {period} us");
+            notices.push(odd(Oddity::Jitter, text));
+        }
+        (self.period, self.steady) = (interval, 0);
+    }
+
+    /// What is wrong with the counter.
+    fn count(&mut self, counter: Option<u8>) -> Option<String> {
+        let now = counter?;
+        let before = self.counter.replace(now)?;
+        if now == 1 && before > 1 {
+            let known = self.overflow.replace(before);
+            let right = known.is_none_or(|known| known == before);
+            return (!right).then(|| format!("SYNC counter 1 came after {before}"));
+        }
+        let right = now == before.wrapping_add(1) && self.overflow.is_none_or(|top| now <= top);
+        if now > before && self.overflow.is_some_and(|top| now > top) {
+            self.overflow = None;
+        }
+        (!right).then(|| format!("SYNC counter {now} came after {before}"))
+    }
+}
+
+fn odd(kind: Oddity, text: String) -> Notice {
+    Notice::Odd(Odd { kind, axis: None, time: None, text })
+}
