@@ -16,7 +16,7 @@ use crate::record::{Data, ERROR_FLAG, Record};
 use crate::rules::{Rule, Rules, Scope};
 use crate::session::{Heard, Notice, Session};
 use crate::stamp::Stamp;
-use crate::stream::{Flow, Piece, Shape};
+use crate::stream::{Flow, Origin, Piece, Shape};
 
 /// Links that a capture may name; records of further ones are damaged.
 pub const LINKS_MAX: usize = 256;
@@ -52,6 +52,8 @@ pub struct Event<'a> {
     pub wrong: Option<Wrong>,
     /// What its conversation tells at this frame.
     pub notices: &'a [Notice],
+    /// Byte of the capture at which its record begins.
+    pub at: u64,
 }
 
 /// What is wrong with a frame.
@@ -210,6 +212,7 @@ impl Decoder {
             explained: &self.explained,
             wrong: None,
             notices: &[],
+            at: record.at,
         }
     }
 
@@ -222,7 +225,7 @@ impl Decoder {
         bytes: &[u8],
         out: Out<'_>,
     ) {
-        self.record(&Record { time, link, direction, data: Data::Bytes(bytes) }, out);
+        self.record(&Record { time, link, direction, data: Data::Bytes(bytes), at: 0 }, out);
     }
 
     /// Takes a CAN frame as it was sent or received.
@@ -234,7 +237,7 @@ impl Decoder {
         frame: &Frame,
         out: Out<'_>,
     ) {
-        self.record(&Record { time, link, direction, data: Data::Frame(*frame) }, out);
+        self.record(&Record { time, link, direction, data: Data::Frame(*frame), at: 0 }, out);
     }
 
     /// Ends the capture: what waits for more is given out as it is.
@@ -310,7 +313,8 @@ impl Decoder {
                 self.drain(at, other, true, out);
             }
         }
-        self.wires[at].flows[index(record.direction)].push(record.time, bytes);
+        let origin = Origin { time: record.time, at: record.at };
+        self.wires[at].flows[index(record.direction)].push(origin, bytes);
         // Data alone on a line stands for itself: nothing more of it follows.
         self.drain(at, record.direction, record.time.is_none(), out);
     }
@@ -321,17 +325,17 @@ impl Decoder {
             let wire = &mut self.wires[at];
             let flow = &mut wire.flows[index(direction)];
             let Some(piece) = flow.next(&wire.rules, direction, ended) else { return };
-            let time = flow.time();
+            let origin = flow.origin();
             let bytes = flow.take(piece.len).to_vec();
             let glued = !flow.pending().is_empty();
-            self.piece(at, &bytes, &piece, Place { time, direction, glued }, out);
+            self.piece(at, &bytes, &piece, Place { origin, direction, glued }, out);
         }
     }
 
     fn piece(&mut self, at: usize, bytes: &[u8], piece: &Piece, place: Place, out: Out<'_>) {
         self.count += 1;
         let Wire { name, rules, conversation, session, .. } = &mut self.wires[at];
-        let Place { time, direction, glued } = place;
+        let Place { origin: Origin { time, at }, direction, glued } = place;
         let rule = rules.get(piece.rule);
         let whole = piece.shape == Shape::Frame;
         let reply = direction == Some(Direction::ToHost);
@@ -388,6 +392,7 @@ impl Decoder {
             explained: &self.explained,
             wrong,
             notices: &self.notices,
+            at,
         });
     }
 
@@ -440,6 +445,7 @@ impl Decoder {
             explained: &self.explained,
             wrong,
             notices: &self.notices,
+            at: record.at,
         });
     }
 }
@@ -447,7 +453,7 @@ impl Decoder {
 /// Where in the capture a piece stands.
 #[derive(Clone, Copy)]
 struct Place {
-    time: Option<Stamp>,
+    origin: Origin,
     direction: Option<Direction>,
     /// More bytes follow it in the same chunk.
     glued: bool,

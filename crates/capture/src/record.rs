@@ -16,6 +16,8 @@ pub struct Record<'a> {
     pub direction: Option<Direction>,
     /// What.
     pub data: Data<'a>,
+    /// Byte of the capture at which it begins; of what was unpacked, if the file is compressed.
+    pub at: u64,
 }
 
 /// What a record carries.

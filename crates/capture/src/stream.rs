@@ -33,13 +33,20 @@ pub(crate) struct Piece {
     pub rule: usize,
 }
 
+/// When bytes came, and where in the capture they stand.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Origin {
+    pub time: Option<Stamp>,
+    pub at: u64,
+}
+
 /// Bytes of one direction that were not yet given out, and when they came.
 #[derive(Debug, Default)]
 pub(crate) struct Flow {
     bytes: Vec<u8>,
     head: usize,
-    /// Where in `bytes` each chunk begins, and its time.
-    marks: VecDeque<(usize, Option<Stamp>)>,
+    /// Where in `bytes` each chunk begins, and whence it came.
+    marks: VecDeque<(usize, Origin)>,
     last: Option<Stamp>,
 }
 
@@ -64,7 +71,7 @@ impl Flow {
         !matches!(cut(rules, &joined, direction, false).0, Cut::Frame(_))
     }
 
-    pub(crate) fn push(&mut self, time: Option<Stamp>, chunk: &[u8]) {
+    pub(crate) fn push(&mut self, origin: Origin, chunk: &[u8]) {
         if self.head == self.bytes.len() {
             self.bytes.clear();
             self.marks.clear();
@@ -72,9 +79,9 @@ impl Flow {
         } else if self.head > PENDING_MAX {
             self.forget();
         }
-        self.marks.push_back((self.bytes.len(), time));
+        self.marks.push_back((self.bytes.len(), origin));
         self.bytes.extend_from_slice(chunk);
-        self.last = time;
+        self.last = origin.time;
     }
 
     /// Lets go of what was given out, also when a rest always waits for its frame's end.
@@ -116,12 +123,12 @@ impl Flow {
         (stray > 0).then_some(Piece { len: stray, shape: Shape::Junk, rule: 0 })
     }
 
-    /// When the byte at the head came.
-    pub(crate) fn time(&mut self) -> Option<Stamp> {
+    /// Whence the byte at the head came.
+    pub(crate) fn origin(&mut self) -> Origin {
         while self.marks.get(1).is_some_and(|(start, _)| *start <= self.head) {
             self.marks.pop_front();
         }
-        self.marks.front().and_then(|(_, time)| *time)
+        self.marks.front().map(|(_, origin)| *origin).unwrap_or_default()
     }
 
     /// Takes `len` bytes off the head.
@@ -179,17 +186,18 @@ fn holds(rule: &Rule, frame: &[u8], direction: Option<Direction>) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{Flow, PENDING_MAX};
+    use super::{Flow, Origin, PENDING_MAX};
     use crate::stamp::Stamp;
 
     #[test]
     fn a_stream_that_is_never_empty_takes_bounded_memory() {
         let mut flow = Flow::default();
-        let stamp = |n: u32| Stamp::parse(format!("{n}.5").as_bytes());
+        let stamp =
+            |n: u32| Origin { time: Stamp::parse(format!("{n}.5").as_bytes()), at: n.into() };
         flow.push(stamp(0), &[0; 40]);
         for n in 1..10_000u32 {
             flow.push(stamp(n), &[n as u8; 64]);
-            assert_eq!(flow.time(), stamp(n - 1), "piece {n}");
+            assert_eq!(flow.origin(), stamp(n - 1), "piece {n}");
             let taken = flow.take(64);
             assert_eq!((taken[0], taken[63]), ((n - 1) as u8, n as u8), "piece {n}");
         }

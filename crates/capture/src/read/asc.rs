@@ -39,7 +39,7 @@ impl Line for Asc {
         // Vector counts channels from 1, Linux its interfaces from 0.
         let _ = std::fmt::Write::write_fmt(&mut self.link, format_args!("can{}", channel - 1));
         let data = shape.with(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: &self.link, direction, data }))
+        Ok(Some(Record { time: Some(time), link: &self.link, direction, data, at: 0 }))
     }
 }
 

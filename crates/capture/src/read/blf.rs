@@ -218,6 +218,7 @@ impl Blf {
                     link,
                     direction,
                     data: shape.with(bytes),
+                    at: self.taken,
                 });
             }
             None => self.damage("the object is shorter than its kind", taker),

@@ -40,7 +40,7 @@ impl Line for Csv {
         let time = Stamp::parse(time.as_bytes()).ok_or(Bad("expected seconds"))?;
         let shape = self.shape(id, truth(extended), truth(remote), truth(error), dlc, data)?;
         let data = shape.with(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: "can0", direction: None, data }))
+        Ok(Some(Record { time: Some(time), link: "can0", direction: None, data, at: 0 }))
     }
 }
 

@@ -61,7 +61,7 @@ impl Line for Jsonl {
         let shape = object.shape(&self.bytes)?;
         object.link.as_ref().clone_into(&mut self.link);
         let data = shape.map_or(Data::Bytes(&self.bytes), |shape| shape.with(&self.bytes));
-        Ok(Some(Record { time, link: &self.link, direction, data }))
+        Ok(Some(Record { time, link: &self.link, direction, data, at: 0 }))
     }
 }
 

@@ -18,13 +18,15 @@ pub(super) trait Line: core::fmt::Debug + Send {
 pub(super) struct Lines<L> {
     format: L,
     number: u64,
+    /// Bytes in front of the line.
+    taken: u64,
     /// The rest of this line is left out.
     skipping: bool,
 }
 
 impl<L: Line> Lines<L> {
     pub(super) fn new(format: L) -> Self {
-        Self { format, number: 0, skipping: false }
+        Self { format, number: 0, taken: 0, skipping: false }
     }
 
     fn take(&mut self, line: &[u8], taker: &mut dyn Taker) {
@@ -32,7 +34,7 @@ impl<L: Line> Lines<L> {
         let read = if line.len() > LINE_MAX { Err(TOO_LONG) } else { self.format.line(line) };
         match read {
             Ok(None) => {}
-            Ok(Some(record)) => taker.record(&record),
+            Ok(Some(record)) => taker.record(&Record { at: self.taken, ..record }),
             Err(reason) => taker.damage(Damage { place: Place::Line(self.number), reason }),
         }
     }
@@ -46,6 +48,7 @@ impl<L: Line> Source for Lines<L> {
                 true => {}
                 false => self.take(&bytes[used..end], taker),
             }
+            self.taken += (end + 1 - used) as u64;
             used = end + 1;
         }
         let rest = &bytes[used..];
@@ -55,6 +58,10 @@ impl<L: Line> Source for Lines<L> {
             self.take(rest, taker);
             self.skipping = true;
         }
-        if ended || self.skipping { bytes.len() } else { used }
+        if ended || self.skipping {
+            self.taken += rest.len() as u64;
+            return bytes.len();
+        }
+        used
     }
 }

@@ -96,7 +96,8 @@ impl Pcap {
         match linktype::read(kind, packet) {
             Ok((direction, data)) => {
                 let link = if kind == linktype::SERIAL { "serial0" } else { "can0" };
-                taker.record(&Record { time: Some(Stamp(time)), link, direction, data });
+                let (time, at) = (Some(Stamp(time)), self.taken);
+                taker.record(&Record { time, link, direction, data, at });
             }
             Err(Bad(reason)) => self.damage(reason, taker),
         }

@@ -176,7 +176,8 @@ impl Pcapng {
         match linktype::read(interface.kind, packet) {
             Ok((direction, data)) => {
                 let direction = told.or(direction);
-                taker.record(&Record { time, link: &interface.name, direction, data });
+                let (link, at) = (interface.name.as_str(), self.taken);
+                taker.record(&Record { time, link, direction, data, at });
             }
             Err(Bad(reason)) => self.damage(reason, taker),
         }

@@ -204,3 +204,17 @@ fn peak_trc_between_the_versions() {
          \x20    1)      1059.900 1  Tx         0300 -  2  00 11\n";
     assert_eq!(read(third), (vec!["(0000000001.059900) can0 300#0011 T".to_owned()], vec![]));
 }
+
+/// Where records begin is told, however the file is cut.
+#[test]
+fn places_of_lines() {
+    let file = b"# a comment\n(1.5) can0 123#01\nnonsense\n(1.5) can0 123#02\n01 02";
+    for cut in 0..file.len() {
+        let (mut found, mut reader) = (Vec::new(), Reader::default());
+        let mut keep = |record: &Record<'_>| found.push(record.at);
+        reader.feed(&file[..cut], &mut keep);
+        reader.feed(&file[cut..], &mut keep);
+        reader.finish(&mut keep);
+        assert_eq!(found, [12, 39, 57], "cut at {cut}");
+    }
+}

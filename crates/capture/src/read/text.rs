@@ -71,7 +71,7 @@ fn logged(line: &[u8]) -> Option<Record<'_>> {
         *byte = high << 4 | low;
     }
     let data = Data::Frame(frame);
-    (bad < 16).then_some(Record { time: Some(time), link, direction: None, data })
+    (bad < 16).then_some(Record { time: Some(time), link, direction: None, data, at: 0 })
 }
 
 fn digits(text: &[u8]) -> Option<u64> {
@@ -104,7 +104,7 @@ fn stamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, B
         return Err(Bad("no link follows the time stamp"));
     }
     let (direction, data) = body(rest, scratch)?;
-    Ok(Record { time: Some(time), link, direction, data })
+    Ok(Record { time: Some(time), link, direction, data, at: 0 })
 }
 
 /// Data alone, as `polepair encode` prints it, or after the name of a link.
@@ -119,7 +119,7 @@ fn bare<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, Bad>
     };
     let (link, rest) = if named { (first, after) } else { (&b"-"[..], line) };
     let (direction, data) = body(rest, scratch)?;
-    Ok(Record { time: None, link: name(link)?, direction, data })
+    Ok(Record { time: None, link: name(link)?, direction, data, at: 0 })
 }
 
 fn name(link: &[u8]) -> Result<&str, Bad> {

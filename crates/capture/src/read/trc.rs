@@ -133,7 +133,7 @@ impl Trc {
             _ => self.frame(&columns)?,
         };
         let data = shape.with(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: &self.link, direction, data }))
+        Ok(Some(Record { time: Some(time), link: &self.link, direction, data, at: 0 }))
     }
 
     fn time(&self, word: &str) -> Option<Stamp> {

@@ -87,14 +87,14 @@ fn written(format: Format, packing: Option<Packing>, count: u64) -> (Vec<u8>, Ve
     };
     let link = "can0";
     for (time, direction, frame) in frames(count) {
-        write(&Record { time: Some(time), link, direction, data: Data::Frame(frame) });
+        write(&Record { time: Some(time), link, direction, data: Data::Frame(frame), at: 0 });
     }
     let last = Some(Stamp(BEGIN + count * 1_234_567_000));
     let bytes = [0xA5; 24];
     let fd = Fd { id: 0x77, extended: false, flags: 3, bytes: &bytes };
-    write(&Record { time: last, link, direction: None, data: Data::Fd(fd) });
+    write(&Record { time: last, link, direction: None, data: Data::Fd(fd), at: 0 });
     let error = ErrorFrame { class: 0x44, data: [0, 0x30, 0, 0, 0, 0, 0, 0] };
-    write(&Record { time: last, link, direction: None, data: Data::Error(error) });
+    write(&Record { time: last, link, direction: None, data: Data::Error(error), at: 0 });
     (writer.finish().expect("written"), expected)
 }
 
@@ -132,6 +132,7 @@ fn serial_bytes_are_kept_where_there_is_a_place_for_them() {
         link,
         direction,
         data: Data::Bytes(&[1, 0xFF, 0]),
+        at: 0,
     };
     let records = [
         record(Some(Direction::ToDrive), "ttyUSB0"),

@@ -1,0 +1,142 @@
+//! Table `frames`: every frame with its bytes.
+
+use std::sync::Arc;
+
+use arrow_array::RecordBatch;
+use arrow_array::types::{Int8Type, Int32Type, Int64Type};
+use arrow_schema::ArrowError;
+use polepair_capture::session::{Notice, Oddity};
+use polepair_capture::{Event, Wrong};
+use polepair_core::error::WireError;
+use polepair_core::explain::Direction;
+
+use super::{Origin, count, in_order, ns};
+use crate::column::{Bytes, Numbers, Same, Words, micros};
+use crate::schema::Table;
+
+/// Bits of column `flags`.
+pub mod flags {
+    /// The identifier has 29 bits.
+    pub const EXTENDED: i32 = 1;
+    /// A remote request.
+    pub const REMOTE: i32 = 1 << 1;
+    /// What a controller reported of its bus.
+    pub const ERROR: i32 = 1 << 2;
+    /// The host's own request, heard back.
+    pub const ECHO: i32 = 1 << 3;
+    /// The same request again.
+    pub const RETRY: i32 = 1 << 4;
+    /// Its check fails.
+    pub const BAD_CHECK: i32 = 1 << 5;
+    /// Bytes that belong to no frame.
+    pub const STRAY: i32 = 1 << 6;
+    /// CAN FD.
+    pub const FD: i32 = 1 << 7;
+    /// It breaks its protocol.
+    pub const WRONG: i32 = 1 << 8;
+}
+
+#[derive(Debug)]
+pub(super) struct Frames {
+    t_ns: Numbers<Int64Type>,
+    source: Same,
+    bus: Words,
+    dir: Numbers<Int8Type>,
+    protocol: Words,
+    can_id: Numbers<Int32Type>,
+    flags: Numbers<Int32Type>,
+    data: Bytes,
+    file: Same,
+    file_pos: Numbers<Int64Type>,
+    seq: Numbers<Int64Type>,
+}
+
+impl Frames {
+    pub fn new(origin: &Origin) -> Self {
+        Self {
+            t_ns: Numbers::default(),
+            source: Same::new(&origin.source),
+            bus: Words::default(),
+            dir: Numbers::default(),
+            protocol: Words::default(),
+            can_id: Numbers::default(),
+            flags: Numbers::default(),
+            data: Bytes::default(),
+            file: Same::new(&origin.file),
+            file_pos: Numbers::default(),
+            seq: Numbers::default(),
+        }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.seq.len()
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.data.size()
+    }
+
+    pub fn push(&mut self, event: &Event<'_>) {
+        self.t_ns.push_maybe(ns(event.time));
+        self.bus.push(event.link);
+        self.dir.push_maybe(event.direction.map(|way| (way == Direction::ToDrive).into()));
+        self.protocol.push_maybe(event.protocol.map(word));
+        self.can_id.push_maybe(event.id.map(|id| (id & 0x1FFF_FFFF).cast_signed()));
+        self.flags.push(flags_of(event));
+        self.data.push(event.bytes);
+        self.file_pos.push(count(event.at));
+        self.seq.push(count(event.number));
+    }
+
+    pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {
+        let rows = self.rows();
+        let t_ns = self.t_ns.take();
+        let times = t_ns.values().clone();
+        let columns = vec![
+            Arc::new(micros(&t_ns)) as _,
+            Arc::new(t_ns) as _,
+            self.source.rows(rows)?,
+            self.bus.take()?,
+            Arc::new(self.dir.take()),
+            self.protocol.take()?,
+            Arc::new(self.can_id.take()),
+            Arc::new(self.flags.take()),
+            self.data.take()?,
+            self.file.rows(rows)?,
+            Arc::new(self.file_pos.take()),
+            Arc::new(self.seq.take()),
+        ];
+        in_order(&times, RecordBatch::try_new(Table::Frames.schema(), columns)?)
+    }
+}
+
+/// A protocol's name as the columns have it: `modbus_rtu`.
+fn word(name: &'static str) -> &'static str {
+    match name {
+        "modbus-rtu" => "modbus_rtu",
+        "modbus-ascii" => "modbus_ascii",
+        other => other,
+    }
+}
+
+fn flags_of(event: &Event<'_>) -> i32 {
+    let said = |kind: &str| event.protocol.is_none() && event.explained.kind == kind;
+    let again = |notice: &Notice| matches!(notice, Notice::Odd(odd) if odd.kind == Oddity::Retry);
+    let error = said("error-frame");
+    let bits = [
+        (event.extended && !error, flags::EXTENDED),
+        (event.remote, flags::REMOTE),
+        (error, flags::ERROR),
+        (event.echo, flags::ECHO),
+        (event.notices.iter().any(again), flags::RETRY),
+        (event.wrong.is_some_and(is_check), flags::BAD_CHECK),
+        (event.stray, flags::STRAY),
+        (said("can-fd"), flags::FD),
+        (event.wrong.is_some(), flags::WRONG),
+    ];
+    bits.into_iter().filter(|(set, _)| *set).map(|(_, bit)| bit).sum()
+}
+
+fn is_check(wrong: Wrong) -> bool {
+    matches!(wrong, Wrong::Broken | Wrong::Wire(WireError::Checksum { .. }))
+}

@@ -1,0 +1,83 @@
+//! Table `signals`: every value that a frame told, a row each.
+
+use std::sync::Arc;
+
+use arrow_array::RecordBatch;
+use arrow_array::types::{Float64Type, Int16Type, Int32Type, Int64Type};
+use arrow_schema::ArrowError;
+use polepair_capture::session::Signal;
+
+use super::{At, Origin, count, in_order, ns};
+use crate::column::{Numbers, Same, Words, micros};
+use crate::schema::Table;
+
+#[derive(Debug)]
+pub(super) struct Signals {
+    t_ns: Numbers<Int64Type>,
+    source: Same,
+    bus: Words,
+    axis: Numbers<Int32Type>,
+    signal: Words,
+    value: Numbers<Float64Type>,
+    exact: Numbers<Int64Type>,
+    unit: Words,
+    quality: Numbers<Int16Type>,
+    request: Numbers<Int64Type>,
+    frame: Numbers<Int64Type>,
+}
+
+impl Signals {
+    pub fn new(origin: &Origin) -> Self {
+        Self {
+            t_ns: Numbers::default(),
+            source: Same::new(&origin.source),
+            bus: Words::default(),
+            axis: Numbers::default(),
+            signal: Words::default(),
+            value: Numbers::default(),
+            exact: Numbers::default(),
+            unit: Words::default(),
+            quality: Numbers::default(),
+            request: Numbers::default(),
+            frame: Numbers::default(),
+        }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.frame.len()
+    }
+
+    pub fn push(&mut self, at: At<'_>, signal: &Signal) {
+        self.t_ns.push_maybe(ns(at.time));
+        self.bus.push(at.link);
+        self.axis.push(signal.axis.cast_signed());
+        self.signal.push(signal.name);
+        self.value.push(signal.value);
+        self.exact.push_maybe(signal.exact);
+        self.unit.push(signal.unit);
+        self.quality.push((signal.quality as u8).into());
+        self.request.push_maybe(signal.request.map(count));
+        self.frame.push(at.seq.map_or(0, count));
+    }
+
+    pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {
+        let rows = self.rows();
+        let t_ns = self.t_ns.take();
+        let times = t_ns.values().clone();
+        let columns = vec![
+            Arc::new(micros(&t_ns)) as _,
+            Arc::new(t_ns) as _,
+            self.source.rows(rows)?,
+            self.bus.take()?,
+            Arc::new(self.axis.take()),
+            self.signal.take()?,
+            Arc::new(self.value.take()),
+            Arc::new(self.exact.take()),
+            self.unit.take()?,
+            Arc::new(self.quality.take()),
+            Arc::new(self.request.take()),
+            Arc::new(self.frame.take()),
+        ];
+        in_order(&times, RecordBatch::try_new(Table::Signals.schema(), columns)?)
+    }
+}
