@@ -69,6 +69,8 @@ pub(super) struct Canopen {
     due: Stamp,
     /// Requests are heard on this bus.
     followed: bool,
+    /// When a master said something last: a request, an order, a beat, process data to a node.
+    commanded: Option<Stamp>,
 }
 
 const NEVER: Stamp = Stamp(u64::MAX);
@@ -87,6 +89,7 @@ impl Default for Canopen {
             latest: None,
             due: NEVER,
             followed: false,
+            commanded: None,
         }
     }
 }
@@ -100,7 +103,11 @@ impl Follower for Canopen {
         }
         self.name_by(heard.profile);
         let bytes = heard.raw.bytes;
-        match self.services.of(id, heard.raw.extended, &mut self.pdos) {
+        let service = self.services.of(id, heard.raw.extended, &mut self.pdos);
+        if self.is_masters(service) {
+            self.commanded = heard.time.max(self.commanded);
+        }
+        match service {
             Service::Pdo(_) if heard.remote => {}
             Service::Pdo(at) => self.process(at.into(), heard, said, notices),
             Service::State(node) => self.state(node, heard, notices),
@@ -144,6 +151,14 @@ impl Canopen {
         if !same {
             self.profile = profile;
             self.pdos.all.iter_mut().for_each(pdo::Pdo::forget);
+        }
+    }
+
+    fn is_masters(&self, service: Service) -> bool {
+        match service {
+            Service::Nmt | Service::Sync | Service::Request(_) => true,
+            Service::Pdo(at) => !self.pdos.all[usize::from(at)].told,
+            _ => false,
         }
     }
 
@@ -194,7 +209,7 @@ impl Canopen {
             if paused {
                 node.beat.off();
             } else {
-                node.silent(now, notices);
+                node.silent(now, self.commanded, notices);
             }
         }
     }
@@ -307,7 +322,8 @@ impl Canopen {
         let book = Book { profile, values: &node.values };
         pdo.mapping(len, &Beside { book, drive: node.drive });
         pdo.measure(len, notices);
-        say::process(pdo, bytes, profile, said);
+        let usual = pdo.default_cob().is_some_and(|cob| heard.raw.id == Some(cob.id().into()));
+        say::process(pdo, bytes, !usual, profile, said);
         let Some(mapping) = pdo.last_mapping().filter(|map| len >= map.bytes()) else { return };
         let (axis, quality) = (u32::from(id), mapping.quality());
         let watched = told && mapping.is_watched();

@@ -186,7 +186,8 @@ impl ProfileFile {
 /// The drive whose names are used.
 #[derive(Args, Debug)]
 pub struct NamedBy {
-    /// Name parameters and faults as this drive does: its name, or a TOML file of your own
+    /// Name parameters and faults as this drive does: its name, a TOML file of your own, or a
+    /// CANopen data sheet (EDS, DCF)
     #[arg(long = "profile", value_name = "NAME|FILE")]
     drive: Option<String>,
 }

@@ -4,6 +4,7 @@
 //! One that fails names its seed and how to live through that alone.
 
 mod bus;
+mod capture;
 mod heartbeat;
 mod moves;
 mod process;

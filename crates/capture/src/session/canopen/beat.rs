@@ -31,6 +31,11 @@ impl Beat {
         self.heard
     }
 
+    /// When it came last.
+    pub const fn last(&self) -> Option<Stamp> {
+        self.last
+    }
+
     /// It was set to so many milliseconds; 0 is none.
     pub fn configure(&mut self, ms: u64) {
         self.off();

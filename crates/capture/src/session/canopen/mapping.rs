@@ -129,9 +129,13 @@ impl Mapping {
         self.watched
     }
 
-    /// The entries in order, and where each lies.
-    pub(super) fn entries(&self) -> &[(Entry, Field)] {
-        &self.entries
+    /// The entries in order, where each lies, and what eight bytes hold for it.
+    pub(super) fn values(&self, data: u64) -> impl Iterator<Item = (Entry, Field, &Place, i64)> {
+        let numbers = self.places.iter().filter(|place| place.is_number());
+        let mapped = self.entries.iter().filter(|(entry, _)| !entry.is_gap());
+        mapped
+            .zip(numbers)
+            .map(move |((entry, field), place)| (*entry, *field, place, place.exact(data)))
     }
 }
 

@@ -38,6 +38,8 @@ pub(super) struct Node {
     /// What its objects were last seen to be.
     pub values: HashMap<Object, i64>,
     heard: bool,
+    /// Nothing but its heartbeat was heard of it.
+    only_beats: bool,
     /// It said something since it started.
     used: bool,
     unheard: u8,
@@ -67,6 +69,7 @@ impl Node {
             drive: false,
             values: HashMap::new(),
             heard: false,
+            only_beats: true,
             used: false,
             unheard: 0,
             state: None,
@@ -82,8 +85,13 @@ impl Node {
         }
     }
 
-    /// It said something, whatever it was.
+    /// It said something beside its state. `counts` tells that it has started by then.
     pub fn hear(&mut self, counts: bool, notices: &mut Vec<Notice>) {
+        self.only_beats = false;
+        self.appear(counts, notices);
+    }
+
+    fn appear(&mut self, counts: bool, notices: &mut Vec<Notice>) {
         self.used |= counts;
         if !self.heard {
             self.heard = true;
@@ -181,7 +189,6 @@ impl Node {
 
     /// It tells its state by itself.
     pub fn tell(&mut self, state: State, now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        self.hear(true, notices);
         self.state_told(state, now, notices);
         if self.beat.take(now) {
             notices.push(self.change("presence", "silent", "present"));
@@ -193,7 +200,7 @@ impl Node {
 
     /// It tells its state, by itself or because it was asked.
     pub fn state_told(&mut self, state: State, now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        self.hear(true, notices);
+        self.appear(true, notices);
         self.reset = false;
         if matches!(state, State::Other(_)) {
             return;
@@ -255,9 +262,14 @@ impl Node {
     }
 
     /// Its heartbeat stays out.
-    pub fn silent(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+    pub fn silent(&mut self, now: Stamp, commanded: Option<Stamp>, notices: &mut Vec<Notice>) {
+        let last = self.beat.last();
         let Some((period, since)) = self.beat.stays_out(now) else { return };
         notices.push(self.change("presence", "present", "silent"));
+        // A master that has ended asks nothing any more either.
+        if self.only_beats && commanded < last {
+            return;
+        }
         let (ms, every) = (since / 1_000_000, period / 1_000_000);
         let text = format!("no heartbeat for {ms} ms, which came every {every} ms");
         notices.push(odd(Oddity::Silent, self.id, text));

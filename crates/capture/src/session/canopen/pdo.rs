@@ -1,6 +1,8 @@
 //! Which PDOs there are, and what they carry: by the objects 1400h to 1BFFh that the capture shows
 //! being written or read, else by the data sheet or profile, else as drives usually have it.
 
+use core::fmt::Write as _;
+
 use polepair_core::drives;
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::cob::Cob;
@@ -73,9 +75,10 @@ impl Pdo {
         self.laid.as_ref()?.mapping.as_ref()
     }
 
-    /// What it is called: `TPDO1`.
-    pub fn name(&self) -> String {
-        format!("{}PDO{}", if self.told { 'T' } else { 'R' }, self.number)
+    /// Puts down what it is called: `TPDO1`.
+    pub fn named(&self, text: &mut String) {
+        text.clear();
+        let _ = write!(text, "{}PDO{}", if self.told { 'T' } else { 'R' }, self.number);
     }
 
     /// Looks whether a frame of so many bytes is as long as the mapping that the capture shows. Who
@@ -89,7 +92,9 @@ impl Pdo {
             return;
         }
         if !core::mem::replace(&mut self.accused, true) {
-            let text = format!("{} has {len} bytes, mapped are {need}", self.name());
+            let mut text = String::new();
+            self.named(&mut text);
+            let _ = write!(text, " has {len} bytes, mapped are {need}");
             notices.push(super::odd(Oddity::Length, self.node, text));
         }
     }

@@ -1,8 +1,8 @@
 //! Words for what frames mean in their conversation, behind what they say by themselves.
 
-use core::fmt::Write as _;
+use core::fmt::{self, Write as _};
 
-use polepair_core::explain::{Context, Dissector as _, Sink as _};
+use polepair_core::explain::{Context, Dissector as _, Field, Sink as _, Value};
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::CanopenDissector;
 use polepair_core::proto::canopen::cob::{SDO_REPLY, SDO_REQUEST};
@@ -113,10 +113,11 @@ fn value(head: &[u8], len: u32, text: &mut String) {
     }
 }
 
-/// Appends parentheses, in which there are none, and no semicolon ends the instruction.
+/// Appends parentheses, in which there are none.
 fn remark(text: &str, said: &mut Explained) {
-    let clean: String = text.chars().filter(|c| !matches!(c, '(' | ')')).collect();
-    let _ = write!(said.text, " ({})", clean.replace(';', ","));
+    said.text.push_str(" (");
+    let _ = Clean(&mut said.text).write_str(text);
+    said.text.push(')');
 }
 
 /// Says which fault the short form of an emergency is, in the words of the one drive that has it.
@@ -124,42 +125,75 @@ pub(super) fn inferred(words: &Words, said: &mut Explained) {
     remark(&format!("inferred: {}", words.text.trim_end_matches('.')), said);
 }
 
-/// Says what process data are, object by object.
+/// Says what process data are, object by object. `moved` tells that the identifier is not the usual
+/// one.
 pub(super) fn process(
     pdo: &Pdo,
     bytes: &[u8],
+    moved: bool,
     profile: Option<&'static Profile>,
     said: &mut Explained,
 ) {
     let id = pdo.default_cob().map(|cob| u32::from(cob.id()));
-    by_default(bytes, id, profile, said);
-    said.error = None;
-    said.axis(pdo.node.into());
-    said.kind(&pdo.name());
-    let own = said.text.find(" (").filter(|_| id.is_some()).unwrap_or(0);
-    said.text.truncate(own);
-    if id.is_none() {
-        said.text.push_str(&pdo.name().to_lowercase());
-        bytes.iter().for_each(|byte| {
-            let _ = write!(said.text, " {byte:02X}");
-        });
+    if moved {
+        by_default(bytes, id, profile, said);
+        said.error = None;
+        said.axis(pdo.node.into());
+        pdo.named(&mut said.kind);
+        if id.is_none() {
+            further(pdo, bytes, said);
+        }
     }
     let Some(mapping) = pdo.last_mapping().filter(|map| bytes.len() >= map.bytes().into()) else {
         return;
     };
+    said.text.truncate(said.text.find(" (").unwrap_or(said.text.len()));
+    said.forget_fields();
+    said.field(Field {
+        name: "data",
+        start: 0,
+        end: bytes.len() as u16,
+        value: Value::Words(bytes),
+        meaning: "",
+    });
     let usual = if mapping.quality() == Quality::Good { "" } else { "if mapped as usual: " };
-    let (mut text, data) = (usual.to_owned(), super::word(bytes));
-    for (at, (entry, field)) in mapping.entries().iter().enumerate() {
-        let raw = match say::signed(entry.object, profile) {
-            true => field.signed(data),
-            false => field.unsigned(data).cast_signed(),
-        };
-        text.push_str(if at > 0 { "\u{1}" } else { "" });
+    let _ = write!(said.text, " ({usual}");
+    let data = super::word(bytes);
+    for (at, (entry, field, place, raw)) in mapping.values(data).enumerate() {
+        let mut clean = Clean(&mut said.text);
+        let _ = clean.write_str(if at > 0 { " | " } else { "" });
         if say::name(entry.object, profile).is_empty() {
-            let _ = write!(text, "0x{:04X}:{} = ", entry.object.index, entry.object.sub);
+            let _ = write!(clean, "{} = ", place.name);
         }
-        let _ = say::value(entry.object, raw, profile, &mut text);
+        let _ = say::value(entry.object, raw, profile, &mut clean);
+        let (start, end) = (u16::from(field.at), u16::from(field.at + field.bits));
+        said.field(Field {
+            name: place.name,
+            start: start / 8,
+            end: end.div_ceil(8),
+            value: Value::Int(raw),
+            meaning: "",
+        });
     }
-    let clean = text.replace(['(', ')', ';'], "").replace('\u{1}', "; ");
-    let _ = write!(said.text, " ({clean})");
+    said.text.push(')');
+}
+
+/// A PDO beyond those of the predefined set, which has no words of its own.
+fn further(pdo: &Pdo, bytes: &[u8], said: &mut Explained) {
+    pdo.named(&mut said.text);
+    said.text.make_ascii_lowercase();
+    bytes.iter().for_each(|byte| {
+        let _ = write!(said.text, " {byte:02X}");
+    });
+}
+
+/// Keeps out what would end a remark or an instruction.
+struct Clean<'a>(&'a mut String);
+
+impl fmt::Write for Clean<'_> {
+    fn write_str(&mut self, piece: &str) -> fmt::Result {
+        let kept = piece.chars().filter(|c| !matches!(c, '(' | ')'));
+        self.0.extend(kept.map(|c| if c == ';' { ',' } else { c }));
+        Ok(())
+    }
 }

@@ -1,0 +1,97 @@
+//! What the analyser makes of our buses: nothing odd of those that are well, and what is planted.
+
+use polepair_capture::session::{Notice, Oddity};
+use polepair_capture::{Decoder, Rules, Stamp};
+use polepair_sim::world::{Carried, Heard};
+
+use super::*;
+
+/// What is odd with what everybody heard, as the kinds and the sentences.
+fn odds(bench: &mut Bench) -> Vec<(Oddity, String)> {
+    let mut decoder = Decoder::new(Rules::parse("canopen").unwrap());
+    let (mut odds, mut seen) = (Vec::new(), None);
+    let mut keep = |notices: &[Notice]| {
+        odds.extend(notices.iter().filter_map(|notice| match notice {
+            Notice::Odd(odd) => Some((odd.kind, format!("{:?}: {}", odd.axis, odd.text))),
+            _ => None,
+        }));
+    };
+    for Heard { at, carried, .. } in bench.world.take_log() {
+        let Carried::Frame(frame, _) = carried else { continue };
+        // Everybody hears a frame at the same time.
+        if seen.replace((at, frame)) == Some((at, frame)) {
+            continue;
+        }
+        let time = Some(Stamp(at.since(Instant::ZERO).as_nanos() as u64));
+        decoder.frame(time, "can0", None, &frame, &mut |event| {
+            assert_eq!(event.wrong, None, "{frame}: {}", event.explained.text);
+            keep(event.notices);
+        });
+    }
+    decoder.ending(&mut |_, notices| keep(notices));
+    odds
+}
+
+fn listened(seed: u64, profiles: &[&'static Profile]) -> Bench {
+    let mut bench = Bench::new(seed, profiles);
+    bench.world.keep_log();
+    bench
+}
+
+#[test]
+fn nothing_is_odd_with_a_bus_that_is_well() {
+    seeds(|seed| {
+        let mut bench = listened(seed, &[cia402(), ts(), cia402()]);
+        for axis in [0, 2] {
+            bench.set(axis, &[("heartbeat time", 100)]);
+            let id = 0x182 + i64::from(axis);
+            bench.set(axis, &[("tpdo 1 identifier", id | 1 << 31), ("tpdo 1 entries", 0)]);
+            bench.set(axis, &[("tpdo 1 entry 1", 0x6041_0010), ("tpdo 1 entry 2", 0x6064_0020)]);
+            bench.set(axis, &[("tpdo 1 entries", 2), ("tpdo 1 identifier", id)]);
+        }
+        for axis in 0..3 {
+            bench.spin(axis, 20.0);
+            done(bench.verb(axis, Verb::Stop));
+            let by = Command { target: Some(1.0), ..Command::new(Verb::MoveBy) };
+            done(bench.command(axis, by));
+            done(bench.verb(axis, Verb::Reached));
+            done(bench.verb(axis, Verb::Disable));
+        }
+        bench.pass(2_000);
+        assert_eq!(odds(&mut bench), []);
+    });
+}
+
+#[test]
+fn a_node_that_leaves_the_bus_is_silent_once() {
+    seeds(|seed| {
+        let mut bench = listened(seed, &[cia402(), cia402()]);
+        for axis in [0, 1] {
+            bench.set(axis, &[("heartbeat time", 100)]);
+        }
+        bench.pass(2_000);
+        bench.pull(0, true);
+        bench.pass(5_000);
+        done(bench.read(1, "statusword"));
+        let odds = odds(&mut bench);
+        let kinds: Vec<Oddity> = odds.iter().map(|(kind, _)| *kind).collect();
+        assert_eq!(kinds, [Oddity::Silent], "{odds:?}");
+    });
+}
+
+#[test]
+fn two_nodes_with_one_number_are_found() {
+    seeds(|seed| {
+        let mut bench = listened(seed, &[cia402(), cia402()]);
+        bench.set(0, &[("heartbeat time", 100)]);
+        bench.pass(2_000);
+        // The other one's heartbeat comes between.
+        let beat = Frame::standard(0x702, &[0x7F]);
+        bench.pass(30);
+        bench.flood(beat, 40, 100_000);
+        bench.pass(3_000);
+        let odds = odds(&mut bench);
+        let kinds: Vec<Oddity> = odds.iter().map(|(kind, _)| *kind).collect();
+        assert_eq!(kinds, [Oddity::DuplicateAddress], "{odds:?}");
+    });
+}
