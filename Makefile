@@ -3,7 +3,7 @@ CARGO ?= cargo
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 
-.PHONY: demo test check interop swarm soak bench clean
+.PHONY: demo test check interop python swarm soak bench clean
 
 ## demo: the main job on simulated drives; HEADLESS=1 ends by itself
 demo:
@@ -17,7 +17,7 @@ test: check
 	$(CARGO) test --workspace --locked --quiet --doc
 	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
 	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
-	$(MAKE) --no-print-directory interop
+	$(MAKE) --no-print-directory interop python
 
 ## check: format, lints, generated files, unit tests; under three minutes
 check:
@@ -32,6 +32,13 @@ interop: $(VENV)/ready
 	$(CARGO) build --release --locked --quiet -p polepair-cli
 	$(CARGO) build --release --locked --quiet -p polepair -p polepair-link --examples
 	$(PYTHON) -m pytest interop
+
+## python: the package, built and tried: its surface, its types, its guide
+python: $(VENV)/ready
+	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(VENV)/bin/maturin develop --release --quiet --manifest-path crates/python/Cargo.toml
+	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy
+	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub
+	cd crates/python && $(CURDIR)/$(PYTHON) -m pytest
 
 $(VENV)/ready: interop/requirements.txt interop/debian-packages.txt
 	interop/install-debian-packages

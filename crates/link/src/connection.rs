@@ -63,24 +63,35 @@ impl Connection {
         Ok(Pending { connection: self.clone(), ticket, interrupts, ended: None })
     }
 
-    /// Submits a request and waits for its outcome, `None` at `deadline` or after an interrupt.
-    /// While many other requests are pending and the lane takes no more, it waits for its turn and
-    /// calls `request` again.
+    /// Submits a request. While many others are pending and the lane takes no more, it waits for its
+    /// turn, at most until `deadline`, and calls `request` again.
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit).
+    pub fn submit_in_turn(
+        &self,
+        deadline: Instant,
+        mut request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+    ) -> Result<Pending, Unsupported> {
+        loop {
+            match self.submit(&mut request) {
+                Err(Unsupported::Busy) if self.0.0.await_room(deadline) => {}
+                submitted => return submitted,
+            }
+        }
+    }
+
+    /// Submits a request in turn and waits for its outcome, `None` at `deadline` or after an
+    /// interrupt.
     ///
     /// # Errors
     /// As [`submit`](Self::submit).
     pub fn ask(
         &self,
         deadline: Instant,
-        mut request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+        request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<Option<Outcome>, Unsupported> {
-        let mut pending = loop {
-            match self.submit(&mut request) {
-                Err(Unsupported::Busy) if self.0.0.await_room(deadline) => {}
-                submitted => break submitted?,
-            }
-        };
-        Ok(match pending.wait(deadline) {
+        Ok(match self.submit_in_turn(deadline, request)?.wait(deadline) {
             Waited::Ended(outcome) => Some(outcome),
             Waited::TimedOut | Waited::Interrupted => None,
         })

@@ -42,8 +42,7 @@ use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Frame, MediumKind};
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{AxisKind, Parameter, ParameterId, Profile, Signal};
-use polepair_core::station::{AxisIndex, Ticket};
-use polepair_core::time::Instant;
+use polepair_core::station::AxisIndex;
 use polepair_core::units::Unit;
 use polepair_link::Connection;
 use std::ops::ControlFlow;
@@ -216,8 +215,7 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame.
     pub fn read(&self, id: ParameterId) -> Result<i64, Error> {
-        let what = format!("reading `{}`", self.parameter(id)?.name);
-        self.ask(&what, |axes, now, ticket| axes.read(now, ticket, self.index, id))
+        self.start_read(id)?.finish()
     }
 
     /// Reads a parameter of each drive that the axis stands for, raw, with the drive's address: of a
@@ -226,13 +224,9 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame; that the drives of a group have different values is none.
     pub fn read_each(&self, id: ParameterId) -> Result<Vec<(u32, i64)>, Error> {
-        let what = format!("reading `{}`", self.parameter(id)?.name);
-        let submit = |axes: &mut dyn polepair_core::axis::Axes, now: Instant, ticket: Ticket| {
-            axes.read(now, ticket, self.index, id)
-        };
-        let pending = self.connection.submit(submit).map_err(|why| self.refuse(&what, why))?;
-        let ticket = pending.ticket();
-        let ended = Running { axis: self.clone(), pending, what }.finish();
+        let mut running = self.start_read(id)?;
+        let ticket = running.pending.ticket();
+        let ended = running.finish();
         let parts = self.connection.with(|axes, _| {
             let parts = std::iter::from_fn(|| axes.poll_part(ticket));
             parts.map(|part| (part.address, part.raw)).collect::<Vec<_>>()
@@ -250,12 +244,7 @@ impl Axis {
     /// # Errors
     /// As [`set`](Self::set).
     pub fn write(&self, id: ParameterId, raw: i64, keep: bool) -> Result<(), Error> {
-        let what = format!("setting `{}`", self.parameter(id)?.name);
-        self.check_write(id, raw)?;
-        let write = |axes: &mut dyn polepair_core::axis::Axes, now, ticket| {
-            axes.write(now, ticket, self.index, id, raw, keep)
-        };
-        self.ask(&what, write).map(drop)
+        self.start_write(id, raw, keep)?.finish().map(drop)
     }
 
     /// The raw value that an amount means for a parameter.
@@ -308,6 +297,11 @@ impl Axis {
     fn read_factors(&self, parameter: &Parameter) -> Result<(), Error> {
         let factors = [parameter.scale.times, parameter.scale.over];
         factors.into_iter().flatten().try_for_each(|id| self.read(id).map(drop))
+    }
+
+    /// Waits on the link's own clock: in virtual time it is over at once.
+    pub fn sleep(&self, span: Duration) {
+        crate::connect::pass(self.simulation.as_ref(), span);
     }
 
     /// Lets motion commands through, or no longer. [`armed`](Self::armed) does it for a while.
@@ -552,8 +546,7 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame; `E221` for text that is not of that language.
     pub fn raw(&self, text: &str) -> Result<i64, Error> {
-        let what = format!("`{text}`");
-        self.ask(&what, |axes, now, ticket| axes.raw(now, ticket, self.index, text))
+        self.start_raw(text)?.finish()
     }
 
     /// What a command would send, step by step. Nothing of it is sent; where a scale depends on
@@ -641,19 +634,6 @@ impl Axis {
             let spent = self.connection.now().since(began);
             crate::connect::pass(self.simulation.as_ref(), period.saturating_sub(spent));
         }
-    }
-
-    fn ask(
-        &self,
-        what: &str,
-        request: impl FnOnce(
-            &mut dyn polepair_core::axis::Axes,
-            Instant,
-            Ticket,
-        ) -> Result<(), Unsupported>,
-    ) -> Result<i64, Error> {
-        let pending = self.connection.submit(request).map_err(|why| self.refuse(what, why))?;
-        Running { axis: self.clone(), pending, what: what.to_owned() }.finish()
     }
 }
 

@@ -11,7 +11,7 @@
 
 use crate::connect::{Connector, Line};
 use crate::error::Error;
-use crate::wire::{OpenWire, SharedLink};
+use crate::wire::{AnyLink, OpenWire, SharedLink};
 use polepair_core::medium::{Can, CanLine, Medium, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
@@ -44,6 +44,19 @@ impl Connector {
             listening.ears.extend(lines.first().map(|line| Ear::new(line.link.clone())));
         }
         Ok(listening)
+    }
+}
+
+impl Connector {
+    /// Opens what the string names, as it is: for programs that speak for themselves. Of a simulation
+    /// the drives are at the other ends.
+    ///
+    /// # Errors
+    /// As [`listen`](Self::listen).
+    pub fn open(&self, text: &str) -> Result<Vec<AnyLink>, Error> {
+        let (lines, _) = self.lines(&self.url(text)?)?;
+        let wires = lines.chunk_by(|one, other| one.wire == other.wire);
+        Ok(wires.filter_map(|lines| lines.first()).map(|line| line.link.clone().into()).collect())
     }
 }
 

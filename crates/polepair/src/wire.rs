@@ -91,6 +91,15 @@ impl SharedLink {
     }
 }
 
+impl From<SharedLink> for AnyLink {
+    fn from(link: SharedLink) -> Self {
+        match link {
+            SharedLink::Serial(link) => Self::Serial(Box::new(link)),
+            SharedLink::Can(link) => Self::Can(Box::new(link)),
+        }
+    }
+}
+
 pub(crate) struct Shared<M: Medium>(Arc<dyn Link<M>>);
 
 impl<M: Medium> Clone for Shared<M> {

@@ -148,7 +148,10 @@ impl Axis {
     }
 
     fn order(&self, what: &str, order: Order) -> Result<i64, Error> {
-        self.ask(what, |axes, now, ticket| axes.order(now, ticket, self.index, order))
+        self.submit(what.to_owned(), |axes, now, ticket| {
+            axes.order(now, ticket, self.index, order)
+        })?
+        .finish()
     }
 
     fn transfer(

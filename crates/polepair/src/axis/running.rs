@@ -3,11 +3,12 @@
 use super::Axis;
 use crate::error::Error;
 use polepair_core::axis::{Axes, Command};
-use polepair_core::error::Outcome;
+use polepair_core::error::{Outcome, Unsupported};
 use polepair_core::profile::ParameterId;
 use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 use polepair_link::{Pending, Waited};
+use std::task;
 use std::time::Duration;
 
 /// A verb that was looked at and can be started: see [`Axis::prepare`].
@@ -51,10 +52,39 @@ impl Axis {
     /// [`Error::Unsupported`]: nothing was sent.
     pub fn start_read(&self, id: ParameterId) -> Result<Running, Error> {
         let what = format!("reading `{}`", self.parameter(id)?.name);
-        let submit = |axes: &mut dyn Axes, now: Instant, ticket: Ticket| {
-            axes.read(now, ticket, self.index, id)
-        };
-        let pending = self.connection.submit(submit).map_err(|why| self.refuse(&what, why))?;
+        self.submit(what, |axes, now, ticket| axes.read(now, ticket, self.index, id))
+    }
+}
+
+impl Axis {
+    /// Begins to write a parameter, raw, and does not wait until it is done: as
+    /// [`write`](Self::write).
+    ///
+    /// # Errors
+    /// [`Error::Usage`] and [`Error::Unsupported`]: nothing was sent.
+    pub fn start_write(&self, id: ParameterId, raw: i64, keep: bool) -> Result<Running, Error> {
+        let what = format!("setting `{}`", self.parameter(id)?.name);
+        self.check_write(id, raw)?;
+        self.submit(what, |axes, now, ticket| axes.write(now, ticket, self.index, id, raw, keep))
+    }
+
+    /// Begins a request in the protocol's own text, and does not wait for the answer: as
+    /// [`raw`](Self::raw).
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`]: nothing was sent.
+    pub fn start_raw(&self, text: &str) -> Result<Running, Error> {
+        let what = format!("`{text}`");
+        self.submit(what, |axes, now, ticket| axes.raw(now, ticket, self.index, text))
+    }
+
+    pub(super) fn submit(
+        &self,
+        what: String,
+        request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+    ) -> Result<Running, Error> {
+        let pending = self.connection.submit_in_turn(Instant::FAR, request);
+        let pending = pending.map_err(|why| self.refuse(&what, why))?;
         Ok(Running { axis: self.clone(), pending, what })
     }
 }
@@ -87,6 +117,11 @@ impl Running {
     pub fn poll(&mut self) -> Result<Option<i64>, Error> {
         let outcome = self.pending.poll();
         outcome.map(|outcome| self.judged(outcome)).transpose()
+    }
+
+    /// Looks whether it has ended, and has `waker` woken when it does otherwise.
+    pub fn ended_or_wake(&mut self, waker: &task::Waker) -> bool {
+        self.pending.poll_or_wake(waker).is_some()
     }
 
     fn until(&mut self, deadline: Instant) -> Result<Option<i64>, Error> {

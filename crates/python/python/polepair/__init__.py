@@ -1,0 +1,133 @@
+"""Talk to motor drives, simulate them, and read what others said to them.
+
+>>> import polepair
+>>> with polepair.connect("sim:tmcl?time=virtual") as link:
+...     for axis in link.axes:
+...         print(axis.product)
+tmcm-171
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike
+from typing import TYPE_CHECKING, NamedTuple
+
+from . import _polepair as _native
+from ._axis import Fault
+from ._polepair import Event, Parameter, Truth, __version__
+from ._sync import Armed, Axis, Link, Motion, Parameters, RawParameters, Simulation
+from .captures import Capture, decode
+from .errors import DriveFault, NoReply, PolepairError, ProtocolError, Refused, Unsupported
+from .quantity import Amount, Quantity
+from .trace import Step, Trace
+
+if TYPE_CHECKING:
+    from . import aio as aio
+
+__all__ = [
+    "Amount",
+    "Armed",
+    "Axis",
+    "Capture",
+    "DriveFault",
+    "Event",
+    "Fault",
+    "Found",
+    "Link",
+    "Motion",
+    "NoReply",
+    "Parameter",
+    "Parameters",
+    "PolepairError",
+    "ProtocolError",
+    "Quantity",
+    "RawParameters",
+    "Refused",
+    "Simulation",
+    "Step",
+    "Trace",
+    "Truth",
+    "Unsupported",
+    "__version__",
+    "aio",
+    "connect",
+    "decode",
+    "encode",
+    "profiles",
+    "scan",
+]
+
+
+class Found(NamedTuple):
+    """A drive that answered a scan."""
+
+    number: int
+    """Its address."""
+    product: str
+    """The product's name, as profiles have it."""
+    title: str
+    """The product's full name."""
+    known: str
+    """How that is known."""
+    clash: str | None
+    """Set when two drives may have this address."""
+
+
+def connect(
+    url: str, *, profile: str | PathLike[str] | None = None, trace: bool = False
+) -> Link:
+    """Opens a link: `tmcl+serial:///dev/ttyUSB0:9600#1`, `canopen+socketcan://can0#2`, `sim:tmcl`.
+
+    `profile` is a TOML file that describes a drive of your own; `trace` keeps the last frames for
+    `Link.trace`. Errors: `PolepairError` by blame,
+    each with a note of what to try.
+    """
+    return Link(_native.connect(url, profile, trace))
+
+
+def scan(
+    url: str,
+    first: int | None = None,
+    last: int | None = None,
+    *,
+    profile: str | PathLike[str] | None = None,
+    progress: Callable[[int, int, int], bool | None] | None = None,
+) -> list[Found]:
+    """Asks who is on a link; only reads are sent, nothing moves.
+
+    `first` and `last` bound the addresses. `progress(address, done, of)` hears of every address
+    before it is asked, and ends the scan by returning False; what was found is kept.
+    """
+    return [Found(*row) for row in _native.scan(url, first, last, profile, progress)]
+
+
+def encode(
+    protocol: str,
+    text: str,
+    *,
+    axis: int | None = None,
+    host: int | None = None,
+    via: str | None = None,
+) -> bytes:
+    """The bytes that a text of a protocol's own language becomes; nothing is sent.
+
+    >>> import polepair
+    >>> polepair.encode("tmcl", "ROR 0, 350", axis=1).hex(" ")
+    '01 01 00 00 00 00 01 5e 61'
+    """
+    return _native.encode(protocol, text, axis, host, via)[0]
+
+
+def profiles() -> list[tuple[str, str, str]]:
+    """Every product that is known: name, full name, protocol."""
+    return _native.profiles()
+
+
+def __getattr__(name: str) -> object:
+    # asyncio takes longer to import than all of this; who does not use it does not wait for it.
+    if name == "aio":
+        import importlib
+
+        return importlib.import_module(".aio", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,262 @@
+"""What an axis can do, written once for threads and for event loops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from . import _polepair as native
+from ._steps import Call, Steps, Wait
+from .errors import NoReply, PolepairError, Unsupported
+from .quantity import Amount, Quantity, given
+
+TIMEOUT = 60.0
+"""Seconds that a move or a homing may take where the caller does not say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A fault or a warning that a drive reports, in the words of its profile."""
+
+    code: int
+    """The drive's code, or the bit in its flag word."""
+    name: str
+    """The manual's short name."""
+    text: str
+    """What happened."""
+    cause: str
+    """Why it usually happens."""
+    remedy: str
+    """What to do."""
+    warning: bool
+    """The drive goes on."""
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.text}"
+
+
+class AxisSteps:
+    """An axis: the verbs as steps. `Axis` and `aio.Axis` are what callers use."""
+
+    __slots__ = ("_native",)
+
+    def __init__(self, axis: native.Axis) -> None:
+        self._native = axis
+
+    @property
+    def number(self) -> int:
+        """Its address on the wire."""
+        return self._native.number
+
+    @property
+    def name(self) -> str:
+        """What a rack file calls it; empty for nothing."""
+        return self._native.name
+
+    @property
+    def protocol(self) -> str:
+        """The protocol's word in connection strings."""
+        return self._native.protocol
+
+    @property
+    def product(self) -> str:
+        """The product's name, as profiles have it."""
+        return self._native.product[0]
+
+    @property
+    def title(self) -> str:
+        """The product's full name."""
+        return self._native.product[1]
+
+    @property
+    def caution(self) -> str:
+        """What to check before the first motion."""
+        return self._native.caution
+
+    @property
+    def signals(self) -> dict[str, str]:
+        """What it tells of itself, with the unit of the drive's own parameter."""
+        return dict(self._native.signals())
+
+    @property
+    def verbs(self) -> list[str]:
+        """What it can be told to do."""
+        return self._native.verbs()
+
+    def __repr__(self) -> str:
+        return f"<Axis {self._native.label}: {self.title}>"
+
+    def _run(self, verb: str, **arguments: float | str | None) -> Steps[None]:
+        started = yield from self._begin(verb, **arguments)
+        yield Wait(started)
+
+    def _begin(self, verb: str, **arguments: float | str | None) -> Steps[native.Request]:
+        order = ("target", "velocity", "acceleration", "torque", "jerk_time")
+        values = [arguments.get(name) for name in order]
+        return (yield Call(self._native.start, verb, *values))  # type: ignore[no-any-return]
+
+    def _enable(self) -> Steps[None]:
+        """Powers the motor, which holds where it stands. The axis must be armed."""
+        return self._run("enable")
+
+    def _disable(self) -> Steps[None]:
+        """Takes power off the motor."""
+        return self._run("disable")
+
+    def _stop(self) -> Steps[None]:
+        """Comes to rest along the ramp. Overtakes everything else, whoever asked for it."""
+        return self._run("stop")
+
+    def _quick_stop(self) -> Steps[None]:
+        """Comes to rest as fast as the drive can."""
+        return self._run("quick-stop")
+
+    def _clear(self) -> Steps[None]:
+        """Clears faults."""
+        return self._run("clear")
+
+    def _spin(
+        self, speed: Amount, unit: str | None = None, *, acceleration: Amount | None = None
+    ) -> Steps[None]:
+        """Turns at a speed until it is told otherwise: rad/s (m/s), or with a unit."""
+        speed_given, ramp = given(speed, unit), given(acceleration)
+        return self._run("velocity", velocity=speed_given, acceleration=ramp)
+
+    def _press(self, torque: Amount, unit: str | None = None) -> Steps[None]:
+        """Turns with a torque until it is told otherwise: N·m, or with a unit."""
+        return self._run("torque", torque=given(torque, unit))
+
+    def _set_out(
+        self,
+        verb: str,
+        target: Amount,
+        unit: str | None,
+        velocity: Amount | None,
+        acceleration: Amount | None,
+    ) -> Steps[None]:
+        where, speed, ramp = given(target, unit), given(velocity), given(acceleration)
+        return self._run(verb, target=where, velocity=speed, acceleration=ramp)
+
+    def _home(self, *, velocity: Amount | None = None, timeout: float = TIMEOUT) -> Steps[None]:
+        """Finds the reference position, and waits for it, at most `timeout` seconds."""
+        started = yield from self._begin("home", velocity=given(velocity))
+        if (yield Wait(started, timeout)) is None:
+            what = f"{self._native.label}: homing did not end within {timeout:g} s"
+            raise PolepairError(what, "E101", False, "it goes on until a stop; look at the switch")
+
+    def _reached(self, timeout: float = TIMEOUT) -> Steps[bool]:
+        """Waits until the last move has arrived, at most `timeout` seconds; False if it has not."""
+        started = yield from self._begin("reached")
+        try:
+            return (yield Wait(started, timeout)) is not None
+        except NoReply as error:
+            # The question was not answered, but the move it asks after had been sent.
+            error.executed = None
+            raise
+        except PolepairError as error:
+            if error.code == "E101":
+                return False
+            raise
+
+    def _arrive(self, timeout: float = TIMEOUT) -> Steps[None]:
+        """Waits until the last move has arrived; raises `PolepairError` E101 if it has not."""
+        if not (yield from self._reached(timeout)):
+            what = f"{self._native.label}: the move has not arrived within {timeout:g} s"
+            hint = "look for a limit, a fault or a load; the axis goes on until it is stopped"
+            raise PolepairError(what, "E101", False, hint)
+
+    def _read(self, *signals: str) -> Steps[dict[str, float]]:
+        """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC."""
+        values = yield Call(self._native.read_signals, list(signals))
+        return dict(zip(signals, values, strict=True))
+
+    def _faults(self) -> Steps[list[Fault]]:
+        """The faults and warnings that are there now."""
+        rows = yield Call(self._native.faults)
+        return [Fault(*row) for row in rows]
+
+    def _raw(self, text: str) -> Steps[int]:
+        """Sends a request in the protocol's own text, `GAP 1`, and gives the value answered."""
+        return (yield Wait(self._native.start_raw(text)))  # type: ignore[no-any-return]
+
+    def _get(self, name: str) -> Steps[Quantity]:
+        """Reads a parameter by name, in its unit."""
+        at = self._native.find(name)
+        raw = yield Wait(self._native.start_read(at))
+        value, unit, word, text = yield Call(self._native.value, at, raw)
+        return Quantity(value, unit, raw=raw, word=word, text=text)
+
+    def _get_raw(self, name: str) -> Steps[int]:
+        """Reads a parameter by name, as it lies in the drive."""
+        at = self._native.find(name)
+        return (yield Wait(self._native.start_read(at)))  # type: ignore[no-any-return]
+
+    def _set(self, name: str, amount: Amount, *, keep: bool = False) -> Steps[None]:
+        """Writes a parameter by name: a number in its own unit, `"1200 mA"`, or one of its words.
+
+        Checked against its limits before a byte is sent. Permanent memory is left alone unless
+        `keep` says otherwise.
+        """
+        at = self._native.find(name)
+        raw = yield Call(self._native.raw_of, at, given(amount))
+        yield Wait(self._native.start_write(at, raw, keep))
+
+    def _set_raw(self, name: str, raw: int, *, keep: bool = False) -> Steps[None]:
+        """Writes a parameter by name, as it lies in the drive."""
+        yield Wait(self._native.start_write(self._native.find(name), raw, keep))
+
+    def _arm(self, watchdog: float | None) -> Steps[int | None]:
+        """Arms and enables; gives the raw watchdog time that was there before, where it can be read.
+
+        One that cannot be read stays as it was set here.
+        """
+        before = yield from self._guard(watchdog)
+        self._native.arm(True)
+        try:
+            if "enable" in self.verbs:
+                yield from self._enable()
+        except BaseException:
+            self._native.arm(False)
+            raise
+        return before
+
+    def _guard(self, seconds: float | None) -> Steps[int | None]:
+        if seconds is None:
+            return None
+        kind, fixed, parameter = self._native.watchdog
+        if kind == "fixed" and fixed is not None and fixed <= seconds:
+            return None
+        if parameter is None:
+            what = f"{self._native.label} has no watchdog that stops it within {seconds:g} s"
+            hint = "leave watchdog out, and have something else that stops the motor"
+            raise Unsupported(what, "E218", False, hint)
+        info = self._native.parameters()[self._native.find(parameter)]
+        before = (yield from self._get_raw(parameter)) if info.readable else None
+        yield from self._set(parameter, f"{seconds!r} s")
+        return before
+
+    def _release(self, before: int | None) -> Steps[None]:
+        """Stops, disables and disarms; whatever fails, the rest is tried."""
+        failed: BaseException | None = None
+        for verb in ("stop", "disable"):
+            if verb in self.verbs:
+                try:
+                    yield from self._run(verb)
+                except PolepairError as error:
+                    failed = failed or error
+        self._native.arm(False)
+        if before is not None and failed is None:
+            yield from self._set_raw(str(self._native.watchdog[2]), before)
+        if failed is not None:
+            raise failed
+
+
+def parameters(axis: native.Axis) -> Iterator[native.Parameter]:
+    """What a drive has, in the order of its profile."""
+    return iter(axis.parameters())
+
+
+def label(axis: Any) -> str:
+    """How messages name an axis."""
+    return axis._native.label  # type: ignore[no-any-return]

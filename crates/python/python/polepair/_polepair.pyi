@@ -1,0 +1,234 @@
+"""The native half. What users call stands in the package's other modules."""
+
+from collections.abc import Callable
+from os import PathLike
+from typing import Any, final
+
+__version__: str
+
+def connect(
+    url: str, profile: str | PathLike[str] | None = None, trace: bool = False
+) -> Link: ...
+def scan(
+    url: str,
+    first: int | None = None,
+    last: int | None = None,
+    profile: str | PathLike[str] | None = None,
+    progress: Callable[[int, int, int], bool | None] | None = None,
+) -> list[tuple[int, str, str, str, str | None]]: ...
+def profiles() -> list[tuple[str, str, str]]: ...
+def encode(
+    protocol: str,
+    text: str,
+    axis: int | None = None,
+    host: int | None = None,
+    via: str | None = None,
+) -> tuple[bytes, int | None, bool]: ...
+@final
+class Link:
+    @property
+    def url(self) -> str: ...
+    @property
+    def simulation(self) -> Simulation | None: ...
+    def axes(self) -> list[Axis]: ...
+    def axis(self, number: int) -> Axis: ...
+    def named(self, name: str) -> Axis: ...
+    def stop_all(self) -> None: ...
+    def trace(self) -> list[str] | None: ...
+
+@final
+class Axis:
+    @property
+    def number(self) -> int: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def label(self) -> str: ...
+    @property
+    def protocol(self) -> str: ...
+    @property
+    def product(self) -> tuple[str, str]: ...
+    @property
+    def caution(self) -> str: ...
+    @property
+    def watchdog(self) -> tuple[str, float | None, str | None]: ...
+    @property
+    def is_armed(self) -> bool: ...
+    @property
+    def now(self) -> float: ...
+    def parameters(self) -> list[Parameter]: ...
+    def find(self, name: str) -> int: ...
+    def start_read(self, id: int) -> Request: ...
+    def start_write(self, id: int, raw: int, keep: bool) -> Request: ...
+    def start_raw(self, text: str) -> Request: ...
+    def raw_of(self, id: int, amount: float | str) -> int: ...
+    def value(self, id: int, raw: int) -> tuple[float, str, str | None, str]: ...
+    def start(
+        self,
+        verb: str,
+        target: float | str | None = None,
+        velocity: float | str | None = None,
+        acceleration: float | str | None = None,
+        torque: float | str | None = None,
+        jerk_time: float | str | None = None,
+    ) -> Request: ...
+    def arm(self, armed: bool) -> None: ...
+    def verbs(self) -> list[str]: ...
+    def signals(self) -> list[tuple[str, str]]: ...
+    def read_signals(self, names: list[str]) -> list[float]: ...
+    def faults(self) -> list[tuple[int, str, str, str, str, bool]]: ...
+    def sleep(self, seconds: float) -> None: ...
+
+@final
+class Parameter:
+    """What a drive has, as its profile says it."""
+
+    @property
+    def name(self) -> str:
+        """The name that users type."""
+    @property
+    def symbol(self) -> str:
+        """What the manual calls it."""
+    @property
+    def about(self) -> str:
+        """What it does; empty where no source says."""
+    @property
+    def unit(self) -> str:
+        """Its unit; empty for none."""
+    @property
+    def raw_range(self) -> tuple[int, int]:
+        """Least and greatest raw value."""
+    @property
+    def raw_default(self) -> int | None:
+        """Raw value from the factory, where known."""
+    @property
+    def readable(self) -> bool: ...
+    @property
+    def writable(self) -> bool: ...
+    @property
+    def persistence(self) -> str:
+        """What a written value survives: volatile, storable, always, unless-ram."""
+    @property
+    def moves(self) -> bool:
+        """Writing it may move the motor: the axis must be armed."""
+    @property
+    def words(self) -> list[tuple[int, str]]:
+        """Names of raw values."""
+    @property
+    def section(self) -> str:
+        """Where it stands in the manual."""
+
+@final
+class Request:
+    def result(self, timeout: float | None = None) -> int | None: ...
+    def tell(self, wake: Callable[[], object]) -> bool: ...
+
+@final
+class Simulation:
+    @property
+    def now(self) -> float: ...
+    def run(self, seconds: float) -> None: ...
+    def act(self, link: int, drive: int, what: str, value: float) -> bool: ...
+    def truth(self, link: int, drive: int) -> Truth: ...
+
+@final
+class Truth:
+    """What is true of a motor, whatever its drive reports."""
+
+    @property
+    def position(self) -> float:
+        """Shaft position since power-on, rad."""
+    @property
+    def velocity(self) -> float:
+        """Shaft speed, rad/s."""
+    @property
+    def current(self) -> float:
+        """Motor current, A."""
+    @property
+    def torque(self) -> float:
+        """Air-gap torque, N·m."""
+    @property
+    def winding(self) -> float:
+        """Winding temperature, degC."""
+    @property
+    def enabled(self) -> bool:
+        """The power stage is on."""
+    @property
+    def fault(self) -> int:
+        """The drive's fault code or bits, zero for none."""
+    @property
+    def flash_writes(self) -> int:
+        """Writes to flash or EEPROM since it was made."""
+
+@final
+class Decoder:
+    def __new__(
+        cls,
+        path: str | PathLike[str],
+        rules: str | None = None,
+        profile: str | None = None,
+        format: str | None = None,
+    ) -> Decoder: ...
+    @property
+    def verdicts(self) -> list[str]: ...
+    @property
+    def damage(self) -> list[str]: ...
+    def read(self) -> list[Event]: ...
+
+@final
+class Event:
+    """One frame of a capture, or bytes that are none."""
+
+    @property
+    def number(self) -> int:
+        """Its number in the capture, from 1."""
+    @property
+    def time_ns(self) -> int | None:
+        """Nanoseconds since the capture's epoch; None where the capture does not say."""
+    @property
+    def link(self) -> str: ...
+    @property
+    def direction(self) -> str | None:
+        """`tx` from the host, `rx` to it; None where the capture does not say."""
+    @property
+    def protocol(self) -> str | None:
+        """The protocol that explains it; None where nobody can."""
+    @property
+    def bytes(self) -> bytes: ...
+    @property
+    def id(self) -> int | None:
+        """CAN identifier."""
+    @property
+    def extended(self) -> bool:
+        """A CAN identifier of 29 bits."""
+    @property
+    def remote(self) -> bool:
+        """A CAN remote request."""
+    @property
+    def echo(self) -> bool:
+        """The host's own request, heard back through its adapter."""
+    @property
+    def kind(self) -> str:
+        """The protocol's word for it: `GAP`, `SDO read`."""
+    @property
+    def axis(self) -> int | None:
+        """The axis, station or module that it concerns."""
+    @property
+    def fields(self) -> dict[str, Any]:
+        """Its fields by name."""
+    @property
+    def text(self) -> str:
+        """The one-line meaning."""
+    @property
+    def error(self) -> str | None:
+        """What is wrong with it."""
+    @property
+    def notices(self) -> list[tuple[str, dict[str, Any]]]:
+        """What its conversation tells at this frame: a kind, and its facts by name."""
+
+@final
+class CanWire:
+    def __new__(cls, url: str) -> CanWire: ...
+    def describe(self) -> str: ...
+    def send(self, id: int, extended: bool, remote: bool, len: int, bytes: bytes) -> None: ...
+    def receive(self, timeout: float) -> tuple[float, int, bool, bool, int, bytes] | None: ...

@@ -1,0 +1,70 @@
+"""One implementation for threads and for event loops.
+
+What takes time is written once, as a generator that yields what it waits for: a `Call` that may
+block for a moment, or a `Wait` for a request that is under way. `blocking` makes a method of it that
+carries it out in the caller's thread; `aio.awaitable` one for the caller's event loop.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Generator
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from ._polepair import Request
+
+P = ParamSpec("P")
+R = TypeVar("R")
+S = TypeVar("S")
+
+Steps = Generator["Call | Wait", Any, R]
+
+
+class Call:
+    """A function that may block while a drive answers a question or two."""
+
+    __slots__ = ("arguments", "function")
+
+    def __init__(self, function: Callable[..., Any], *arguments: Any) -> None:
+        self.function = function
+        self.arguments = arguments
+
+
+class Wait:
+    """The end of a request, or None when it goes on after `timeout` seconds."""
+
+    __slots__ = ("request", "timeout")
+
+    def __init__(self, request: Request, timeout: float | None = None) -> None:
+        self.request = request
+        self.timeout = timeout
+
+
+def run(steps: Steps[R]) -> R:
+    """Carries steps out in this thread. Other threads go on meanwhile, and Ctrl-C works."""
+    try:
+        step = next(steps)
+        while True:
+            try:
+                if isinstance(step, Wait):
+                    answer = step.request.result(step.timeout)
+                else:
+                    answer = step.function(*step.arguments)
+            except BaseException as error:
+                step = steps.throw(error)
+            else:
+                step = steps.send(answer)
+    except StopIteration as end:
+        return end.value  # type: ignore[no-any-return]
+
+
+def blocking(
+    steps: Callable[Concatenate[S, P], Steps[R]],
+) -> Callable[Concatenate[S, P], R]:
+    """The method that carries the steps out in the caller's thread."""
+
+    @functools.wraps(steps)
+    def method(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return run(steps(self, *args, **kwargs))
+
+    return method

@@ -1,0 +1,340 @@
+"""Links and axes for programs that wait."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, MutableMapping
+from types import TracebackType
+
+from . import _polepair as native
+from ._axis import TIMEOUT, AxisSteps, Fault, label, parameters
+from ._steps import blocking, run
+from .errors import PolepairError
+from .quantity import Amount, Quantity
+from .trace import Trace
+
+__all__ = ["Armed", "Axis", "Link", "Motion", "Parameters", "RawParameters", "Simulation"]
+
+
+class Axis(AxisSteps):
+    """One motor.
+
+    >>> import polepair
+    >>> with polepair.connect("sim:tmcl?time=virtual") as link:
+    ...     axis = link.axes[0]
+    ...     with axis.armed():
+    ...         axis.move(90, "deg").wait()
+    ...     round(axis.read("position")["position"], 2)
+    1.57
+    """
+
+    __slots__ = ()
+
+    @property
+    def params(self) -> Parameters:
+        """Its settings and readings by name: `axis.params["max current"] = 1.2`."""
+        return Parameters(self)
+
+    enable = blocking(AxisSteps._enable)
+    disable = blocking(AxisSteps._disable)
+    stop = blocking(AxisSteps._stop)
+    quick_stop = blocking(AxisSteps._quick_stop)
+    clear = blocking(AxisSteps._clear)
+    spin = blocking(AxisSteps._spin)
+    torque = blocking(AxisSteps._press)
+    home = blocking(AxisSteps._home)
+    reached = blocking(AxisSteps._reached)
+    read = blocking(AxisSteps._read)
+    raw = blocking(AxisSteps._raw)
+
+    def faults(self) -> list[Fault]:
+        """The faults and warnings that are there now, in words, with cause and remedy."""
+        return run(self._faults())
+
+    def move(
+        self,
+        target: Amount,
+        unit: str | None = None,
+        *,
+        velocity: Amount | None = None,
+        acceleration: Amount | None = None,
+    ) -> Motion:
+        """Sets out for a position: rad (m), or with a unit. The axis must be armed.
+
+        Returns as soon as the drive has been told; `wait` on what it returns waits for the end.
+        """
+        run(self._set_out("move-to", target, unit, velocity, acceleration))
+        return Motion(self)
+
+    def move_by(
+        self,
+        distance: Amount,
+        unit: str | None = None,
+        *,
+        velocity: Amount | None = None,
+        acceleration: Amount | None = None,
+    ) -> Motion:
+        """Sets out for a position so far from here. It is never sent twice."""
+        run(self._set_out("move-by", distance, unit, velocity, acceleration))
+        return Motion(self)
+
+    def armed(self, watchdog: float | None = None) -> Armed:
+        """Lets it move within a `with` block, whose end stops and disables it.
+
+        `watchdog`: seconds after which the drive itself is to stop when nobody talks to it;
+        `Unsupported` where it has nothing of the kind.
+        """
+        return Armed(self, watchdog)
+
+    def watch(
+        self, *signals: str, period: float = 0.1, seconds: float | None = None
+    ) -> Iterator[tuple[float, dict[str, float]]]:
+        """Reads signals again and again: seconds on the link's clock, and values in SI."""
+        began = self._native.now
+        while True:
+            now = self._native.now
+            if seconds is not None and now - began >= seconds:
+                return
+            yield now - began, self.read(*signals)
+            self._native.sleep(max(0.0, period - (self._native.now - now)))
+
+    def capture(
+        self, signals: list[str], *, rate: float = 100.0, seconds: float = 1.0
+    ) -> Trace:
+        """Reads signals `rate` times a second for so long, and gives all of it.
+
+        A drive that answers more slowly gives fewer samples, each with its own time.
+        """
+        rows = list(self.watch(*signals, period=1.0 / rate, seconds=seconds))
+        times = [time for time, _ in rows]
+        return Trace(label(self), times, {s: [row[s] for _, row in rows] for s in signals})
+
+
+class Motion:
+    """A move under way."""
+
+    __slots__ = ("_axis",)
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+
+    def wait(self, timeout: float = TIMEOUT) -> None:
+        """Waits until it has arrived; raises `PolepairError` E101 if it has not in time."""
+        run(self._axis._arrive(timeout))
+
+    def done(self) -> bool:
+        """Whether it has arrived."""
+        return run(self._axis._reached(0.0))
+
+    def cancel(self) -> None:
+        """Stops the axis."""
+        self._axis.stop()
+
+    def __repr__(self) -> str:
+        return f"<Motion of {label(self._axis)}>"
+
+
+class Armed:
+    """An axis that may move, for as long as a `with` block lasts."""
+
+    __slots__ = ("_axis", "_before", "_watchdog")
+
+    def __init__(self, axis: Axis, watchdog: float | None) -> None:
+        self._axis = axis
+        self._watchdog = watchdog
+        self._before: int | None = None
+
+    def __enter__(self) -> Axis:
+        self._before = run(self._axis._arm(self._watchdog))
+        return self._axis
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            run(self._axis._release(self._before))
+        except PolepairError as failed:
+            if error is None:
+                raise
+            # What went wrong first is what the caller wants to see.
+            notes = getattr(error, "__notes__", [])
+            error.__notes__ = [*notes, f"And the axis could not be stopped: {failed}"]
+
+
+class Parameters(MutableMapping[str, Quantity]):
+    """A drive's settings and readings by name, in their units."""
+
+    __slots__ = ("_axis",)
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+
+    @property
+    def raw(self) -> RawParameters:
+        """The same as they lie in the drive."""
+        return RawParameters(self._axis)
+
+    def __getitem__(self, name: str) -> Quantity:
+        return run(self._axis._get(name))
+
+    def __setitem__(self, name: str, amount: Amount) -> None:
+        run(self._axis._set(name, amount))
+
+    def keep(self, name: str, amount: Amount) -> None:
+        """Writes a parameter, and has the drive keep it over power-off."""
+        run(self._axis._set(name, amount, keep=True))
+
+    def info(self, name: str) -> native.Parameter:
+        """What the profile says of it: unit, range, default, words, manual section."""
+        return self._axis._native.parameters()[self._axis._native.find(name)]
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError("a drive's parameters cannot be deleted")
+
+    def __iter__(self) -> Iterator[str]:
+        return (parameter.name for parameter in parameters(self._axis._native))
+
+    def __len__(self) -> int:
+        return len(self._axis._native.parameters())
+
+    def __contains__(self, name: object) -> bool:
+        try:
+            return isinstance(name, str) and self._axis._native.find(name) >= 0
+        except PolepairError:
+            return False
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} parameters of {label(self._axis)}>"
+
+
+class RawParameters(Mapping[str, int]):
+    """A drive's settings and readings by name, as they lie in the drive."""
+
+    __slots__ = ("_axis",)
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+
+    def __getitem__(self, name: str) -> int:
+        return run(self._axis._get_raw(name))
+
+    def __setitem__(self, name: str, raw: int) -> None:
+        run(self._axis._set_raw(name, raw))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(Parameters(self._axis))
+
+    def __len__(self) -> int:
+        return len(Parameters(self._axis))
+
+
+class Simulation:
+    """Simulated drives, seen and touched from outside the wire.
+
+    >>> import polepair
+    >>> with polepair.connect("sim:tmcl?time=virtual") as link:
+    ...     link.simulation.act("load", 0.05)
+    ...     link.simulation.truth().enabled
+    False
+    """
+
+    __slots__ = ("_native",)
+
+    def __init__(self, simulation: native.Simulation) -> None:
+        self._native = simulation
+
+    @property
+    def now(self) -> float:
+        """Seconds since it began."""
+        return self._native.now
+
+    def run(self, seconds: float) -> None:
+        """Lets time pass: at once in virtual time."""
+        self._native.run(seconds)
+
+    def act(self, what: str, value: float = 1.0, *, link: int = 0, drive: int = 0) -> None:
+        """Does something to a drive: `load` (N·m), `jam`, `supply` (V), `ambient` (degC), `fault`
+        (its code), `power_cycle`, `home_switch` (rad) and others, which an error lists.
+        """
+        if not self._native.act(link, drive, what, value):
+            raise ValueError(f"drive {drive} on link {link} has no {what}")
+
+    def truth(self, *, link: int = 0, drive: int = 0) -> native.Truth:
+        """What is true of a motor, whatever its drive reports."""
+        return self._native.truth(link, drive)
+
+
+class Link:
+    """An open link and its axes; a `with` block closes it."""
+
+    __slots__ = ("_axes", "_native")
+
+    def __init__(self, link: native.Link) -> None:
+        self._native: native.Link | None = link
+        self._axes = [Axis(axis) for axis in link.axes()]
+
+    @property
+    def axes(self) -> list[Axis]:
+        """Every axis, in order."""
+        self._open()
+        return list(self._axes)
+
+    @property
+    def url(self) -> str:
+        """What it was opened by."""
+        return self._open().url
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation behind a `sim:` link."""
+        simulation = self._open().simulation
+        if simulation is None:
+            raise ValueError(f"{self.url} is no simulation")
+        return Simulation(simulation)
+
+    def axis(self, which: int | str) -> Axis:
+        """The axis of that number, or the one that a rack file calls so."""
+        link = self._open()
+        return Axis(link.axis(which) if isinstance(which, int) else link.named(which))
+
+    __getitem__ = axis
+
+    def stop(self) -> None:
+        """Stops every axis: all stops are sent before the first is waited for."""
+        self._open().stop_all()
+
+    def trace(self) -> list[str]:
+        """The last frames on its wires, as the lines of a capture that `decode` reads.
+
+        Empty unless it was opened with `connect(url, trace=True)`.
+        """
+        return self._open().trace() or []
+
+    def sleep(self, seconds: float) -> None:
+        """Waits on the link's own clock: in virtual time it is over at once."""
+        self._open()
+        self._axes[0]._native.sleep(seconds)
+
+    def close(self) -> None:
+        """Closes it. Axes that are still held keep it open."""
+        self._native = None
+        self._axes = []
+
+    def _open(self) -> native.Link:
+        if self._native is None:
+            raise ValueError("this link is closed")
+        return self._native
+
+    def __enter__(self) -> Link:
+        self._open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        if self._native is None:
+            return "<Link, closed>"
+        return f"<Link {self.url}: {', '.join(label(axis) for axis in self._axes)}>"

@@ -1,0 +1,317 @@
+"""The same links and axes for programs with an event loop: what waits is awaited.
+
+>>> import asyncio, polepair
+>>> async def main() -> float:
+...     async with await polepair.aio.connect("sim:tmcl?time=virtual") as link:
+...         axis = link.axes[0]
+...         async with axis.armed():
+...             motion = await axis.move(90, "deg")
+...             await motion.wait()
+...         return (await axis.read("position"))["position"]
+>>> round(asyncio.run(main()), 2)
+1.57
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Iterator
+from os import PathLike
+from types import TracebackType
+from typing import Concatenate, ParamSpec, TypeVar
+
+from . import _polepair as native
+from ._axis import TIMEOUT, AxisSteps, Fault, label, parameters
+from ._steps import Steps, Wait
+from ._sync import Simulation
+from .errors import PolepairError
+from .quantity import Amount, Quantity
+
+__all__ = ["Armed", "Axis", "Link", "Motion", "Parameters", "connect"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+S = TypeVar("S")
+
+
+async def arun(steps: Steps[R]) -> R:
+    """Carries steps out in the event loop that runs."""
+    try:
+        step = next(steps)
+        while True:
+            try:
+                if isinstance(step, Wait):
+                    answer = await _ended(step)
+                else:
+                    loop = asyncio.get_running_loop()
+                    answer = await loop.run_in_executor(None, step.function, *step.arguments)
+            except BaseException as error:
+                step = steps.throw(error)
+            else:
+                step = steps.send(answer)
+    except StopIteration as end:
+        return end.value  # type: ignore[no-any-return]
+
+
+async def _ended(step: Wait) -> int | None:
+    loop = asyncio.get_running_loop()
+    ended = loop.create_future()
+
+    def tell() -> None:
+        loop.call_soon_threadsafe(_settle, ended)
+
+    if not step.request.tell(tell):
+        try:
+            await asyncio.wait_for(ended, step.timeout)
+        except (TimeoutError, asyncio.TimeoutError):
+            return None
+    return step.request.result(0)
+
+
+def _settle(future: asyncio.Future[None]) -> None:
+    if not future.done():
+        future.set_result(None)
+
+
+def awaitable(
+    steps: Callable[Concatenate[S, P], Steps[R]],
+) -> Callable[Concatenate[S, P], Awaitable[R]]:
+    """The method that carries the steps out in the caller's event loop."""
+
+    @functools.wraps(steps)
+    async def method(self: S, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return await arun(steps(self, *args, **kwargs))
+
+    return method
+
+
+TURNS = 48
+"""Requests of a link that are under way at once; further ones wait for their turn."""
+
+
+class Axis(AxisSteps):
+    """One motor."""
+
+    __slots__ = ("_turns",)
+
+    def __init__(self, axis: native.Axis, turns: asyncio.Semaphore) -> None:
+        super().__init__(axis)
+        self._turns = turns
+
+    async def _in_turn(self, steps: Steps[R]) -> R:
+        async with self._turns:
+            return await arun(steps)
+
+    @property
+    def params(self) -> Parameters:
+        """Its settings and readings by name: `await axis.params.set("max current", 1.2)`."""
+        return Parameters(self)
+
+    enable = awaitable(AxisSteps._enable)
+    disable = awaitable(AxisSteps._disable)
+    stop = awaitable(AxisSteps._stop)
+    quick_stop = awaitable(AxisSteps._quick_stop)
+    clear = awaitable(AxisSteps._clear)
+    spin = awaitable(AxisSteps._spin)
+    torque = awaitable(AxisSteps._press)
+    home = awaitable(AxisSteps._home)
+    reached = awaitable(AxisSteps._reached)
+
+    async def read(self, *signals: str) -> dict[str, float]:
+        """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC."""
+        return await self._in_turn(self._read(*signals))
+
+    async def raw(self, text: str) -> int:
+        """Sends a request in the protocol's own text, `GAP 1`, and gives the value answered."""
+        return await self._in_turn(self._raw(text))
+
+    async def faults(self) -> list[Fault]:
+        """The faults and warnings that are there now, in words, with cause and remedy."""
+        return await self._in_turn(self._faults())
+
+    async def move(
+        self,
+        target: Amount,
+        unit: str | None = None,
+        *,
+        velocity: Amount | None = None,
+        acceleration: Amount | None = None,
+    ) -> Motion:
+        """Sets out for a position: rad (m), or with a unit. The axis must be armed."""
+        await arun(self._set_out("move-to", target, unit, velocity, acceleration))
+        return Motion(self)
+
+    async def move_by(
+        self,
+        distance: Amount,
+        unit: str | None = None,
+        *,
+        velocity: Amount | None = None,
+        acceleration: Amount | None = None,
+    ) -> Motion:
+        """Sets out for a position so far from here. It is never sent twice."""
+        await arun(self._set_out("move-by", distance, unit, velocity, acceleration))
+        return Motion(self)
+
+    def armed(self, watchdog: float | None = None) -> Armed:
+        """Lets it move within an `async with` block, whose end stops and disables it."""
+        return Armed(self, watchdog)
+
+    async def watch(
+        self, *signals: str, period: float = 0.1
+    ) -> AsyncIterator[tuple[float, dict[str, float]]]:
+        """Reads signals again and again: seconds on the link's clock, and values in SI."""
+        began = self._native.now
+        while True:
+            now = self._native.now
+            yield now - began, await self.read(*signals)
+            await asyncio.sleep(max(0.0, period - (self._native.now - now)))
+
+
+class Motion:
+    """A move under way; awaiting it waits until it has arrived."""
+
+    __slots__ = ("_axis",)
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+
+    async def wait(self, timeout: float = TIMEOUT) -> None:
+        """Waits until it has arrived; raises `PolepairError` E101 if it has not in time."""
+        await arun(self._axis._arrive(timeout))
+
+    def __await__(self) -> Generator[None, None, None]:
+        return self.wait().__await__()
+
+    async def cancel(self) -> None:
+        """Stops the axis."""
+        await self._axis.stop()
+
+    def __repr__(self) -> str:
+        return f"<Motion of {label(self._axis)}>"
+
+
+class Armed:
+    """An axis that may move, for as long as an `async with` block lasts."""
+
+    __slots__ = ("_axis", "_before", "_watchdog")
+
+    def __init__(self, axis: Axis, watchdog: float | None) -> None:
+        self._axis = axis
+        self._watchdog = watchdog
+        self._before: int | None = None
+
+    async def __aenter__(self) -> Axis:
+        self._before = await arun(self._axis._arm(self._watchdog))
+        return self._axis
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # A task that is cancelled must not leave a motor running.
+        release = asyncio.ensure_future(arun(self._axis._release(self._before)))
+        try:
+            await asyncio.shield(release)
+        except asyncio.CancelledError:
+            await release
+            raise
+        except PolepairError as failed:
+            if error is None:
+                raise
+            notes = getattr(error, "__notes__", [])
+            error.__notes__ = [*notes, f"And the axis could not be stopped: {failed}"]
+
+
+class Parameters:
+    """A drive's settings and readings by name, in their units."""
+
+    __slots__ = ("_axis",)
+
+    def __init__(self, axis: Axis) -> None:
+        self._axis = axis
+
+    async def get(self, name: str) -> Quantity:
+        """Reads a parameter, in its unit."""
+        return await self._axis._in_turn(self._axis._get(name))
+
+    async def get_raw(self, name: str) -> int:
+        """Reads a parameter as it lies in the drive."""
+        return await self._axis._in_turn(self._axis._get_raw(name))
+
+    async def set(self, name: str, amount: Amount, *, keep: bool = False) -> None:
+        """Writes a parameter: a number in its own unit, `"1200 mA"`, or one of its words."""
+        await self._axis._in_turn(self._axis._set(name, amount, keep=keep))
+
+    async def set_raw(self, name: str, raw: int, *, keep: bool = False) -> None:
+        """Writes a parameter as it lies in the drive."""
+        await self._axis._in_turn(self._axis._set_raw(name, raw, keep=keep))
+
+    def info(self, name: str) -> native.Parameter:
+        """What the profile says of it."""
+        return self._axis._native.parameters()[self._axis._native.find(name)]
+
+    def __iter__(self) -> Iterator[str]:
+        return (parameter.name for parameter in parameters(self._axis._native))
+
+
+class Link:
+    """An open link and its axes; an `async with` block closes it."""
+
+    __slots__ = ("_axes", "_native", "_turns")
+
+    def __init__(self, link: native.Link) -> None:
+        self._native: native.Link | None = link
+        self._turns = asyncio.Semaphore(TURNS)
+        self._axes = [Axis(axis, self._turns) for axis in link.axes()]
+
+    @property
+    def axes(self) -> list[Axis]:
+        """Every axis, in order."""
+        self._open()
+        return list(self._axes)
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation behind a `sim:` link."""
+        simulation = self._open().simulation
+        if simulation is None:
+            raise ValueError("this link is no simulation")
+        return Simulation(simulation)
+
+    def axis(self, which: int | str) -> Axis:
+        """The axis of that number, or the one that a rack file calls so."""
+        link = self._open()
+        found = link.axis(which) if isinstance(which, int) else link.named(which)
+        return Axis(found, self._turns)
+
+    async def stop(self) -> None:
+        """Stops every axis: all stops are sent before the first is waited for."""
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(None, self._open().stop_all)
+
+    def close(self) -> None:
+        """Closes it. Axes that are still held keep it open."""
+        self._native = None
+        self._axes = []
+
+    def _open(self) -> native.Link:
+        if self._native is None:
+            raise ValueError("this link is closed")
+        return self._native
+
+    async def __aenter__(self) -> Link:
+        self._open()
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        self.close()
+
+
+async def connect(url: str, *, profile: str | PathLike[str] | None = None) -> Link:
+    """Opens a link, as `polepair.connect` does."""
+    loop = asyncio.get_running_loop()
+    return Link(await loop.run_in_executor(None, native.connect, url, profile))

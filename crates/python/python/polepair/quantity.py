@@ -1,0 +1,72 @@
+"""Values with units, on their way to and from a drive."""
+
+from __future__ import annotations
+
+from typing import TypeAlias, Union
+
+__all__ = ["Amount", "Quantity"]
+
+
+class Quantity(float):
+    """A number that knows its unit, the drive's raw value, and its word where it has one.
+
+    >>> from polepair import Quantity
+    >>> current = Quantity(1.2, "A", raw=120)
+    >>> current, current * 2, current.raw
+    (1.2 A, 2.4, 120)
+    """
+
+    __slots__ = ("raw", "text", "unit", "word")
+
+    unit: str
+    """Its unit as people write it; empty for none."""
+    raw: int | None
+    """As it lies in the drive."""
+    word: str | None
+    """The value's name in the manual, where it has one."""
+    text: str
+    """With no more digits than the drive has."""
+
+    def __new__(
+        cls,
+        value: float,
+        unit: str = "",
+        *,
+        raw: int | None = None,
+        word: str | None = None,
+        text: str | None = None,
+    ) -> Quantity:
+        made = super().__new__(cls, value)
+        made.unit = unit
+        made.raw = raw
+        made.word = word
+        made.text = text if text is not None else f"{value:g} {unit}".rstrip()
+        return made
+
+    def __repr__(self) -> str:
+        return self.text
+
+    __str__ = __repr__
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _make, (float(self), self.unit, self.raw, self.word, self.text)
+
+
+def _make(value: float, unit: str, raw: int | None, word: str | None, text: str) -> Quantity:
+    return Quantity(value, unit, raw=raw, word=word, text=text)
+
+
+Amount: TypeAlias = Union[float, str, tuple[float, str]]  # noqa: UP007
+"""What a caller gives: a number, `"60 rpm"`, or `(60, "rpm")`."""
+
+
+def given(amount: Amount | None, unit: str | None = None) -> float | str | None:
+    """An amount as the native module takes it."""
+    if isinstance(amount, tuple):
+        amount, unit = amount
+    if amount is None or isinstance(amount, str):
+        return amount
+    if unit is None and isinstance(amount, Quantity) and amount.unit:
+        unit = amount.unit
+    # The shortest decimal that is this number: what is read back is what was written.
+    return float(amount) if unit is None else f"{float(amount)!r} {unit}"

@@ -1,0 +1,311 @@
+//! One axis: its parameters, its verbs, what it tells.
+
+use std::time::Duration;
+
+use polepair::{Amount, Axis as Inner, faults};
+use polepair_core::axis::{Command, Verb};
+use polepair_core::plan::Argument;
+use polepair_core::profile::{self, Access, ParameterId, Persistence, Signal, Watchdog};
+use pyo3::prelude::*;
+
+use crate::errors::{raised, usage};
+use crate::outside::Outside;
+use crate::request::{Request, SLICE};
+
+/// An axis of a link.
+#[pyclass(frozen, module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct Axis(Outside<Inner>);
+
+impl From<Inner> for Axis {
+    fn from(axis: Inner) -> Self {
+        Self(axis.into())
+    }
+}
+
+/// What a drive has, as its profile says it.
+#[pyclass(frozen, get_all, module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct Parameter {
+    /// The name that users type.
+    name: &'static str,
+    /// What the manual calls it.
+    symbol: &'static str,
+    /// What it does.
+    about: &'static str,
+    /// Its unit; empty for none.
+    unit: &'static str,
+    /// Least and greatest raw value.
+    raw_range: (i64, i64),
+    /// Raw value from the factory.
+    raw_default: Option<i64>,
+    /// It can be read.
+    readable: bool,
+    /// It can be written.
+    writable: bool,
+    /// What a written value survives: volatile, storable, always, unless-ram.
+    persistence: &'static str,
+    /// Writing it may move the motor.
+    moves: bool,
+    /// Names of raw values.
+    words: Vec<(i64, &'static str)>,
+    /// Where it stands in the manual.
+    section: &'static str,
+}
+
+impl From<&'static profile::Parameter> for Parameter {
+    fn from(parameter: &'static profile::Parameter) -> Self {
+        Self {
+            name: parameter.name,
+            symbol: parameter.symbol,
+            about: parameter.about,
+            unit: parameter.unit.symbol(),
+            raw_range: (parameter.min, parameter.max),
+            raw_default: parameter.default,
+            readable: parameter.access != Access::Write,
+            writable: parameter.access != Access::Read,
+            persistence: match parameter.persistence {
+                Persistence::Volatile => "volatile",
+                Persistence::Storable => "storable",
+                Persistence::Always => "always",
+                Persistence::UnlessRam => "unless-ram",
+            },
+            moves: parameter.moves,
+            words: parameter.values.to_vec(),
+            section: parameter.section,
+        }
+    }
+}
+
+/// A number, SI or in a parameter's own unit; or text with a unit.
+#[derive(FromPyObject, Debug)]
+pub enum Given {
+    /// A number.
+    Number(f64),
+    /// Text.
+    Text(String),
+}
+
+impl From<Given> for Amount {
+    fn from(given: Given) -> Self {
+        match given {
+            Given::Number(number) => Self::Number(number),
+            Given::Text(text) => Self::Text(text),
+        }
+    }
+}
+
+#[pymethods]
+impl Axis {
+    #[getter]
+    fn number(&self) -> u32 {
+        self.0.number()
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    #[getter]
+    fn label(&self) -> String {
+        self.0.label()
+    }
+
+    #[getter]
+    fn protocol(&self) -> &'static str {
+        self.0.protocol()
+    }
+
+    /// The product's name and full title.
+    #[getter]
+    fn product(&self) -> (&'static str, &'static str) {
+        (self.0.profile().name, self.0.profile().title)
+    }
+
+    /// What to check before and after the first motion.
+    #[getter]
+    fn caution(&self) -> &'static str {
+        self.0.profile().caution
+    }
+
+    /// What the drive does when nobody talks to it: `none`, `fixed` with its seconds, or
+    /// `configurable` by a parameter.
+    #[getter]
+    fn watchdog(&self) -> (&'static str, Option<f64>, Option<&'static str>) {
+        match self.0.profile().watchdog {
+            Watchdog::None => ("none", None, None),
+            Watchdog::Fixed { after_ms } => ("fixed", Some(f64::from(after_ms) / 1e3), None),
+            Watchdog::Configurable { parameter } => {
+                ("configurable", None, self.0.profile().parameter(parameter).map(|p| p.name))
+            }
+        }
+    }
+
+    /// Every parameter.
+    fn parameters(&self) -> Vec<Parameter> {
+        self.0.params().iter().map(Parameter::from).collect()
+    }
+
+    /// The number of the parameter of that name.
+    fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
+        self.0.find(name).map(|id| id.0).map_err(|error| raised(py, &error))
+    }
+
+    /// Begins to read a parameter.
+    fn start_read(&self, py: Python<'_>, id: u16) -> PyResult<Request> {
+        self.begun(py, |axis| axis.start_read(ParameterId(id)))
+    }
+
+    /// Begins to write a parameter.
+    fn start_write(&self, py: Python<'_>, id: u16, raw: i64, keep: bool) -> PyResult<Request> {
+        self.begun(py, |axis| axis.start_write(ParameterId(id), raw, keep))
+    }
+
+    /// Begins a request in the protocol's own text.
+    fn start_raw(&self, py: Python<'_>, text: &str) -> PyResult<Request> {
+        self.begun(py, |axis| axis.start_raw(text))
+    }
+
+    /// The raw value of an amount; may read what its scale depends on.
+    fn raw_of(&self, py: Python<'_>, id: u16, amount: Given) -> PyResult<i64> {
+        let amount = Amount::from(amount);
+        self.done(py, |axis| axis.raw_of(ParameterId(id), &amount))
+    }
+
+    /// A raw value as value, unit, word and text; may read what its scale depends on.
+    fn value(
+        &self,
+        py: Python<'_>,
+        id: u16,
+        raw: i64,
+    ) -> PyResult<(f64, &'static str, Option<&'static str>, String)> {
+        let value = self.done(py, |axis| axis.value(ParameterId(id), raw))?;
+        Ok((value.value, value.unit.symbol(), value.word, value.to_string()))
+    }
+
+    /// Begins a verb. Arguments are SI numbers or text with a unit.
+    #[pyo3(signature = (verb, target=None, velocity=None, acceleration=None, torque=None, jerk_time=None))]
+    #[expect(clippy::too_many_arguments, reason = "they are a command's")]
+    fn start(
+        &self,
+        py: Python<'_>,
+        verb: &str,
+        target: Option<Given>,
+        velocity: Option<Given>,
+        acceleration: Option<Given>,
+        torque: Option<Given>,
+        jerk_time: Option<Given>,
+    ) -> PyResult<Request> {
+        let verb = Verb::ALL
+            .into_iter()
+            .find(|known| known.name() == verb)
+            .ok_or_else(|| usage(py, "E217", &format!("there is no verb `{verb}`"), ""))?;
+        let argument = |which, given: Option<Given>| {
+            let amount = given.map(Amount::from);
+            let value = amount.map(|amount| self.0.argument(verb, which, &amount)).transpose();
+            value.map_err(|error| raised(py, &error))
+        };
+        let command = Command {
+            target: argument(Argument::Target, target)?,
+            velocity: argument(Argument::Velocity, velocity)?,
+            acceleration: argument(Argument::Acceleration, acceleration)?,
+            torque: argument(Argument::Torque, torque)?,
+            jerk_time: argument(Argument::JerkTime, jerk_time)?,
+            ..Command::new(verb)
+        };
+        self.begun(py, |axis| axis.start(command))
+    }
+
+    /// Lets motion commands through, or no longer.
+    fn arm(&self, py: Python<'_>, armed: bool) {
+        py.detach(|| self.0.arm(armed));
+    }
+
+    /// Whether motion commands are let through.
+    #[getter]
+    fn is_armed(&self, py: Python<'_>) -> bool {
+        py.detach(|| self.0.state().armed)
+    }
+
+    /// Verbs that this drive has a plan for.
+    fn verbs(&self) -> Vec<&'static str> {
+        self.0.profile().plans.iter().map(|plan| plan.verb.name()).collect()
+    }
+
+    /// Signals that this drive tells, with their units.
+    fn signals(&self) -> Vec<(&'static str, &'static str)> {
+        let unit = |source: &profile::SignalSource| {
+            let parameter = self.0.profile().parameter(source.parameter);
+            parameter.filter(|_| source.equals.is_none()).map_or("", |p| p.unit.symbol())
+        };
+        self.0.profile().signals.iter().map(|s| (s.signal.name(), unit(s))).collect()
+    }
+
+    /// Reads signals now, in SI.
+    fn read_signals(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<f64>> {
+        let known = |name: &String| {
+            let plain = name.replace('_', " ");
+            Signal::ALL.into_iter().find(|signal| signal.name() == plain).ok_or_else(|| {
+                let all: Vec<_> = Signal::ALL.iter().map(|signal| signal.name()).collect();
+                let what = format!("there is no signal `{name}`");
+                usage(py, "E213", &what, &format!("signals are {}", all.join(", ")))
+            })
+        };
+        let signals: Vec<Signal> = names.iter().map(known).collect::<PyResult<_>>()?;
+        let readings = self.done(py, |axis| axis.signals(&signals))?;
+        Ok(readings.into_iter().map(|reading| reading.value).collect())
+    }
+
+    /// Faults that are there now: code, text, cause, remedy, and whether the drive goes on.
+    fn faults(&self, py: Python<'_>) -> PyResult<Vec<Fault>> {
+        let row = |fault: &profile::Fault| {
+            let warning = fault.severity != profile::Severity::Fault;
+            (fault.code, fault.name, fault.text, fault.cause, fault.remedy, warning)
+        };
+        let code = self.done(py, |axis| Ok(axis.signals(&[Signal::Fault])?[0].raw))?;
+        let code = u32::try_from(code).unwrap_or_default();
+        Ok(faults(self.0.profile(), code).into_iter().map(row).collect())
+    }
+
+    /// Seconds on the link's own clock.
+    #[getter]
+    fn now(&self, py: Python<'_>) -> f64 {
+        let now = py.detach(|| self.0.connection().now());
+        now.since(polepair_core::time::Instant::ZERO).as_secs_f64()
+    }
+
+    /// Waits on the link's own clock: in virtual time it is over at once.
+    fn sleep(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+        let mut left = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
+        while left > Duration::ZERO {
+            let slice = left.min(SLICE);
+            py.detach(|| self.0.sleep(slice));
+            left -= slice;
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+}
+
+/// Code, name, text, cause, remedy, and whether it is a warning only.
+type Fault = (u32, &'static str, &'static str, &'static str, &'static str, bool);
+
+impl Axis {
+    /// Does what may block, while other threads go on.
+    fn done<T: Send>(
+        &self,
+        py: Python<'_>,
+        what: impl Send + FnOnce(&Inner) -> Result<T, polepair::Error>,
+    ) -> PyResult<T> {
+        py.detach(|| what(&self.0)).map_err(|error| raised(py, &error))
+    }
+
+    fn begun(
+        &self,
+        py: Python<'_>,
+        what: impl Send + FnOnce(&Inner) -> Result<polepair::Running, polepair::Error>,
+    ) -> PyResult<Request> {
+        self.done(py, what).map(Request::new)
+    }
+}

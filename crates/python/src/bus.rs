@@ -1,0 +1,92 @@
+//! A CAN wire as it is, for programs that speak for themselves: python-can's.
+
+use std::fmt;
+use std::time::Duration;
+
+use polepair::{AnyLink, Connector};
+use polepair_core::medium::{Can, Frame};
+use polepair_link::{Link, LinkError, Received};
+use pyo3::exceptions::PyOSError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::errors::{raised, usage};
+use crate::outside::Outside;
+use crate::request::SLICE;
+
+/// A CAN wire.
+#[pyclass(frozen, module = "polepair._polepair")]
+pub struct CanWire(Outside<Box<dyn Link<Can>>>);
+
+impl fmt::Debug for CanWire {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "CanWire({})", self.0.describe())
+    }
+}
+
+/// Seconds on the wire's clock, identifier, extended, remote, length code, bytes.
+type Heard<'py> = (f64, u32, bool, bool, u8, Bound<'py, PyBytes>);
+
+#[pymethods]
+impl CanWire {
+    /// Opens the one CAN wire of a connection string.
+    #[new]
+    fn open(py: Python<'_>, url: &str) -> PyResult<Self> {
+        let opened = py.detach(|| Connector::discover()?.open(url));
+        let mut wires = opened.map_err(|error| raised(py, &error))?;
+        match (wires.pop(), wires.is_empty()) {
+            (Some(AnyLink::Can(link)), true) => Ok(Self(link.into())),
+            _ => Err(usage(py, "E217", &format!("{url} is not one CAN bus"), "")),
+        }
+    }
+
+    /// What it is called.
+    fn describe(&self, py: Python<'_>) -> String {
+        py.detach(|| self.0.describe())
+    }
+
+    /// Sends a frame.
+    fn send(
+        &self,
+        py: Python<'_>,
+        id: u32,
+        extended: bool,
+        remote: bool,
+        len: u8,
+        bytes: &[u8],
+    ) -> PyResult<()> {
+        let mut frame = Frame { id, extended, remote, len, data: [0; 8] };
+        frame.data[..bytes.len().min(8)].copy_from_slice(&bytes[..bytes.len().min(8)]);
+        py.detach(|| self.0.send(&frame)).map_err(|error| lost(&error))
+    }
+
+    /// The next frame, or `None` after so many seconds.
+    fn receive<'py>(&self, py: Python<'py>, timeout: f64) -> PyResult<Option<Heard<'py>>> {
+        let span = Duration::try_from_secs_f64(timeout).unwrap_or(Duration::MAX);
+        let ends = py.detach(|| self.0.now()) + span;
+        loop {
+            let heard = py.detach(|| {
+                let mut frame = Frame::default();
+                let until = ends.min(self.0.now() + SLICE);
+                let received = self.0.receive(&mut frame, until)?;
+                Ok((received, frame, self.0.now()))
+            });
+            let (received, frame, now) = heard.map_err(|error: LinkError| lost(&error))?;
+            if let Received::Bytes { at, .. } = received {
+                let bytes = if frame.remote { &[] } else { frame.bytes() };
+                let seconds = at.since(polepair_core::time::Instant::ZERO).as_secs_f64();
+                let Frame { id, extended, remote, len, .. } = frame;
+                let bytes = PyBytes::new(py, bytes);
+                return Ok(Some((seconds, id, extended, remote, len, bytes)));
+            }
+            if now >= ends {
+                return Ok(None);
+            }
+            py.check_signals()?;
+        }
+    }
+}
+
+fn lost(error: &LinkError) -> PyErr {
+    PyOSError::new_err(error.to_string())
+}

@@ -1,0 +1,30 @@
+//! The library's errors as Python's exceptions, which the Python half defines.
+
+use polepair::Error;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+
+/// The exceptions of `polepair.errors`, looked up once.
+static CLASSES: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
+
+/// The exception for an error: its class by blame, its code, its hint, and whether the drive did
+/// what was asked.
+pub fn raised(py: Python<'_>, error: &Error) -> PyErr {
+    let made = class(py, error.exception().name()).and_then(|class| {
+        class.call1((error.to_string(), error.code(), error.executed(), error.hint()))
+    });
+    made.map_or_else(|error| error, PyErr::from_value)
+}
+
+/// The exception for the caller's words, where the library was not asked.
+pub fn usage(py: Python<'_>, code: &str, what: &str, hint: &str) -> PyErr {
+    let made = class(py, "Unsupported");
+    let made = made.and_then(|class| class.call1((what, code, Some(false), hint)));
+    made.map_or_else(|error| error, PyErr::from_value)
+}
+
+fn class<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyType>> {
+    let module = CLASSES.get_or_try_init(py, || py.import("polepair.errors").map(Bound::unbind))?;
+    Ok(module.bind(py).getattr(name)?.cast_into::<PyType>()?)
+}

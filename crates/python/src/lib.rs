@@ -1,0 +1,42 @@
+//! The native half of the Python package: links, axes, requests under way, simulations, captures.
+//!
+//! ```text
+//!   polepair (Python)   names, units, context managers, asyncio, pytest and python-can plugins
+//!    └ _polepair        this module: everything that blocks lets other Python threads go on
+//!       └ polepair      the library
+//! ```
+//!
+//! Nothing here decides anything: what a verb or a parameter is stands in the library, how it is
+//! spelt in Python stands in the Python half.
+#![deny(unsafe_code)]
+
+mod axis;
+mod bus;
+mod capture;
+mod errors;
+mod link;
+mod outside;
+mod request;
+mod simulation;
+mod wiretrace;
+
+use pyo3::prelude::*;
+
+/// The native module.
+#[pymodule]
+fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<link::Link>()?;
+    module.add_class::<axis::Axis>()?;
+    module.add_class::<axis::Parameter>()?;
+    module.add_class::<request::Request>()?;
+    module.add_class::<bus::CanWire>()?;
+    module.add_class::<simulation::Simulation>()?;
+    module.add_class::<simulation::Truth>()?;
+    module.add_class::<capture::Decoder>()?;
+    module.add_class::<capture::Event>()?;
+    module.add_function(wrap_pyfunction!(link::connect, module)?)?;
+    module.add_function(wrap_pyfunction!(link::scan, module)?)?;
+    module.add_function(wrap_pyfunction!(link::profiles, module)?)?;
+    module.add_function(wrap_pyfunction!(capture::encode, module)?)
+}

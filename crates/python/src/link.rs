@@ -1,0 +1,141 @@
+//! Opening links, and finding who is on them.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+use polepair::{Connector, Link as Inner, scan as library};
+use polepair_core::drives;
+use pyo3::prelude::*;
+
+use crate::axis::Axis;
+use crate::errors::raised;
+use crate::outside::Outside;
+use crate::simulation::Simulation;
+use crate::wiretrace::WireTrace;
+
+/// An open link and its axes.
+#[pyclass(frozen, module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct Link {
+    inner: Outside<Inner>,
+    trace: Option<WireTrace>,
+}
+
+/// Opens a link by its connection string; with `trace` it keeps what went over its wires last.
+#[pyfunction]
+#[pyo3(signature = (url, profile=None, trace=false))]
+pub fn connect(py: Python<'_>, url: &str, profile: Option<PathBuf>, trace: bool) -> PyResult<Link> {
+    let trace = trace.then(WireTrace::default);
+    let opened = py.detach(|| {
+        let connector = connector(profile)?;
+        match trace.clone() {
+            Some(trace) => connector.with_taps(move |wire| trace.tap(wire)).connect(url),
+            None => connector.connect(url),
+        }
+    });
+    let opened = opened.map_err(|error| raised(py, &error))?;
+    Ok(Link { inner: opened.into(), trace })
+}
+
+/// Asks who is on a link, and gives address, product, title, firmware and clash of each; only reads
+/// are sent. `progress` is called with address, done and of, and may return False to end the scan.
+#[pyfunction]
+#[pyo3(signature = (url, first=None, last=None, profile=None, progress=None))]
+pub fn scan(
+    py: Python<'_>,
+    url: &str,
+    first: Option<u32>,
+    last: Option<u32>,
+    profile: Option<PathBuf>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Vec<Found>> {
+    let mut broken = None;
+    let found = py.detach(|| {
+        let mut tell = |now: library::Progress| {
+            let goes_on = Python::attach(|py| {
+                py.check_signals()?;
+                let Some(progress) = &progress else { return Ok(true) };
+                let answer = progress.call1(py, (now.number, now.done, now.of))?;
+                Ok::<_, PyErr>(answer.is_none(py) || answer.is_truthy(py)?)
+            });
+            match goes_on {
+                Ok(true) => ControlFlow::Continue(()),
+                Ok(false) => ControlFlow::Break(()),
+                Err(error) => {
+                    broken = Some(error);
+                    ControlFlow::Break(())
+                }
+            }
+        };
+        let range = first.map(|first| first..=last.unwrap_or(first));
+        let range = range.map_or(library::Numbers::ALL, library::Numbers::from);
+        library::scan(&connector(profile)?, url, range, &mut tell)
+    });
+    if let Some(error) = broken {
+        return Err(error);
+    }
+    let found = found.map_err(|error| raised(py, &error))?.found;
+    Ok(found.into_iter().map(row).collect())
+}
+
+/// Address, product, title, how it was identified, clash.
+type Found = (u32, &'static str, &'static str, String, Option<String>);
+
+fn row(found: library::Found) -> Found {
+    let profile = found.profile;
+    (found.number, profile.name, profile.title, found.identified.to_string(), found.clash)
+}
+
+/// Every product that is known: name, title, protocol.
+#[pyfunction]
+pub fn profiles() -> Vec<(&'static str, &'static str, &'static str)> {
+    drives::profiles().iter().map(|p| (p.name, p.title, p.protocol)).collect()
+}
+
+fn connector(profile: Option<PathBuf>) -> Result<Connector, polepair::Error> {
+    let connector = Connector::discover()?;
+    match profile {
+        Some(file) => connector.with_profile(&file),
+        None => Ok(connector),
+    }
+}
+
+#[pymethods]
+impl Link {
+    /// What it was opened by.
+    #[getter]
+    fn url(&self) -> String {
+        self.inner.url().to_string()
+    }
+
+    /// Every axis, in order.
+    fn axes(&self) -> Vec<Axis> {
+        self.inner.axes().iter().cloned().map(Axis::from).collect()
+    }
+
+    /// The axis of that number.
+    fn axis(&self, py: Python<'_>, number: u32) -> PyResult<Axis> {
+        self.inner.axis(number).map(Axis::from).map_err(|error| raised(py, &error))
+    }
+
+    /// The axis that a rack file calls so.
+    fn named(&self, py: Python<'_>, name: &str) -> PyResult<Axis> {
+        self.inner.named(name).map(Axis::from).map_err(|error| raised(py, &error))
+    }
+
+    /// Stops every axis; the first error, after every one was tried.
+    fn stop_all(&self, py: Python<'_>) -> PyResult<()> {
+        py.detach(|| self.inner.stop_all()).map_err(|error| raised(py, &error))
+    }
+
+    /// The simulation behind it, if it is one.
+    #[getter]
+    fn simulation(&self) -> Option<Simulation> {
+        self.inner.simulation().cloned().map(Simulation::from)
+    }
+
+    /// The last units on its wires, as the lines of a capture; `None` unless it was asked for.
+    fn trace(&self) -> Option<Vec<String>> {
+        self.trace.as_ref().map(WireTrace::lines)
+    }
+}

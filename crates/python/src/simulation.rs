@@ -1,0 +1,116 @@
+//! Simulated drives, seen and touched from outside the wire.
+
+use std::time::Duration;
+
+use polepair::simulate::Simulation as Inner;
+use polepair_core::drives::bench::Act;
+use polepair_core::time::Instant;
+use pyo3::prelude::*;
+
+use crate::errors::usage;
+use crate::outside::Outside;
+
+/// The simulation behind a `sim:` link.
+#[pyclass(frozen, module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct Simulation(Outside<Inner>);
+
+impl From<Inner> for Simulation {
+    fn from(simulation: Inner) -> Self {
+        Self(simulation.into())
+    }
+}
+
+/// What is true of a motor, whatever its drive reports.
+#[pyclass(frozen, get_all, module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct Truth {
+    /// Shaft position since power-on, rad.
+    position: f64,
+    /// Shaft speed, rad/s.
+    velocity: f64,
+    /// Motor current, A.
+    current: f64,
+    /// Air-gap torque, N·m.
+    torque: f64,
+    /// Winding temperature, °C.
+    winding: f64,
+    /// The power stage is on.
+    enabled: bool,
+    /// The drive's fault code or bits, zero for none.
+    fault: u32,
+    /// Writes to flash or EEPROM since it was made.
+    flash_writes: u64,
+}
+
+/// The word that Python uses for something done from outside.
+const ACTS: &str = "load, jam, supply, ambient, home_switch, positive_switch, negative_switch, \
+    encoder_broken, hall_broken, fault, power_cycle, pulses";
+
+#[pymethods]
+impl Simulation {
+    /// Seconds since it began.
+    #[getter]
+    fn now(&self, py: Python<'_>) -> f64 {
+        py.detach(|| self.0.now()).since(Instant::ZERO).as_secs_f64()
+    }
+
+    /// Lets so many seconds pass: at once in virtual time, by sleeping in real time.
+    fn run(&self, py: Python<'_>, seconds: f64) {
+        let span = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
+        py.detach(|| self.0.pass(span));
+    }
+
+    /// Does something to a drive from outside; false where it has no such thing.
+    fn act(
+        &self,
+        py: Python<'_>,
+        link: usize,
+        drive: usize,
+        what: &str,
+        value: f64,
+    ) -> PyResult<bool> {
+        let act = act(what, value).ok_or_else(|| {
+            let what = format!("`{what}` cannot be done to a simulated drive");
+            usage(py, "E217", &what, &format!("what can be done: {ACTS}"))
+        })?;
+        Ok(py.detach(|| self.0.act(link, drive, act)))
+    }
+
+    /// What is true of a motor; links and drives count from 0.
+    fn truth(&self, py: Python<'_>, link: usize, drive: usize) -> PyResult<Truth> {
+        let truth = py.detach(|| self.0.truth(link, drive)).ok_or_else(|| {
+            let what = format!("the simulation has no drive {drive} on link {link}");
+            usage(py, "E212", &what, "links and drives count from 0")
+        })?;
+        Ok(Truth {
+            position: truth.position,
+            velocity: truth.velocity,
+            current: truth.current,
+            torque: truth.torque,
+            winding: truth.winding,
+            enabled: truth.enabled,
+            fault: truth.fault,
+            flash_writes: truth.flash_writes,
+        })
+    }
+}
+
+fn act(what: &str, value: f64) -> Option<Act> {
+    let on = value != 0.0;
+    Some(match what {
+        "load" => Act::Load(value),
+        "jam" => Act::Jam(on),
+        "supply" => Act::Supply(value),
+        "ambient" => Act::Ambient(value),
+        "home_switch" => Act::Switch { which: 0, at: value },
+        "positive_switch" => Act::Switch { which: 1, at: value },
+        "negative_switch" => Act::Switch { which: 2, at: value },
+        "encoder_broken" => Act::EncoderBroken(on),
+        "hall_broken" => Act::HallBroken(on),
+        "fault" => Act::Fault(value as u32),
+        "power_cycle" => Act::PowerCycle,
+        "pulses" => Act::Pulses(value as i32),
+        _ => return None,
+    })
+}

@@ -1,0 +1,161 @@
+"""Parameters, verbs, arming: what a program does with an axis."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import polepair
+import pytest
+
+FAMILIES = [
+    "sim:tmcl?time=virtual",
+    "sim:tmcl+can?time=virtual",
+    "sim:modbus-rtu?time=virtual",
+    "sim:modbus-ascii?time=virtual",
+    "sim:tml?time=virtual",
+    "sim:tmlcan?time=virtual",
+    "sim:technocan?time=virtual",
+    "sim:canopen?time=virtual",
+    "sim:cia402?time=virtual",
+    "sim:thruster-servo?time=virtual",
+]
+
+
+@pytest.mark.parametrize("url", FAMILIES)
+def test_every_family_moves_by_the_same_program(url: str) -> None:
+    with polepair.connect(url) as link:
+        axis = link.axes[0]
+        if "modbus" in url:
+            axis.params["Fn_00"] = "internal position"
+        with axis.armed():
+            if "move-to" in axis.verbs:
+                axis.move(45, "deg").wait()
+                assert axis.read("position")["position"] == pytest.approx(math.radians(45), abs=0.05)
+        if "modbus" in url:
+            axis.params["Fn_00"] = "internal speed"
+        with axis.armed():
+            if "velocity" in axis.verbs:
+                axis.spin(120, "rpm")
+                link.sleep(2.0)
+                assert axis.read("velocity")["velocity"] == pytest.approx(4 * math.pi, rel=0.1)
+                assert link.simulation.truth().velocity == pytest.approx(4 * math.pi, rel=0.1)
+        link.sleep(3.0)
+        assert abs(link.simulation.truth().velocity) < 0.2
+
+
+def test_parameters_are_a_mapping_with_units(axis: polepair.Axis) -> None:
+    axis.params["max current"] = 1.2
+    current = axis.params["max current"]
+    assert current == pytest.approx(1.2)
+    assert (current.unit, current.raw, str(current)) == ("A", 12, "1.2 A")
+    axis.params["max current"] = "800 mA"
+    assert axis.params["max current"] == pytest.approx(0.8)
+    axis.params["max current"] = (0.5, "A")
+    assert axis.params.raw["max current"] == 5
+    axis.params.raw["max current"] = 7
+    assert axis.params["Max_Current"] == pytest.approx(0.7)
+    assert "max current" in axis.params and "nonsense" not in axis.params
+    assert len(list(axis.params)) == len(axis.params) > 100
+    info = axis.params.info("max current")
+    assert (info.symbol, info.unit, info.writable) == ("AP 6", "A", True)
+
+
+def test_what_cannot_be_is_refused_before_a_byte_is_sent(axis: polepair.Axis) -> None:
+    cases = [
+        (lambda: axis.params.__setitem__("max current", 99), "E216"),
+        (lambda: axis.params["max curent"], "E213"),
+        (lambda: axis.params.__setitem__("max current", "5 V"), "E217"),
+        (lambda: axis.spin(10), "E219"),
+        (lambda: axis.raw("XYZ"), "E221"),
+        (lambda: axis.read("fuel"), "E213"),
+    ]
+    for act, code in cases:
+        with pytest.raises(polepair.Unsupported) as raised:
+            act()
+        assert (raised.value.code, raised.value.executed) == (code, False)
+        assert raised.value.__notes__ or code == "E217"
+
+
+def test_an_exception_stops_and_disables(link: polepair.Link, axis: polepair.Axis) -> None:
+    with pytest.raises(ZeroDivisionError), axis.armed():
+        axis.spin(100, "rpm")
+        link.sleep(1.0)
+        assert link.simulation.truth().enabled
+        1 / 0  # noqa: B018
+    link.sleep(2.0)
+    truth = link.simulation.truth()
+    assert not truth.enabled and abs(truth.velocity) < 0.1
+    with pytest.raises(polepair.Unsupported):
+        axis.spin(100, "rpm")
+
+
+def test_the_watchdog_is_set_for_as_long_as_it_is_armed() -> None:
+    with polepair.connect("sim:thruster?time=virtual") as link:
+        axis = link.axes[0]
+        with axis.armed(watchdog=0.5):
+            axis.spin(500, "rpm")
+            link.sleep(0.2)
+            assert link.simulation.truth().velocity > 1
+            # Nobody talks to it: not even this program.
+            link.simulation.run(5.0)
+            assert abs(link.simulation.truth().velocity) < 1
+
+
+def test_a_fault_has_words() -> None:
+    with polepair.connect("sim:thruster?time=virtual") as link:
+        axis = link.axes[0]
+        with axis.armed():
+            link.simulation.act("jam")
+            axis.spin(800, "rpm")
+            link.sleep(3.0)
+            found = axis.faults()
+            assert found and found[0].cause and found[0].remedy
+            assert "stall" in str(found[0])
+            link.simulation.act("jam", 0)
+
+
+def test_homing_finds_a_switch(link: polepair.Link, axis: polepair.Axis) -> None:
+    link.simulation.act("home_switch", 3.0)
+    with axis.armed():
+        axis.home(timeout=120)
+    # Zero is where the module saw the switch, and it looks at it while it turns.
+    beyond = link.simulation.truth().position - axis.read("position")["position"] - 3.0
+    assert 0 <= beyond < 0.5
+
+
+def test_a_trace_judges_a_step(axis: polepair.Axis, link: polepair.Link) -> None:
+    with axis.armed():
+        axis.spin(100, "rpm")
+        trace = axis.capture(["velocity"], rate=200, seconds=1.0)
+    assert len(trace) > 10
+    step = trace.step("velocity", target=100 * math.tau / 60)
+    assert 0 < step.rise < 1 and step.final == pytest.approx(100 * math.tau / 60, rel=0.1)
+
+
+def test_errors_and_quantities_survive_pickling() -> None:
+    error = polepair.NoReply("nobody answered", "E401", None, "check the cable")
+    copy = pickle.loads(pickle.dumps(error))
+    assert (type(copy), str(copy), copy.code, copy.hint) == (
+        polepair.NoReply, "nobody answered", "E401", "check the cable",
+    )
+    value = pickle.loads(pickle.dumps(polepair.Quantity(1.5, "A", raw=15)))
+    assert (value, value.unit, value.raw) == (1.5, "A", 15)
+
+
+def test_a_closed_link_says_so(link: polepair.Link) -> None:
+    link.close()
+    with pytest.raises(ValueError, match="closed"):
+        link.axis(1)
+
+
+def test_a_scan_finds_drives() -> None:
+    asked: list[int] = []
+
+    def progress(address: int, done: int, of: int) -> bool:
+        asked.append(address)
+        return True
+
+    found = polepair.scan("sim:tmcl:3,7?time=virtual", 1, 10, progress=progress)
+    assert [(drive.number, drive.product) for drive in found] == [(3, "tmcm-171"), (7, "tmcm-171")]
+    assert asked == list(range(1, 11))
