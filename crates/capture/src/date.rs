@@ -123,9 +123,23 @@ pub(crate) fn in_words(text: &str) -> Option<Stamp> {
     moment([year?, u16::from(month?), day?], [hour, minute, second], ns)
 }
 
+/// `2026-11-21 20:15:00.5`, also with a T between, a Z behind, or without the clock.
+pub(crate) fn written(text: &str) -> Option<Stamp> {
+    let text = text.trim().trim_end_matches('Z');
+    let (day, clock) = text.split_once([' ', 'T']).unwrap_or((text, "0:0"));
+    let (clock, fraction) = clock.split_once('.').unwrap_or((clock, ""));
+    let three = |text: &str, sign| -> Option<[u16; 3]> {
+        let mut parts = text.split(sign).map(str::parse::<u16>);
+        let parts = [parts.next()?.ok()?, parts.next()?.ok()?, parts.next().unwrap_or(Ok(0)).ok()?];
+        Some(parts)
+    };
+    let ns = format!("{fraction:0<9}").get(..9)?.parse().ok()?;
+    moment(three(day, '-')?, three(clock, ':')?, ns)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{civil, from_days, in_words, moment, to_days};
+    use super::{civil, from_days, in_words, moment, to_days, written};
     use crate::stamp::Stamp;
 
     #[test]
@@ -136,6 +150,10 @@ mod tests {
         assert_eq!(in_words("Don Okt 26 12:00:00 am 2023"), at(1_698_278_400, 0));
         assert_eq!(in_words("Thu Feb 29 00:00:00.000 2024"), at(1_709_164_800, 0));
         assert_eq!(in_words("whenever"), None);
+        assert_eq!(written("2017-09-30 15:06:13.191"), at(1_506_783_973, 191));
+        assert_eq!(written("2017-09-30T15:06:13.191Z"), at(1_506_783_973, 191));
+        assert_eq!(written("2024-02-29"), at(1_709_164_800, 0));
+        assert_eq!(written("2017-13-30 15:06:13"), None);
         assert_eq!(from_days(25_569.5), at(43_200, 0));
         assert_eq!(from_days(-1.0), None);
         assert_eq!(from_days(to_days(Stamp(1_506_783_973_191_000_000))), at(1_506_783_973, 191));

@@ -14,7 +14,7 @@ use crate::format::Format;
 use crate::read::{Reader, Tally};
 use crate::record::{Data, ERROR_FLAG, Record};
 use crate::rules::{Rule, Rules, Scope};
-use crate::session::{Heard, Notice, Session};
+use crate::session::{Heard, Notice, Session, reported};
 use crate::stamp::Stamp;
 use crate::stream::{Flow, Origin, Piece, Shape};
 
@@ -176,12 +176,15 @@ impl Decoder {
             Data::Frame(frame) => self.take_frame(at, record, &frame, out),
             Data::Fd(fd) => {
                 self.explained.say(CAN_FD, format_args!("{} bytes", fd.bytes.len()));
+                self.notices.clear();
                 let id = Some((fd.id, fd.extended));
                 out(&self.unexplained(at, record, id, fd.bytes));
             }
             Data::Error(error) => {
                 let words: Vec<&str> = error.words().collect();
                 self.explained.say(ERROR_FRAME, format_args!("{}", words.join(", ")));
+                self.notices.clear();
+                self.notices.extend(reported(&error, &self.explained.text));
                 let id = Some((ERROR_FLAG | error.class, true));
                 out(&self.unexplained(at, record, id, &error.data));
             }
@@ -211,7 +214,7 @@ impl Decoder {
             stray: false,
             explained: &self.explained,
             wrong: None,
-            notices: &[],
+            notices: &self.notices,
             at: record.at,
         }
     }

@@ -6,9 +6,11 @@ use polepair_core::explain::Direction;
 
 use crate::decoder::Event;
 use crate::explained::{Explained, Item, ItemValue, REMOTE_REQUEST};
+use crate::session::{Fault, Notice};
 
 /// Appends one line: `{"time":…,"link":…,"direction":…,"protocol":…,"bytes":…,"id":…,"extended":…,
-/// "kind":…,"axis":…,"fields":{…},"text":…,"ok":…,"error":…}`.
+/// "kind":…,"axis":…,"fields":{…},"text":…,"ok":…,"error":…,"number":…}`, and `"notices":[…]` where
+/// the conversation tells something at this frame.
 ///
 /// `id` and `extended` are null for what did not come from a CAN bus. A field that occurs several
 /// times in a frame is an array.
@@ -34,7 +36,76 @@ pub fn write(event: &Event<'_>, out: &mut Vec<u8>) {
     key(out, "extended");
     number_or_null(out, event.id.map(|_| event.extended));
     meaning(event, out);
+    key(out, "number");
+    number(out, event.number);
+    if !event.notices.is_empty() {
+        key(out, "notices");
+        list(out, event.notices.iter(), notice);
+    }
     out.extend_from_slice(b"}\n");
+}
+
+/// Appends what a conversation tells, as an object: `{"notice":"odd",…}`.
+pub fn notice(out: &mut Vec<u8>, notice: &Notice) {
+    let begin = |out: &mut Vec<u8>, word, axis: Option<u32>| {
+        out.extend_from_slice(b"{\"notice\":");
+        string(out, word);
+        key(out, "axis");
+        number_or_null(out, axis);
+    };
+    match notice {
+        Notice::Signal(signal) => {
+            begin(out, "signal", Some(signal.axis));
+            words(out, &[("name", signal.name)]);
+            key(out, "value");
+            real(out, signal.value);
+            key(out, "exact");
+            number_or_null(out, signal.exact);
+            words(out, &[("unit", signal.unit), ("quality", signal.quality.word())]);
+            key(out, "request");
+            number_or_null(out, signal.request);
+        }
+        Notice::Exchange(exchange) => {
+            begin(out, "exchange", exchange.axis);
+            words(out, &[("op", exchange.op), ("outcome", exchange.outcome.word())]);
+            key(out, "asked");
+            number(out, exchange.asked.0);
+            key(out, "answered");
+            number_or_null(out, exchange.answered.map(|(number, _)| number));
+            key(out, "latency");
+            let latency = exchange.latency().map(|ns| ns as f64 / 1e9);
+            number_or_null(out, latency);
+            key(out, "retries");
+            number(out, exchange.retries);
+        }
+        Notice::Change(change) => {
+            begin(out, "change", change.axis);
+            words(out, &[("what", change.what), ("from", change.from), ("to", change.to)]);
+        }
+        Notice::Fault(fault) => {
+            begin(out, "fault", Some(fault.axis));
+            key(out, "code");
+            number(out, fault.code);
+            let Fault { text, cause, remedy, gone, .. } = fault;
+            words(out, &[("text", text), ("cause", cause), ("remedy", remedy)]);
+            key(out, "gone");
+            number(out, gone);
+        }
+        Notice::Odd(odd) => {
+            begin(out, "odd", odd.axis);
+            words(out, &[("kind", odd.kind.word()), ("text", &odd.text)]);
+            key(out, "time");
+            number_or_null(out, odd.time);
+        }
+    }
+    out.push(b'}');
+}
+
+fn words(out: &mut Vec<u8>, pairs: &[(&str, &str)]) {
+    for (name, text) in pairs {
+        key(out, name);
+        string(out, text);
+    }
 }
 
 fn meaning(event: &Event<'_>, out: &mut Vec<u8>) {

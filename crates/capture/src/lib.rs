@@ -24,10 +24,12 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod changes;
 mod conversation;
 mod date;
 mod decoder;
 mod explained;
+mod filter;
 mod follow;
 mod format;
 pub mod jsonl;
@@ -41,8 +43,10 @@ mod stream;
 pub mod text;
 mod write;
 
+pub use changes::{Changes, about, meaning};
 pub use decoder::{Decoder, Event, Wrong};
 pub use explained::{Explained, Item, ItemValue};
+pub use filter::{Filter, FilterError, Glob};
 pub use follow::{Follow, Next};
 pub use format::{Format, Packing};
 pub use judge::{Judge, Verdict};

@@ -15,6 +15,7 @@ use polepair_core::profile::Profile;
 
 use crate::decoder::Wrong;
 use crate::explained::Explained;
+use crate::record::ErrorFrame;
 use crate::stamp::Stamp;
 
 pub use name::{Name, name};
@@ -66,6 +67,19 @@ pub enum Quality {
     BadCheck = 2,
     /// What it is was concluded, not stated: by a usual drive's names or a default mapping.
     Inferred = 3,
+}
+
+impl Quality {
+    /// Its word in outputs.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Stale => "stale",
+            Self::BadCheck => "bad-check",
+            Self::Inferred => "inferred",
+        }
+    }
 }
 
 /// A request, and how it ended.
@@ -315,6 +329,23 @@ impl Session {
     pub fn end(&mut self, notices: &mut Vec<Notice>) {
         self.followers.iter_mut().for_each(|(_, follower)| follower.end(notices));
     }
+}
+
+/// Whether a notice tells what is wrong with a frame by itself.
+pub(crate) fn is_of_frame(notice: &Notice) -> bool {
+    let kinds = [Oddity::BadCheck, Oddity::Malformed, Oddity::Stray];
+    matches!(notice, Notice::Odd(odd) if kinds.contains(&odd.kind))
+}
+
+/// What a controller's report is for a bus; `None` for what a healthy one does too.
+pub(crate) fn reported(error: &ErrorFrame, text: &str) -> Option<Notice> {
+    const HEALTHY: [&str; 4] =
+        ["arbitration lost", "restarted", "error counters", "error active again"];
+    let kind = match error.words().find(|word| !HEALTHY.contains(word))? {
+        _ if error.words().any(|word| word == "bus-off") => Oddity::BusOff,
+        _ => Oddity::BusError,
+    };
+    Some(Notice::Odd(Odd { kind, axis: None, time: None, text: text.to_owned() }))
 }
 
 /// Who follows a protocol's conversations.

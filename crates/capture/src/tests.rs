@@ -99,10 +99,11 @@ fn unknown_frames_are_objects_too() {
     let expected = concat!(
         r#"{"time":1700000000.0005,"link":"can0","direction":null,"protocol":null,"#,
         r#""bytes":"5443000000000005","id":779,"extended":false,"kind":null,"axis":null,"#,
-        r#""fields":{},"text":"","ok":true,"error":null}"#,
+        r#""fields":{},"text":"","ok":true,"error":null,"number":1}"#,
         "\n",
         r#"{"time":1.0,"link":"COM3","direction":"rx","protocol":null,"bytes":"010A","id":null,"#,
-        r#""extended":null,"kind":null,"axis":null,"fields":{},"text":"","ok":true,"error":null}"#,
+        r#""extended":null,"kind":null,"axis":null,"fields":{},"text":"","ok":true,"error":null,"#,
+        r#""number":2}"#,
         "\n",
     );
     assert_eq!(out, expected);

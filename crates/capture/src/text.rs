@@ -1,11 +1,12 @@
-//! One aligned line a frame, for people.
+//! One aligned line a frame, for people, and below it what its conversation tells.
 
 use std::io::Write as _;
 
 use polepair_core::explain::Direction;
 
+use crate::changes::{Changes, meaning};
 use crate::decoder::Event;
-use crate::explained::REMOTE_REQUEST;
+use crate::session::{Change, Exchange, Fault, Notice, Odd, Outcome, Signal, is_of_frame};
 use crate::stamp::Stamp;
 
 /// Columns that bytes take before a line grows beyond the rest: nine bytes with spaces.
@@ -16,16 +17,40 @@ const BYTES_WIDTH: usize = 26;
 pub struct Style {
     /// With ANSI colours.
     pub colour: bool,
+    /// A `'` behind each byte that is not what it was in the last frame of its kind; in colour these
+    /// bytes are underlined anyway.
+    pub marks: bool,
+    /// What is told of conversations.
+    pub notices: Notices,
+}
+
+/// What is told of conversations.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Notices {
+    /// Nothing: frames alone.
+    None,
+    /// What is odd, faults, changes of states, and how long answers took.
+    #[default]
+    Events,
+    /// Values too.
+    All,
 }
 
 /// Writes frames as text. Times are shown from the first frame on.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Text {
     style: Style,
     first: Option<Stamp>,
     link_width: usize,
     protocol_width: usize,
+    changes: Changes,
 }
+
+const OFF: &[u8] = b"\x1b[0m";
+const DIM: &str = "2";
+const RED: &str = "31";
+const YELLOW: &str = "33";
+const CYAN: &str = "36";
 
 impl Text {
     /// A writer that has written nothing.
@@ -34,72 +59,247 @@ impl Text {
         Self { style, ..Self::default() }
     }
 
-    /// Appends one line.
+    /// Appends one line, and one for each notice that is shown below it.
     pub fn write(&mut self, event: &Event<'_>, out: &mut Vec<u8>) {
+        let start = out.len();
         self.time(event.time, out);
+        let head = out.len();
         let protocol = event.protocol.unwrap_or("?");
         self.link_width = self.link_width.max(event.link.len());
         self.protocol_width = self.protocol_width.max(protocol.len());
-        let (links, protocols) = (self.link_width, self.protocol_width);
-        let arrow = self.arrow(event.direction);
-        // Writing into a Vec cannot fail.
-        let _ = write!(out, "{:links$} {arrow} {protocol:protocols$}  ", event.link);
-        self.bytes(event, out);
+        padded(event.link, self.link_width, out);
+        out.push(b' ');
+        self.arrow(event.direction, out);
+        out.push(b' ');
+        padded(protocol, self.protocol_width, out);
+        out.extend_from_slice(b"  ");
+        let hidden = self.bytes(event, out);
+        let column = out.len() - head - hidden - self.hidden_arrow(event.direction);
+        let column = column + if head > start { TIME_WIDTH } else { 0 };
         self.meaning(event, out);
         out.push(b'\n');
+        if self.style.notices != Notices::None {
+            let news = |notice: &&Notice| event.wrong.is_none() || !is_of_frame(notice);
+            event.notices.iter().filter(news).for_each(|one| self.notice(one, column, out));
+        }
+    }
+
+    /// A frame that is not shown; times count from the first, shown or not.
+    pub fn skip(&mut self, event: &Event<'_>) {
+        self.first = self.first.or(event.time);
+    }
+
+    /// Appends what conversations of a link leave open.
+    pub fn ending(&mut self, link: &str, notices: &[Notice], out: &mut Vec<u8>) {
+        for notice in notices.iter().filter(|_| self.style.notices != Notices::None) {
+            out.extend_from_slice(link.as_bytes());
+            self.notice(notice, 1, out);
+        }
     }
 
     fn time(&mut self, time: Option<Stamp>, out: &mut Vec<u8>) {
         let Some(time) = time else { return };
         let since = time.since(*self.first.get_or_insert(time));
-        let (open, close) = self.pair("2");
-        let (seconds, micros) = (since / 1_000_000_000, since % 1_000_000_000 / 1000);
-        let _ = write!(out, "{open}{seconds:>4}.{micros:06}{close}  ");
+        self.open(DIM, out);
+        decimal(since / 1_000_000_000, 4, b' ', out);
+        out.push(b'.');
+        decimal(since % 1_000_000_000 / 1000, 6, b'0', out);
+        self.close(out);
+        out.extend_from_slice(b"  ");
     }
 
-    fn arrow(&self, direction: Option<Direction>) -> &'static str {
-        match (direction, self.style.colour) {
-            (Some(Direction::ToDrive), false) => ">",
-            (Some(Direction::ToHost), false) => "<",
-            (Some(Direction::ToDrive), true) => "\x1b[36m>\x1b[0m",
-            (Some(Direction::ToHost), true) => "\x1b[33m<\x1b[0m",
-            (None, _) => " ",
-        }
+    fn arrow(&self, direction: Option<Direction>, out: &mut Vec<u8>) {
+        out.extend_from_slice(match (direction, self.style.colour) {
+            (Some(Direction::ToDrive), false) => b">",
+            (Some(Direction::ToHost), false) => b"<",
+            (Some(Direction::ToDrive), true) => b"\x1b[36m>\x1b[0m",
+            (Some(Direction::ToHost), true) => b"\x1b[33m<\x1b[0m",
+            (None, _) => b" ",
+        });
     }
 
-    fn bytes(&self, event: &Event<'_>, out: &mut Vec<u8>) {
+    fn hidden_arrow(&self, direction: Option<Direction>) -> usize {
+        const COLOUR: usize = 9;
+        if self.style.colour && direction.is_some() { COLOUR } else { 0 }
+    }
+
+    /// Appends identifier and bytes; tells how many of the characters take no column.
+    fn bytes(&mut self, event: &Event<'_>, out: &mut Vec<u8>) -> usize {
         let start = out.len();
         if let Some(id) = event.id {
             let digits = if event.extended { 8 } else { 3 };
-            let _ = write!(out, "{id:0digits$X}#{}", if event.remote { "R" } else { "" });
+            for digit in (0..digits).rev() {
+                out.push(HEX[(id >> (4 * digit)) as usize & 15]);
+            }
+            out.extend_from_slice(if event.remote { b"#R" } else { b"#" });
         }
-        spaced_hex(out, event.bytes);
-        let width = out.len() - start;
+        let Style { colour, marks, .. } = self.style;
+        let mask = if colour || marks { self.changes.take(event) } else { 0 };
+        let mut hidden = 0;
+        for (at, byte) in event.bytes.iter().enumerate() {
+            let changed = at < 64 && mask >> at & 1 == 1;
+            let pair = [HEX[usize::from(byte >> 4)], HEX[usize::from(byte & 15)]];
+            if changed && colour {
+                out.extend_from_slice(b"\x1b[4m");
+                out.extend_from_slice(&pair);
+                out.extend_from_slice(OFF);
+                hidden += 8;
+            } else {
+                out.extend_from_slice(&pair);
+            }
+            if changed && !colour {
+                out.push(b'\'');
+            } else if at + 1 < event.bytes.len() {
+                out.push(b' ');
+            }
+        }
+        let width = out.len() - start - hidden;
         out.resize(out.len() + BYTES_WIDTH.saturating_sub(width) + 2, b' ');
+        hidden
     }
 
     fn meaning(&self, event: &Event<'_>, out: &mut Vec<u8>) {
-        let explained = event.explained;
         if event.echo {
             out.extend_from_slice(b"echo: ");
         }
-        match (explained.text.as_str(), explained.kind.as_str(), event.protocol) {
-            ("", "", None) if event.remote => out.extend_from_slice(REMOTE_REQUEST.as_bytes()),
-            ("", "", None) => out.extend_from_slice(b"not a frame of any known protocol"),
-            ("", kind, _) => out.extend_from_slice(kind.as_bytes()),
-            (text, ..) => out.extend_from_slice(text.as_bytes()),
+        let bare = event.explained.text.is_empty() && event.explained.kind.is_empty();
+        if !(bare && event.wrong.is_some() && event.protocol.is_some()) {
+            out.extend_from_slice(meaning(event).as_bytes());
         }
         if let Some(wrong) = event.wrong {
-            let (open, close) = self.pair("31");
-            let gap =
-                if explained.text.is_empty() && explained.kind.is_empty() { "" } else { "  " };
-            let _ = write!(out, "{gap}{open}! {wrong}{close}");
+            out.extend_from_slice(if bare { b"" } else { b"  " });
+            self.open(RED, out);
+            // Writing into a Vec cannot fail.
+            let _ = write!(out, "! {wrong}");
+            self.close(out);
+        }
+        let exchange = event.notices.iter().find_map(|notice| match notice {
+            Notice::Exchange(exchange) => exchange.latency(),
+            _ => None,
+        });
+        if let Some(ns) = exchange.filter(|_| self.style.notices != Notices::None) {
+            self.open(DIM, out);
+            let _ = write!(out, "  ({})", Span(ns));
+            self.close(out);
         }
     }
 
-    fn pair(&self, code: &str) -> (String, &'static str) {
-        if self.style.colour { (format!("\x1b[{code}m"), "\x1b[0m") } else { (String::new(), "") }
+    /// Appends a line for a notice that is shown by itself.
+    fn notice(&self, notice: &Notice, column: usize, out: &mut Vec<u8>) {
+        let all = self.style.notices == Notices::All;
+        let colour = match notice {
+            Notice::Odd(_) => YELLOW,
+            Notice::Fault(fault) if !fault.gone => RED,
+            Notice::Fault(_) | Notice::Change(_) => CYAN,
+            Notice::Signal(_) if all => DIM,
+            Notice::Exchange(exchange) if all && exchange.outcome != Outcome::Done => DIM,
+            Notice::Signal(_) | Notice::Exchange(_) => return,
+        };
+        out.resize(out.len() + column, b' ');
+        self.open(colour, out);
+        let _ = write!(out, "{}", Told(notice));
+        self.close(out);
+        out.push(b'\n');
     }
+
+    fn open(&self, code: &str, out: &mut Vec<u8>) {
+        if self.style.colour {
+            out.extend_from_slice(b"\x1b[");
+            out.extend_from_slice(code.as_bytes());
+            out.push(b'm');
+        }
+    }
+
+    fn close(&self, out: &mut Vec<u8>) {
+        out.extend_from_slice(if self.style.colour { OFF } else { b"" });
+    }
+}
+
+/// Columns of a time and what is behind it.
+const TIME_WIDTH: usize = 13;
+const HEX: &[u8; 16] = b"0123456789ABCDEF";
+
+/// Nanoseconds as a person reads them: `812 us`, `2.10 ms`, `1.50 s`.
+#[derive(Clone, Copy, Debug)]
+pub struct Span(pub u64);
+
+impl core::fmt::Display for Span {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let ns = self.0 as f64;
+        match self.0 {
+            0..1000 => write!(f, "{} ns", self.0),
+            1000..1_000_000 => write!(f, "{:.*} us", decimals(ns / 1e3), ns / 1e3),
+            1_000_000..1_000_000_000 => write!(f, "{:.*} ms", decimals(ns / 1e6), ns / 1e6),
+            _ => write!(f, "{:.*} s", decimals(ns / 1e9), ns / 1e9),
+        }
+    }
+}
+
+/// Decimals for three digits that count.
+fn decimals(value: f64) -> usize {
+    match value {
+        ..10.0 => 2,
+        ..100.0 => 1,
+        _ => 0,
+    }
+}
+
+/// A notice in one line.
+#[derive(Clone, Copy, Debug)]
+pub struct Told<'a>(pub &'a Notice);
+
+impl core::fmt::Display for Told<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.0 {
+            Notice::Signal(Signal { axis, name, value, unit, .. }) => {
+                let gap = if unit.is_empty() { "" } else { " " };
+                write!(f, "= axis {axis} {name} {value}{gap}{unit}")
+            }
+            Notice::Exchange(Exchange { axis, op, outcome, asked, retries, .. }) => {
+                write!(f, "? {op}{} of frame {}: {}", of(*axis), asked.0, outcome.word())?;
+                if *retries > 0 { write!(f, ", {retries} retries") } else { Ok(()) }
+            }
+            Notice::Change(Change { axis, what, from, to }) => {
+                write!(f, "-{} {what}: ", of(*axis))?;
+                if from.is_empty() { f.write_str(to) } else { write!(f, "{from} -> {to}") }
+            }
+            Notice::Fault(Fault { axis, code, text, gone: true, .. }) => {
+                write!(f, "- axis {axis} fault 0x{code:X} is gone: {text}")
+            }
+            Notice::Fault(Fault { axis, code, text, remedy, .. }) => {
+                write!(f, "! axis {axis} fault 0x{code:X}: {text}")?;
+                if remedy.is_empty() { Ok(()) } else { write!(f, "; try: {remedy}") }
+            }
+            Notice::Odd(Odd { kind, axis, text, .. }) => {
+                write!(f, "! {}{}: {text}", kind.word(), of(*axis))
+            }
+        }
+    }
+}
+
+fn of(axis: Option<u32>) -> String {
+    axis.map_or_else(String::new, |axis| format!(" axis {axis}"))
+}
+
+fn padded(text: &str, width: usize, out: &mut Vec<u8>) {
+    out.extend_from_slice(text.as_bytes());
+    out.resize(out.len() + width.saturating_sub(text.len()), b' ');
+}
+
+/// Appends a number with at least so many characters.
+fn decimal(mut value: u64, width: usize, fill: u8, out: &mut Vec<u8>) {
+    const DIGITS_MAX: usize = 20;
+    let mut digits = [fill; DIGITS_MAX];
+    let mut at = DIGITS_MAX;
+    loop {
+        at -= 1;
+        digits[at] = b'0' + (value % 10) as u8;
+        value /= 10;
+        if value == 0 {
+            break;
+        }
+    }
+    out.extend_from_slice(&digits[at.min(DIGITS_MAX - width)..]);
 }
 
 /// Appends bytes as `01 0A FF`.
@@ -111,3 +311,6 @@ pub fn spaced_hex(out: &mut Vec<u8>, bytes: &[u8]) {
         crate::jsonl::hex(out, core::slice::from_ref(byte));
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -37,6 +37,11 @@ pub trait Sink {
     /// Takes a frame.
     fn take(&mut self, event: &Event<'_>);
 
+    /// A frame that is not wanted: it counts for the time alone.
+    fn skip(&mut self, event: &Event<'_>) {
+        let _ = event;
+    }
+
     /// After some frames. `now`: nobody knows when the next one comes.
     fn settle(&mut self, now: bool) -> Result<()> {
         let _ = now;

@@ -248,7 +248,7 @@ impl Shown {
     /// For a link on which these protocols are spoken.
     fn new(protocols: &[&str], name: String, naming: Naming) -> Self {
         let rules = Rules::parse(&protocols.join(",")).unwrap_or_default();
-        let style = text::Style { colour: terminal::colour_err() };
+        let style = text::Style { colour: terminal::colour_err(), ..text::Style::default() };
         Self { decoder: Decoder::new(rules), text: text::Text::new(style), name, naming }
     }
 

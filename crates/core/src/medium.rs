@@ -1,5 +1,7 @@
 //! What a wire carries: bytes on a serial line, frames on a CAN bus.
 
+pub mod bits;
+
 use core::borrow::BorrowMut;
 
 /// A kind of wire. The types it names are what a [`Station`](crate::station::Station) takes and gives.

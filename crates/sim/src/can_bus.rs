@@ -8,7 +8,6 @@
 //! Every frame carries a [`Mark`] that no station sees: who sent it, and what it answers. Checks
 //! compare what hosts believe with the marks.
 
-pub mod bits;
 mod fault;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -17,8 +16,9 @@ use polepair_core::medium::{CanLine, Frame};
 use polepair_core::time::Instant;
 
 use crate::random::{History, Ppm, Random};
-use bits::{arbitration, until_they_differ};
 pub use fault::{CanFaults, CanMade};
+pub use polepair_core::medium::bits;
+use polepair_core::medium::bits::{arbitration, until_they_differ};
 
 #[cfg(test)]
 mod tests;

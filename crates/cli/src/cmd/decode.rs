@@ -1,13 +1,18 @@
-//! `polepair decode FILE|- [--as PROTO[@ID],…] [--from FORMAT] [--format text|jsonl] [-o OUT]`
+//! `polepair decode FILE|- [--as PROTO[@ID],…] [--from FORMAT] [--filter EXPR] [--format text|jsonl]
+//! [-o OUT]`
 
+mod filtered;
 mod lines;
 
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use polepair_capture::Filter;
+use polepair_capture::text::{Notices, Style};
 
 use crate::capture::{Sink, Stated, report};
-use crate::problem::Result;
+use crate::problem::{Problem, Result};
+use filtered::Filtered;
 use lines::Lines;
 
 /// Explains every frame of a capture.
@@ -24,7 +29,7 @@ A log has one line for each CAN frame, or for each run of serial bytes:
 Examples:
   polepair decode capture.log
   polepair decode capture.log --as tmcl --format jsonl -o frames.jsonl
-  polepair decode machine.blf
+  polepair decode machine.blf --filter 'axis = 2 and not ok'
   polepair decode bus.log --as canopen@2,thruster@11 --profile syntron-ts-canopen
   tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
 pub struct Decode {
@@ -33,9 +38,18 @@ pub struct Decode {
     source: PathBuf,
     #[command(flatten)]
     stated: Stated,
+    /// Only frames of which this is true: 'axis = 2 and not ok', 'odd', 'signal Actual/* > 5'
+    #[arg(long, value_name = "EXPR")]
+    filter: Option<String>,
     /// How frames are written [default: text, or jsonl if OUT ends so]
     #[arg(long, value_enum)]
     format: Option<Format>,
+    /// What is told below the frames: nothing, what is odd, faults and states, or values too
+    #[arg(long, value_enum, default_value_t = Told::Events)]
+    notices: Told,
+    /// Mark bytes that changed since the last frame of their kind where there is no colour
+    #[arg(long)]
+    changes: bool,
     /// Write to a file instead of stdout
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
@@ -50,19 +64,43 @@ enum Format {
     Jsonl,
 }
 
+/// What is told of conversations.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum Told {
+    /// Frames alone
+    None,
+    /// What is odd, faults, changes of states
+    Events,
+    /// Values too
+    All,
+}
+
 impl Decode {
     pub fn run(self) -> Result {
         let source = self.stated.source()?;
+        let filter = self.filter.as_deref().map(filter).transpose()?;
         let mut sink = self.sink(self.out.as_deref())?;
+        if let Some(filter) = filter {
+            sink = Box::new(Filtered::new(filter, sink));
+        }
         let decoder = source.read(&self.source, &mut *sink)?;
         report(&decoder)
     }
 
     fn sink(&self, out: Option<&Path>) -> Result<Box<dyn Sink>> {
         Ok(match self.format() {
-            Format::Text => Box::new(Lines::text(out)?),
+            Format::Text => Box::new(Lines::text(out, self.style())?),
             Format::Jsonl => Box::new(Lines::jsonl(out)?),
         })
+    }
+
+    fn style(&self) -> Style {
+        let notices = match self.notices {
+            Told::None => Notices::None,
+            Told::Events => Notices::Events,
+            Told::All => Notices::All,
+        };
+        Style { marks: self.changes, notices, ..Style::default() }
     }
 
     fn format(&self) -> Format {
@@ -70,4 +108,15 @@ impl Decode {
         let by_name = self.out.as_ref().filter(|out| jsonl(out)).map(|_| Format::Jsonl);
         self.format.or(by_name).unwrap_or(Format::Text)
     }
+}
+
+/// Reads a filter, or shows where it is wrong.
+fn filter(text: &str) -> Result<Filter> {
+    Filter::parse(text).map_err(|error| {
+        let nearest = error.nearest.as_ref().map(|word| format!("{word} (the nearest)"));
+        Problem::usage("E249", "this is no filter.")
+            .why(error.to_string())
+            .hint_if(nearest)
+            .hint("polepair decode FILE --filter 'axis = 2 and not ok'; docs/reference/filter.md")
+    })
 }

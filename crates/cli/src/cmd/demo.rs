@@ -343,7 +343,8 @@ fn connector(url: &str, frames: &Frames) -> Connector {
     let protocol = url.split('+').next().unwrap_or(url).to_owned();
     let rules = Rules::parse(&protocol).unwrap_or_default();
     let decoder = Decoder::new(rules);
-    let text = text::Text::new(text::Style { colour: terminal::colour_err() });
+    let text =
+        text::Text::new(text::Style { colour: terminal::colour_err(), ..text::Style::default() });
     Connector::default().with_tap(Watcher { decoder, text, frames: Arc::clone(frames) })
 }
 

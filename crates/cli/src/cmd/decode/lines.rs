@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use polepair_capture::session::Notice;
 use polepair_capture::{Event, jsonl, text};
 
 use crate::capture::Sink;
@@ -15,9 +16,10 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// One aligned line a frame.
-    pub fn text(path: Option<&Path>) -> Result<Self> {
-        let style = text::Style { colour: path.is_none() && terminal::colour_out() };
+    /// One aligned line a frame. `style` says all but whether there are colours.
+    pub fn text(path: Option<&Path>, style: text::Style) -> Result<Self> {
+        let colour = path.is_none() && terminal::colour_out();
+        let style = text::Style { colour, ..style };
         Ok(Self { out: Output::to(path)?, text: Some(text::Text::new(style)) })
     }
 
@@ -32,6 +34,18 @@ impl Sink for Lines {
         match &mut self.text {
             Some(text) => text.write(event, self.out.buffer()),
             None => jsonl::write(event, self.out.buffer()),
+        }
+    }
+
+    fn skip(&mut self, event: &Event<'_>) {
+        if let Some(text) = &mut self.text {
+            text.skip(event);
+        }
+    }
+
+    fn ending(&mut self, link: &str, notices: &[Notice]) {
+        if let Some(text) = &mut self.text {
+            text.ending(link, notices, self.out.buffer());
         }
     }
 

@@ -71,7 +71,7 @@ struct Lines {
 
 impl Lines {
     fn new(jsonl: bool) -> Self {
-        let style = text::Style { colour: terminal::colour_out() };
+        let style = text::Style { colour: terminal::colour_out(), ..text::Style::default() };
         Self { out: Output::stdout(), jsonl, text: text::Text::new(style), did: Vec::new() }
     }
 

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use polepair::wire::OpenWire;
-use polepair_capture::{Decoder, Event, ItemValue, Rules, Stamp};
+use polepair_capture::{Changes, Decoder, Event, Rules, Stamp, about, meaning};
 use polepair_core::explain::Direction as Said;
 use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
@@ -22,8 +22,6 @@ const KINDS_MAX: usize = 2_000;
 const BITS_PER_BYTE: u64 = 10;
 /// Over how long rates are taken.
 const RATES_EVERY: Duration = Duration::from_secs(1);
-/// Fields that tell what a frame is about, not what it says of it.
-const SUBJECT: [&str; 6] = ["index", "sub", "type", "motor", "start", "variable"];
 
 /// A frame as it is shown.
 #[derive(Clone, Debug)]
@@ -63,8 +61,8 @@ pub struct Kind {
     pub period: Option<u64>,
 }
 
-/// What makes frames one kind: wire, identifier or none, direction, and what they are about.
-type Key = (usize, Option<(bool, u32)>, u8, String);
+/// What makes frames one kind: the wire, and what they are about there.
+type Key = (usize, Vec<u8>);
 
 /// What passes on all wires.
 pub struct Traffic {
@@ -92,6 +90,7 @@ struct Wire {
 struct Kept {
     rows: VecDeque<Row>,
     kinds: BTreeMap<Key, Kind>,
+    changes: Changes,
     count: u64,
     wrong: u64,
     /// Frames since rates were last taken.
@@ -208,8 +207,7 @@ impl Traffic {
 impl Kept {
     fn keep(&mut self, wire: usize, event: &Event<'_>) {
         let key = key(wire, event);
-        let known = self.kinds.get(&key);
-        let before = known.map(|kind| kind.last.bytes.as_slice());
+        let known = self.kinds.contains_key(&key);
         let mut row = Row {
             number: self.count,
             time: event.time.map_or(0, |time| time.0),
@@ -218,8 +216,8 @@ impl Kept {
             protocol: event.protocol,
             id: event.id.map(|id| (id, event.extended)),
             bytes: event.bytes.to_vec(),
-            changed: before.map_or(0, |before| changed(before, event.bytes)),
-            text: meaning(event),
+            changed: self.changes.take(event),
+            text: said(event),
             wrong: event.wrong.map_or_else(String::new, |wrong| wrong.to_string()),
             haystack: String::new(),
         };
@@ -227,7 +225,7 @@ impl Kept {
         self.count += 1;
         self.recent += 1;
         self.wrong += u64::from(!row.wrong.is_empty());
-        if known.is_some() || self.kinds.len() < KINDS_MAX {
+        if known || self.kinds.len() < KINDS_MAX {
             let first = || Kind { last: row.clone(), count: 0, period: None };
             let kind = self.kinds.entry(key).or_insert_with(first);
             kind.period = (kind.count > 0).then(|| row.time.saturating_sub(kind.last.time));
@@ -271,52 +269,14 @@ impl Row {
 }
 
 fn key(wire: usize, event: &Event<'_>) -> Key {
-    let direction = match event.direction {
-        None => 0,
-        Some(Said::ToDrive) => 1,
-        Some(Said::ToHost) => 2,
-    };
-    (wire, event.id.map(|id| (event.extended, id)), direction, subject(event))
+    let mut key = Vec::new();
+    about(event, &mut |piece| key.extend_from_slice(piece));
+    (wire, key)
 }
 
-/// What a frame is about: its kind, its axis, and what of that axis.
-fn subject(event: &Event<'_>) -> String {
-    let explained = event.explained;
-    let mut subject = format!("{:?} {}", explained.axis, explained.kind);
-    let fields = explained.items().filter(|item| SUBJECT.contains(&item.name));
-    let plain = subject.len();
-    for item in fields {
-        let _ = match item.value {
-            ItemValue::Int(value) => write!(subject, " {value}"),
-            ItemValue::Hex(value, _) => write!(subject, " {value:X}"),
-            ItemValue::Text(text) => write!(subject, " {text}"),
-            ItemValue::Real(_) | ItemValue::Words(_) => Ok(()),
-        };
-    }
-    if subject.len() == plain
-        && let Some((about, _)) = explained.text.split_once(" = ")
-    {
-        subject.push_str(about);
-    }
-    subject
-}
-
-fn meaning(event: &Event<'_>) -> String {
-    let explained = event.explained;
-    let said = match (explained.text.as_str(), explained.kind.as_str(), event.protocol) {
-        ("", "", _) if event.remote => "remote request",
-        ("", "", None) => "not a frame of any known protocol",
-        ("", kind, _) => kind,
-        (text, ..) => text,
-    };
+fn said(event: &Event<'_>) -> String {
+    let said = meaning(event);
     if event.echo { format!("echo: {said}") } else { said.to_owned() }
-}
-
-/// A bit for each of the first 64 bytes that is not what it was.
-fn changed(before: &[u8], now: &[u8]) -> u64 {
-    let differs = |(at, byte): (usize, &u8)| before.get(at) != Some(byte);
-    let bits = now.iter().enumerate().take(64).filter(|found| differs(*found));
-    bits.fold(0, |mask, (at, _)| mask | 1 << at)
 }
 
 /// The last part of a link's address, as captures name links.

@@ -1,7 +1,7 @@
 //! What a frame is on the wire, bit by bit (ISO 11898-1): who wins arbitration, where two frames
 //! differ, and how long each takes.
 
-use polepair_core::medium::Frame;
+use super::Frame;
 
 /// Bits between two frames.
 pub const INTERFRAME: u32 = 3;
@@ -10,7 +10,8 @@ const TAIL: u32 = 10;
 
 /// The arbitration field as a number: lower wins. A standard frame beats an extended one with the
 /// same leading bits, a data frame beats a remote one.
-pub(super) fn arbitration(frame: &Frame) -> u64 {
+#[must_use]
+pub fn arbitration(frame: &Frame) -> u64 {
     let remote = u64::from(frame.remote);
     if frame.extended {
         let (base, rest) = (u64::from(frame.id >> 18), u64::from(frame.id & 0x3_FFFF));
@@ -51,7 +52,8 @@ const fn before_crc(extended: bool, bytes: u32) -> u32 {
 }
 
 /// Bits from start of frame to the first in which two frames differ.
-pub(super) fn until_they_differ(one: &Frame, other: &Frame) -> u32 {
+#[must_use]
+pub fn until_they_differ(one: &Frame, other: &Frame) -> u32 {
     let ((one, len), (other, _)) = (Bits::of(one), Bits::of(other));
     let same = (one ^ other).leading_zeros();
     stuffed(one, len.min(same + 1))

@@ -1,0 +1,81 @@
+//! Words, numbers and signs of a filter, each with its place.
+
+use super::FilterError;
+
+/// Characters of a filter.
+const TEXT_MAX: usize = 4096;
+
+/// A piece of a filter.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) struct Token {
+    pub is: Is,
+    /// First character, and how many.
+    pub at: usize,
+    pub len: usize,
+}
+
+/// What it is.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) enum Is {
+    /// A word or a number.
+    Word(String),
+    Quoted(String),
+    Sign(&'static str),
+    End,
+}
+
+/// Longer ones first.
+const SIGNS: [&str; 15] =
+    ["==", "!=", "<=", ">=", "&&", "||", "..", "=", "<", ">", "~", "!", "(", ")", ","];
+
+/// Cuts a filter into pieces; the last is [`Is::End`].
+pub(super) fn tokens(text: &str) -> Result<Vec<Token>, FilterError> {
+    let chars: Vec<char> = text.chars().collect();
+    let mut tokens = Vec::new();
+    let mut at = 0;
+    let wrong = |at, len, what: &str| FilterError {
+        text: text.to_owned(),
+        at,
+        len,
+        what: what.to_owned(),
+        nearest: None,
+    };
+    if chars.len() > TEXT_MAX {
+        return Err(wrong(TEXT_MAX, 1, "a filter has at most 4096 characters"));
+    }
+    while at < chars.len() {
+        let rest = &chars[at..];
+        let (is, len) = match rest[0] {
+            c if c.is_whitespace() => {
+                at += 1;
+                continue;
+            }
+            c @ ('"' | '\'') => {
+                let len = rest[1..].iter().position(|other| *other == c).map(|end| end + 2);
+                let len = len.ok_or_else(|| wrong(at, 1, "this quote has no end"))?;
+                (Is::Quoted(rest[1..len - 1].iter().collect()), len)
+            }
+            _ => match SIGNS.into_iter().find(|sign| starts(rest, sign)) {
+                Some(sign) => (Is::Sign(sign), sign.len()),
+                None => {
+                    let len = (1..rest.len()).find(|n| ends(&rest[*n..])).unwrap_or(rest.len());
+                    (Is::Word(rest[..len].iter().collect()), len)
+                }
+            },
+        };
+        tokens.push(Token { is, at, len });
+        at += len;
+    }
+    tokens.push(Token { is: Is::End, at, len: 1 });
+    Ok(tokens)
+}
+
+fn starts(rest: &[char], sign: &str) -> bool {
+    rest.len() >= sign.len() && rest.iter().zip(sign.chars()).all(|(a, b)| *a == b)
+}
+
+fn ends(rest: &[char]) -> bool {
+    rest[0].is_whitespace()
+        || matches!(rest[0], '"' | '\'')
+        || SIGNS.iter().any(|sign| starts(rest, sign))
+}

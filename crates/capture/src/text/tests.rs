@@ -1,0 +1,68 @@
+//! Lines as a person sees them.
+
+use super::{Notices, Span, Style, Text};
+use crate::session::{Change, Fault, Notice, Odd, Oddity, name};
+use crate::{Decoder, Event, Rules};
+
+const CAPTURE: &[u8] = b"(10.5) ttyUSB0 > 01 02\n(10.75) can0 123#1122\n(10.85) can0 123#1123\n";
+
+fn shown(style: Style, notices: &[Notice]) -> Vec<String> {
+    let (mut out, mut text) = (Vec::new(), Text::new(style));
+    let mut decoder = Decoder::new(Rules::default());
+    decoder.feed(CAPTURE, &mut |event| text.write(&Event { notices, ..*event }, &mut out));
+    String::from_utf8(out).expect("text").lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn changed_bytes_are_marked_in_colour_or_when_asked() {
+    let lines = shown(Style { marks: true, ..Style::default() }, &[]);
+    assert!(lines[1].contains("123#11 22  ") && lines[2].contains("123#11 23' "), "{lines:?}");
+    let plain = shown(Style::default(), &[]);
+    assert!(plain[2].contains("123#11 23  "), "{plain:?}");
+    let colour = shown(Style { colour: true, ..Style::default() }, &[]);
+    assert!(colour[2].contains("123#11 \x1b[4m23\x1b[0m  "), "{colour:?}");
+}
+
+#[test]
+fn notices_stand_below_the_meaning() {
+    let text = "answered 310 ms after frame 12".to_owned();
+    let notices = [
+        Notice::Odd(Odd { kind: Oddity::LateReply, axis: Some(2), time: None, text }),
+        Notice::Fault(Fault {
+            axis: 2,
+            code: 0x3210,
+            text: name("over-voltage"),
+            cause: name(""),
+            remedy: name("add a brake resistor"),
+            gone: false,
+        }),
+        Notice::Change(Change { axis: Some(2), what: "power", from: "ready", to: "on" }),
+    ];
+    for colour in [false, true] {
+        let lines = shown(Style { colour, ..Style::default() }, &notices);
+        let plain = |line: &str| -> String {
+            let parts = line.split('\x1b').enumerate();
+            let cut = parts.map(|(n, p)| if n == 0 { p } else { p.split_once('m').expect("m").1 });
+            cut.collect()
+        };
+        let column = plain(&lines[8]).find("not a frame").expect("its meaning");
+        let below = plain(&lines[9]);
+        assert_eq!(below.find('!'), Some(column), "{lines:?}");
+        assert_eq!(below.trim(), "! late-reply axis 2: answered 310 ms after frame 12");
+        assert_eq!(
+            plain(&lines[10]).trim(),
+            "! axis 2 fault 0x3210: over-voltage; try: add a brake resistor"
+        );
+        assert_eq!(plain(&lines[11]).trim(), "- axis 2 power: ready -> on");
+    }
+    assert_eq!(shown(Style { notices: Notices::None, ..Style::default() }, &notices).len(), 3);
+}
+
+#[test]
+fn spans_have_three_digits() {
+    let spans = [999, 1234, 45_678, 812_000, 2_100_000, 18_768_000, 310_000_000, 1_500_000_000];
+    let shown: Vec<String> = spans.iter().map(|ns| Span(*ns).to_string()).collect();
+    let expected =
+        ["999 ns", "1.23 us", "45.7 us", "812 us", "2.10 ms", "18.8 ms", "310 ms", "1.50 s"];
+    assert_eq!(shown, expected);
+}

@@ -1,0 +1,37 @@
+//! Frames that a filter wants, and no others.
+
+use polepair_capture::session::Notice;
+use polepair_capture::{Event, Filter};
+
+use crate::capture::Sink;
+use crate::problem::Result;
+
+/// Passes on what its filter wants.
+pub struct Filtered {
+    filter: Filter,
+    inner: Box<dyn Sink>,
+}
+
+impl Filtered {
+    /// In front of `inner`.
+    pub fn new(filter: Filter, inner: Box<dyn Sink>) -> Self {
+        Self { filter, inner }
+    }
+}
+
+impl Sink for Filtered {
+    fn take(&mut self, event: &Event<'_>) {
+        if self.filter.wants(event) {
+            self.inner.take(event);
+        } else {
+            self.inner.skip(event);
+        }
+    }
+
+    fn settle(&mut self, now: bool) -> Result<()> {
+        self.inner.settle(now)
+    }
+
+    /// What is left open belongs to no frame, so no filter wants it.
+    fn ending(&mut self, _link: &str, _notices: &[Notice]) {}
+}
