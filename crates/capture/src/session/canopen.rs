@@ -13,6 +13,7 @@
 //! ```
 
 mod beat;
+mod boot;
 mod emcy;
 mod guard;
 mod learn;
@@ -34,6 +35,7 @@ use polepair_core::proto::canopen::cob;
 use polepair_core::proto::canopen::emcy::Emergency;
 use polepair_core::proto::canopen::heartbeat::Heartbeat;
 use polepair_core::proto::canopen::nmt::{Command, Order, State};
+use polepair_core::proto::canopen::sdo::Object;
 use polepair_core::proto::canopen::sync::Sync;
 
 use super::{Follower, Heard, Notice, Odd, Oddity, Signal};
@@ -69,10 +71,14 @@ pub(super) struct Canopen {
     due: Stamp,
     /// Requests are heard on this bus.
     followed: bool,
+    /// Everybody was ordered to start again.
+    reset: bool,
     /// When a master said something last: a request, an order, a beat, process data to a node.
     commanded: Option<Stamp>,
 }
 
+/// Period of a node's heartbeat.
+const HEARTBEAT_TIME: Object = Object::new(0x1017, 0);
 const NEVER: Stamp = Stamp(u64::MAX);
 
 impl Default for Canopen {
@@ -89,6 +95,7 @@ impl Default for Canopen {
             latest: None,
             due: NEVER,
             followed: false,
+            reset: false,
             commanded: None,
         }
     }
@@ -138,6 +145,7 @@ impl Follower for Canopen {
 
     fn end(&mut self, notices: &mut Vec<Notice>) {
         self.channels.iter_mut().for_each(|channel| channel.end(notices));
+        self.nodes.iter_mut().flatten().for_each(|node| node.confirm(None, notices));
     }
 }
 
@@ -164,7 +172,7 @@ impl Canopen {
 
     fn node(&mut self, node: u8) -> &mut Node {
         let place = &mut self.nodes[usize::from(node & NODE_MAX)];
-        place.get_or_insert_with(|| Box::new(Node::new(node)))
+        place.get_or_insert_with(|| Box::new(Node::new(node, self.reset)))
     }
 
     /// Something is due then.
@@ -183,12 +191,14 @@ impl Canopen {
             if node.guard.due().is_some_and(|due| due < now) {
                 node.unguarded(notices);
             }
+            node.confirm(Some(now), notices);
         }
         self.silences(now, notices);
         self.due = NEVER;
         let channels = self.channels.iter().filter_map(Channel::due);
         let nodes = self.nodes.iter().flatten();
-        let nodes = nodes.flat_map(|node| [node.beat.due(), node.guard.due()]).flatten();
+        let nodes =
+            nodes.flat_map(|node| [node.beat.due(), node.guard.due(), node.boots.due()]).flatten();
         self.due = channels.chain(nodes).min().unwrap_or(NEVER);
     }
 
@@ -246,6 +256,7 @@ impl Canopen {
             known.order(command, now, notices);
         }
         if matches!(command, Command::ResetNode | Command::ResetCommunication) {
+            self.reset |= node == 0;
             let meant = |channel: &&mut Channel| node == 0 || channel.node == node;
             self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(notices));
         }
@@ -263,12 +274,15 @@ impl Canopen {
             return self.hush(id, before, notices);
         }
         let Ok(Heartbeat { state, toggle }) = Heartbeat::parse(heard.raw.bytes) else { return };
+        let beginning = self.channels[usize::from(id)].is_setting(HEARTBEAT_TIME, heard.time);
         let node = self.node(id);
         if state == State::BootUp {
-            node.boot(heard.time, notices);
-            self.pdos.of(id).for_each(pdo::Pdo::restart);
-            let meant = |channel: &&mut Channel| channel.node == id;
-            self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(notices));
+            let started = node.boot(heard.time, beginning, notices);
+            let due = node.boots.due();
+            self.expect(due);
+            if started {
+                self.restart(id, notices);
+            }
         } else if node.guard.answer(id, toggle, at, notices) {
             node.state_told(state, heard.time, notices);
         } else {
@@ -276,6 +290,13 @@ impl Canopen {
             let due = node.beat.due();
             self.expect(due);
         }
+    }
+
+    /// A node has started: what it was told may be forgotten, what was under way is.
+    fn restart(&mut self, id: u8, notices: &mut Vec<Notice>) {
+        self.pdos.of(id).for_each(pdo::Pdo::restart);
+        let meant = |channel: &&mut Channel| channel.node == id;
+        self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(notices));
     }
 
     fn emergency(

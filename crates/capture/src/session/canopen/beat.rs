@@ -9,6 +9,9 @@ const KNOWN: usize = 3;
 /// What any period may be exceeded by, ns: who sends every few milliseconds is not that exact.
 const SLACK_NS: u64 = 50_000_000;
 
+/// Longer intervals are as good as this, ns: years, by which sums and products stay in range.
+pub(super) const LONGEST_NS: u64 = 1 << 56;
+
 /// The heartbeat of one node.
 #[derive(Debug, Default)]
 pub(super) struct Beat {
@@ -21,6 +24,8 @@ pub(super) struct Beat {
     allowed: u64,
     /// What it was while it was regular, ns.
     steady: Option<u64>,
+    /// What its period was before it was off, ns.
+    former: Option<u64>,
     heard: bool,
     silent: bool,
 }
@@ -49,15 +54,20 @@ impl Beat {
 
     /// It may stay out from now on, until it comes again.
     pub fn off(&mut self) {
-        let allowed = self.allowed;
-        *self = Self { allowed, heard: self.heard, ..Self::default() };
+        let (allowed, former) = (self.allowed, self.former());
+        *self = Self { allowed, former, heard: self.heard, ..Self::default() };
+    }
+
+    /// How often it comes, or came before it was off, ns.
+    pub fn former(&self) -> Option<u64> {
+        self.period().or(self.former)
     }
 
     /// It came. True if that it stayed out had been told.
     pub fn take(&mut self, now: Option<Stamp>) -> bool {
         self.heard = true;
         let Some(now) = now else { return false };
-        let interval = self.last.replace(now).map(|last| now.since(last));
+        let interval = self.last.replace(now).map(|last| now.since(last).min(LONGEST_NS));
         if core::mem::take(&mut self.silent) {
             self.count = 0;
             return true;

@@ -78,12 +78,9 @@ impl Mapping {
     pub(super) fn new(entries: &[Entry], book: &Book<'_>, quality: Quality) -> Option<Self> {
         let mut mapping =
             Self { places: Vec::new(), entries: Vec::new(), bytes: 0, quality, watched: false };
-        let mut at = 0;
+        let mut at = 0_u8;
         for entry in entries {
-            let end = at + entry.bits;
-            if entry.bits == 0 || entry.bits > BITS_MAX || end > BITS_MAX {
-                return None;
-            }
+            let end = at.checked_add(entry.bits).filter(|end| *end <= BITS_MAX && *end > at)?;
             mapping.add(*entry, Field { at, bits: entry.bits }, book);
             at = end;
         }

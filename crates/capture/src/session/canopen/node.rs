@@ -6,6 +6,7 @@ use polepair_core::proto::canopen::nmt::{Command, State};
 use polepair_core::proto::canopen::sdo::Object;
 
 use super::beat::Beat;
+use super::boot::{Boots, Circumstances, Zero};
 use super::emcy::Faults;
 use super::guard::Guard;
 use super::power::Power;
@@ -14,8 +15,6 @@ use super::{odd, odd_at};
 use crate::session::{Change, Name, Notice, Oddity};
 use crate::stamp::Stamp;
 
-/// Two boot-ups so near to one another are two devices'.
-const BOOTS_NS: u64 = 1_000_000_000;
 /// A node that was told to be quiet may still send what was on its way.
 const QUIET_NS: u64 = 100_000_000;
 /// A state that goes back and forth so often without an order is two nodes'.
@@ -51,7 +50,7 @@ pub(super) struct Node {
     /// What the master last ordered, and when, while the node has not told its state since.
     ordered: Option<(State, Option<Stamp>)>,
     reset: bool,
-    booted: Option<Stamp>,
+    pub boots: Boots,
     doubled: bool,
     /// It sent process data while it said that it must not.
     process: Option<Option<Stamp>>,
@@ -59,7 +58,8 @@ pub(super) struct Node {
 }
 
 impl Node {
-    pub fn new(id: u8) -> Self {
+    /// A node of which nothing is known but whether everybody was ordered to start again.
+    pub fn new(id: u8, reset: bool) -> Self {
         Self {
             id,
             beat: Beat::default(),
@@ -77,8 +77,8 @@ impl Node {
             flips: 0,
             same: 0,
             ordered: None,
-            reset: false,
-            booted: None,
+            reset,
+            boots: Boots::default(),
             doubled: false,
             process: None,
             accused: false,
@@ -154,29 +154,47 @@ impl Node {
         }
     }
 
-    /// It has started.
-    pub fn boot(&mut self, now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        let asked = core::mem::take(&mut self.reset);
-        let since = self.booted.zip(now).map(|(before, now)| now.since(before));
-        let again = self.booted.is_some() || self.used;
-        match (asked, self.used, since) {
-            (true, ..) => {}
-            (false, false, Some(since)) if since < BOOTS_NS => {
-                let ms = since / 1_000_000;
-                self.double(&format!("started twice within {ms} ms, by no order"), notices);
-            }
-            _ if again && !self.doubled => {
-                let text = "started again by no order, while it was in use".to_owned();
-                notices.push(odd(Oddity::Restart, self.id, text));
-            }
-            _ => {}
+    /// It says 0: that it has started, mostly. `beginning` tells that its heartbeat is being switched
+    /// on. True if it has started for sure.
+    pub fn boot(&mut self, now: Option<Stamp>, beginning: bool, notices: &mut Vec<Notice>) -> bool {
+        let about = Circumstances {
+            still: self.state == Some(State::BootUp),
+            used: self.used,
+            asked: core::mem::take(&mut self.reset),
+            beginning,
+            period: self.beat.former(),
+        };
+        let zero = self.boots.take(now, &about);
+        if zero == Zero::Beat {
+            return false;
         }
-        self.hear(false, notices);
-        (self.used, self.booted, self.ordered, self.process) = (false, now, None, None);
+        if zero == Zero::Restart {
+            self.restarted(None, notices);
+        }
+        self.appear(false, notices);
+        (self.used, self.ordered, self.process) = (false, None, None);
         self.beat.off();
         self.guard.restart();
         self.enter(State::BootUp, notices);
         self.flips = 0;
+        true
+    }
+
+    fn restarted(&self, when: Option<Stamp>, notices: &mut Vec<Notice>) {
+        if !self.doubled {
+            let text = "started again by no order, while it was in use".to_owned();
+            notices.push(odd_at(Oddity::Restart, self.id, when, text));
+        }
+    }
+
+    /// What was suspected of its boot-ups is so: by `now`, or in any case.
+    pub fn confirm(&mut self, now: Option<Stamp>, notices: &mut Vec<Notice>) {
+        let Some(suspicion) = self.boots.confirmed(now) else { return };
+        if suspicion.kind == Oddity::Restart {
+            return self.restarted(suspicion.when, notices);
+        }
+        let ms = suspicion.after / 1_000_000;
+        self.double(&format!("started twice within {ms} ms, by one order"), notices);
     }
 
     /// Two devices have its number.
@@ -205,6 +223,7 @@ impl Node {
         if matches!(state, State::Other(_)) {
             return;
         }
+        self.confirm(None, notices);
         if let (Some((ordered, when)), true) = (self.ordered, self.state != Some(state)) {
             // A state told at once may be that of before.
             let soon = when.zip(now).is_none_or(|(when, now)| now.since(when) < QUIET_NS);

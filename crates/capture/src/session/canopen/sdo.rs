@@ -17,6 +17,8 @@ use block::Block;
 pub(super) const TIMEOUT_NS: u64 = 1_000_000_000;
 /// The same where flash is written: store, restore, programs.
 pub(super) const FLASH_TIMEOUT_NS: u64 = 10_000_000_000;
+/// What is written has its effect within this, ns.
+const MOMENT_NS: u64 = 100_000_000;
 /// Bytes of a value that are kept: the head of what may be megabytes.
 pub(super) const HEAD_MAX: usize = 1024;
 /// So many requests one behind the other answered twice, and two nodes have the number.
@@ -193,6 +195,13 @@ impl Channel {
     /// The object that a transfer under way is about, or was.
     pub fn object(&self) -> Object {
         self.transfer.object
+    }
+
+    /// An object is being written, or was a moment ago.
+    pub fn is_setting(&self, object: Object, now: Option<Stamp>) -> bool {
+        let t = &self.transfer;
+        let since = t.moved.zip(now).map_or(0, |(moved, now)| now.since(moved));
+        (t.op, t.object) == (Op::Write, object) && since < MOMENT_NS
     }
 
     /// What the last transfer brought: the head of the value, how long it is, in how many segments.

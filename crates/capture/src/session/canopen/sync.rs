@@ -1,5 +1,6 @@
 //! The beat of a bus: SYNC, its counter and its period.
 
+use super::beat::LONGEST_NS;
 use crate::session::{Notice, Odd, Oddity};
 use crate::stamp::Stamp;
 
@@ -35,7 +36,7 @@ impl Beats {
         }
         let Some(now) = now else { return };
         let Some(last) = self.last.replace(now) else { return };
-        let interval = now.since(last);
+        let interval = now.since(last).min(LONGEST_NS);
         if interval.abs_diff(self.period) * 10 <= self.period {
             self.steady += 1;
             return;

@@ -1,6 +1,7 @@
 //! Buses as they should be, of which nothing odd is told, and with one thing planted each, which is
 //! told once.
 
+mod garbage;
 mod nodes;
 mod process;
 mod transfer;

@@ -108,6 +108,22 @@ fn two_that_start_at_once_are_two() {
 }
 
 #[test]
+fn a_node_may_say_0_until_it_is_started() {
+    let mut bus = Bus::default();
+    bus.say(BEAT, &[0]).read(WORD, 0, 2).write(Object::new(0x1017, 0), 100, 2);
+    bus.heartbeats(0, 100, 5).read(WORD, 0, 2).heartbeats(0, 100, 5).say(0x000, &[1, 0]);
+    bus.heartbeats(5, 100, 5).say(0x000, &[0x81, 0]).heartbeats(0, 100, 8).told().clean();
+    // Set where nobody hears it.
+    let mut bus = Bus::default();
+    bus.say(BEAT, &[0]).say(BEAT, &[0]).wait(99).read(WORD, 0, 2).wait(97);
+    bus.heartbeats(0, 100, 5).told().clean();
+    // Without a pace it is a start.
+    let mut bus = Bus::default();
+    bus.say(BEAT, &[0]).read(WORD, 0, 2).wait(3000).say(BEAT, &[0]).read(WORD, 0, 2);
+    bus.told().planted(Oddity::Restart);
+}
+
+#[test]
 fn a_heartbeat_that_trembles_is_one_node_s() {
     let mut bus = Bus::default();
     for n in 0_u64..300 {
