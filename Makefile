@@ -35,6 +35,7 @@ interop: $(VENV)/ready
 
 ## python: the package, built and tried: its surface, its types, its guide
 python: $(VENV)/ready
+	$(CARGO) build --release --locked --quiet -p polepair-cli
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(VENV)/bin/maturin develop --release --quiet --manifest-path crates/python/Cargo.toml
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub

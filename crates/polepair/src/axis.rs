@@ -301,7 +301,7 @@ impl Axis {
 
     /// Waits on the link's own clock: in virtual time it is over at once.
     pub fn sleep(&self, span: Duration) {
-        crate::connect::pass(self.simulation.as_ref(), span);
+        crate::simulate::pass(self.simulation.as_ref(), span);
     }
 
     /// Lets motion commands through, or no longer. [`armed`](Self::armed) does it for a while.
@@ -632,7 +632,7 @@ impl Axis {
                 return Ok(());
             }
             let spent = self.connection.now().since(began);
-            crate::connect::pass(self.simulation.as_ref(), period.saturating_sub(spent));
+            crate::simulate::pass(self.simulation.as_ref(), period.saturating_sub(spent));
         }
     }
 }

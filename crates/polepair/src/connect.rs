@@ -9,6 +9,7 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod given;
 mod options;
 mod rack;
 
@@ -32,7 +33,7 @@ use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
-use polepair_link::{Connection, Direction, Interrupter, Link as _, Tap, clock};
+use polepair_link::{Connection, Direction, Interrupter, Link as _, Tap};
 use rack::{expected, seed_of};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -211,6 +212,17 @@ impl Connector {
     pub(crate) fn connect_with(&self, text: &str, ask: bool) -> Result<Link, Error> {
         let url = self.url(text)?;
         let (lines, simulation) = self.lines(&url)?;
+        self.link(url, &lines, simulation, ask)
+    }
+
+    /// The axes that are on opened lines.
+    fn link(
+        &self,
+        url: Url,
+        lines: &[Line],
+        simulation: Option<Simulation>,
+        ask: bool,
+    ) -> Result<Link, Error> {
         let (mut axes, mut wires) = (Vec::new(), Vec::new());
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
             axes.extend(self.axes(&url, lines, simulation.as_ref(), ask)?);
@@ -679,13 +691,6 @@ impl Link {
 
     /// Waits on the link's own clock: a simulated link in virtual time is there at once.
     pub fn sleep(&self, span: Duration) {
-        pass(self.simulation.as_ref(), span);
-    }
-}
-
-pub(crate) fn pass(simulation: Option<&Simulation>, span: Duration) {
-    match simulation {
-        Some(simulation) => simulation.pass(span),
-        None => clock::sleep_until(clock::now() + span),
+        simulate::pass(self.simulation.as_ref(), span);
     }
 }

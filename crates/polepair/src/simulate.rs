@@ -30,6 +30,7 @@ use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 use polepair_core::proto;
 use polepair_core::time::Instant;
+use polepair_link::clock;
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::Faults;
 use polepair_sim::rack::{Built, Rack, RackDrive, RackLink, RackWire};
@@ -499,5 +500,13 @@ impl Simulation {
     pub fn truth(&self, link: usize, drive: usize) -> Option<Truth> {
         let wire = self.built.links.get(link);
         self.shared.with(wire, drive, |bench, now| bench.truth(now))
+    }
+}
+
+/// Waits on the clock of a simulation or, without one, on the wall's.
+pub(crate) fn pass(simulation: Option<&Simulation>, span: Duration) {
+    match simulation {
+        Some(simulation) => simulation.pass(span),
+        None => clock::sleep_until(clock::now() + span),
     }
 }

@@ -133,6 +133,13 @@ pub enum Target {
         /// `tmcl`, `tmcm-171`, `rack.toml`.
         what: String,
     },
+    /// A link that a program opened itself: no string means it.
+    Given {
+        /// What it is called.
+        name: String,
+        /// What it carries.
+        medium: MediumKind,
+    },
     /// The links that a rack file describes, where it says that they are; simulated where it does
     /// not.
     Rack {
@@ -148,6 +155,7 @@ impl Target {
         match self {
             Self::Serial { .. } | Self::Tcp { .. } => Some(MediumKind::Serial),
             Self::Sim { .. } | Self::Rack { .. } => None,
+            Self::Given { medium, .. } => Some(*medium),
             _ => Some(MediumKind::Can),
         }
     }
@@ -340,7 +348,7 @@ fn socketcand(address: &str) -> Result<Target, Error> {
     Ok(Target::Socketcand { address: tcp(server)?, bus: decoded(bus)? })
 }
 
-fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
+pub(crate) fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
     let mut keys: Vec<(String, String)> = Vec::new();
     for pair in query.split('&').filter(|pair| !pair.is_empty()) {
         let (key, value) = cut(pair, '=');
@@ -434,7 +442,7 @@ impl Url {
         })
     }
 
-    fn check_keys(&self) -> Result<(), Error> {
+    pub(crate) fn check_keys(&self) -> Result<(), Error> {
         let sim = matches!(self.target, Target::Sim { .. });
         let known = self.target.keys();
         for (key, _) in &self.keys {
@@ -485,6 +493,7 @@ impl fmt::Display for Url {
             Target::Socketcan { interface } => {
                 write!(f, "{}+socketcan://{}", self.protocol, encoded(interface, ""))?;
             }
+            Target::Given { name, .. } => write!(f, "{}+{name}", self.protocol)?,
             Target::Sim { what } => write!(f, "sim:{}", encoded(what, ""))?,
             Target::Rack { file } => write!(f, "rack:{}", encoded(file, ""))?,
         }

@@ -14,6 +14,7 @@ mod axis;
 mod bus;
 mod capture;
 mod errors;
+mod given;
 mod link;
 mod outside;
 mod request;
@@ -36,6 +37,7 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<capture::Decoder>()?;
     module.add_class::<capture::Event>()?;
     module.add_function(wrap_pyfunction!(link::connect, module)?)?;
+    module.add_function(wrap_pyfunction!(link::connect_over, module)?)?;
     module.add_function(wrap_pyfunction!(link::scan, module)?)?;
     module.add_function(wrap_pyfunction!(link::profiles, module)?)?;
     module.add_function(wrap_pyfunction!(capture::encode, module)?)

@@ -5,10 +5,12 @@ use std::path::PathBuf;
 
 use polepair::{Connector, Link as Inner, scan as library};
 use polepair_core::drives;
+use polepair_core::medium::MediumKind;
 use pyo3::prelude::*;
 
 use crate::axis::Axis;
 use crate::errors::raised;
+use crate::given;
 use crate::outside::Outside;
 use crate::simulation::Simulation;
 use crate::wiretrace::WireTrace;
@@ -35,6 +37,27 @@ pub fn connect(py: Python<'_>, url: &str, profile: Option<PathBuf>, trace: bool)
     });
     let opened = opened.map_err(|error| raised(py, &error))?;
     Ok(Link { inner: opened.into(), trace })
+}
+
+/// Finds out what is on an adapter that Python opened: a bus if `can`, else a serial port.
+#[pyfunction]
+#[pyo3(signature = (adapter, name, can, protocol, axes, query, profile=None))]
+#[expect(clippy::too_many_arguments, reason = "they are a connection string's parts")]
+pub fn connect_over(
+    py: Python<'_>,
+    adapter: Py<PyAny>,
+    name: String,
+    can: bool,
+    protocol: &str,
+    axes: Vec<u32>,
+    query: &str,
+    profile: Option<PathBuf>,
+) -> PyResult<Link> {
+    let medium = if can { MediumKind::Can } else { MediumKind::Serial };
+    let link = given::link(name, adapter, medium)?;
+    let opened = py.detach(|| connector(profile)?.connect_over(link, protocol, &axes, query));
+    let opened = opened.map_err(|error| raised(py, &error))?;
+    Ok(Link { inner: opened.into(), trace: None })
 }
 
 /// Asks who is on a link, and gives address, product, title, firmware and clash of each; only reads

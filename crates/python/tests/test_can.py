@@ -6,6 +6,7 @@ import time
 
 import can
 import canopen
+import polepair
 import pytest
 
 
@@ -59,3 +60,28 @@ def test_filters_and_own_messages() -> None:
         assert heard is not None and heard.arbitration_id == 2
     with pytest.raises(can.CanOperationError):
         bus.send(can.Message(arbitration_id=1))
+
+
+def test_any_bus_of_python_can_is_a_link() -> None:
+    # python-can's own bus in the middle: our simulated module behind one end, our host at the other.
+    with (
+        can.Bus(interface="polepair", channel="sim:tmcl+can:3") as bus,
+        polepair.connect(bus, protocol="tmcl", axes=[3]) as link,
+    ):
+        axis = link.axis(3)
+        assert axis.product == "tmcm-171"
+        axis.params["max current"] = 1.5
+        assert axis.params.raw["max current"] == 15
+        with axis.armed():
+            axis.move(0.5, velocity=(120, "rpm")).wait()
+        assert axis.read("position")["position"] == pytest.approx(0.5, abs=0.02)
+
+
+def test_what_is_no_adapter_is_told() -> None:
+    with pytest.raises(TypeError, match="neither"):
+        polepair.connect(42, protocol="tmcl")  # type: ignore[arg-type]
+    with can.Bus(interface="virtual", channel="nobody") as bus:
+        with pytest.raises(TypeError, match="protocol"):
+            polepair.connect(bus)
+        with pytest.raises(polepair.NoReply):
+            polepair.connect(bus, protocol="tmcl", axes=[1])

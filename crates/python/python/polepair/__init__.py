@@ -9,11 +9,12 @@ tmcm-171
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from os import PathLike
 from typing import TYPE_CHECKING, NamedTuple
 
 from . import _polepair as _native
+from ._adapters import SerialPort, adapter
 from ._axis import Fault
 from ._polepair import Event, Parameter, Truth, __version__
 from ._sync import Armed, Axis, Link, Motion, Parameters, RawParameters, Simulation
@@ -23,6 +24,8 @@ from .quantity import Amount, Quantity
 from .trace import Step, Trace
 
 if TYPE_CHECKING:
+    import can
+
     from . import aio as aio
 
 __all__ = [
@@ -75,15 +78,33 @@ class Found(NamedTuple):
 
 
 def connect(
-    url: str, *, profile: str | PathLike[str] | None = None, trace: bool = False
+    url: str | can.BusABC | SerialPort,
+    *,
+    protocol: str | None = None,
+    axes: Iterable[int] = (),
+    options: str = "",
+    profile: str | PathLike[str] | None = None,
+    trace: bool = False,
 ) -> Link:
     """Opens a link: `tmcl+serial:///dev/ttyUSB0:9600#1`, `canopen+socketcan://can0#2`, `sim:tmcl`.
 
+    Or takes one that is open: any bus of python-can, any port as pyserial has them. Then `protocol`
+    and `axes` say what the string would, and `options` its keys (`timeout=50&profile=tmcm-171`).
+
     `profile` is a TOML file that describes a drive of your own; `trace` keeps the last frames for
-    `Link.trace`. Errors: `PolepairError` by blame,
-    each with a note of what to try.
+    `Link.trace`. Errors: `PolepairError` by blame, each with a note of what to try.
     """
-    return Link(_native.connect(url, profile, trace))
+    if isinstance(url, str):
+        if protocol is not None or axes or options:
+            raise TypeError("a connection string says protocol, axes and options itself")
+        return Link(_native.connect(url, profile, trace))
+    if protocol is None:
+        raise TypeError("an opened adapter does not say its protocol: name it, protocol='canopen'")
+    taken, name, can_bus = adapter(url)
+    opened = _native.connect_over(
+        taken, name, can_bus, protocol, list(axes), options, profile
+    )
+    return Link(opened)
 
 
 def scan(

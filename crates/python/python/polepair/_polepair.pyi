@@ -9,6 +9,15 @@ __version__: str
 def connect(
     url: str, profile: str | PathLike[str] | None = None, trace: bool = False
 ) -> Link: ...
+def connect_over(
+    adapter: object,
+    name: str,
+    can: bool,
+    protocol: str,
+    axes: list[int],
+    query: str,
+    profile: str | PathLike[str] | None = None,
+) -> Link: ...
 def scan(
     url: str,
     first: int | None = None,

@@ -1,0 +1,209 @@
+//! Adapters that Python opened: any bus of python-can, any port as pyserial has them.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+
+use polepair::AnyLink;
+use polepair_core::medium::{Can, CanLine, Frame, Medium, MediumKind, SerialLine, Stream};
+use polepair_core::time::Instant;
+use polepair_link::{Link, LinkError, Received, Waker, clock};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::outside::Outside;
+
+/// Units that nobody has taken yet at most; further ones are lost and counted.
+const WAITING_MAX: usize = 1 << 14;
+
+/// What Python's half does for a link: `send(unit)`, `receive() -> unit | None` within a moment,
+/// `line(rate)`, `close()`.
+type Adapter = Arc<Outside<Py<PyAny>>>;
+
+/// A link over an adapter of Python's. A thread of its own reads it.
+struct Given<M: Translated> {
+    name: String,
+    adapter: Adapter,
+    arrived: Arc<Arrived<M>>,
+}
+
+/// What was read and not yet taken.
+struct Arrived<M: Translated> {
+    units: Mutex<VecDeque<(Instant, M::Owned)>>,
+    waker: Waker,
+    lost: AtomicBool,
+    ended: AtomicBool,
+}
+
+/// A medium whose units Python has words for.
+trait Translated: Medium {
+    type Owned: Send;
+    fn from_python(unit: &Bound<'_, PyAny>) -> PyResult<Self::Owned>;
+    fn to_python<'py>(py: Python<'py>, unit: &Self::Unit) -> PyResult<Bound<'py, PyAny>>;
+    /// Puts it where the reader wants it, and says how much that was; the rest stays.
+    fn take(unit: &mut Self::Owned, buffer: &mut Self::Out) -> (usize, bool);
+    fn rate(line: &Self::Line) -> u32;
+}
+
+impl Translated for Can {
+    type Owned = Frame;
+
+    fn from_python(unit: &Bound<'_, PyAny>) -> PyResult<Frame> {
+        let (id, extended, remote, len, bytes): (u32, bool, bool, u8, Vec<u8>) = unit.extract()?;
+        let mut frame = Frame { id, extended, remote, len: len.min(8), data: [0; 8] };
+        let have = bytes.len().min(8);
+        frame.data[..have].copy_from_slice(&bytes[..have]);
+        Ok(frame)
+    }
+
+    fn to_python<'py>(py: Python<'py>, frame: &Frame) -> PyResult<Bound<'py, PyAny>> {
+        let bytes = PyBytes::new(py, if frame.remote { &[] } else { frame.bytes() });
+        let unit = (frame.id, frame.extended, frame.remote, frame.len, bytes);
+        Ok(unit.into_pyobject(py)?.into_any())
+    }
+
+    fn take(unit: &mut Frame, buffer: &mut Frame) -> (usize, bool) {
+        *buffer = *unit;
+        (1, true)
+    }
+
+    fn rate(line: &CanLine) -> u32 {
+        line.bit_rate
+    }
+}
+
+impl Translated for Stream {
+    type Owned = Vec<u8>;
+
+    fn from_python(unit: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
+        unit.extract()
+    }
+
+    fn to_python<'py>(py: Python<'py>, unit: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+        Ok(PyBytes::new(py, unit).into_any())
+    }
+
+    fn take(unit: &mut Vec<u8>, buffer: &mut [u8]) -> (usize, bool) {
+        let count = unit.len().min(buffer.len());
+        buffer[..count].copy_from_slice(&unit[..count]);
+        unit.drain(..count);
+        (count, unit.is_empty())
+    }
+
+    fn rate(line: &SerialLine) -> u32 {
+        line.baud
+    }
+}
+
+/// The link over an adapter.
+pub fn link(name: String, adapter: Py<PyAny>, medium: MediumKind) -> std::io::Result<AnyLink> {
+    Ok(match medium {
+        MediumKind::Can => AnyLink::Can(Box::new(Given::<Can>::new(name, adapter)?)),
+        MediumKind::Serial => AnyLink::Serial(Box::new(Given::<Stream>::new(name, adapter)?)),
+    })
+}
+
+impl<M: Translated> Given<M> {
+    fn new(name: String, adapter: Py<PyAny>) -> std::io::Result<Self> {
+        let adapter = Arc::new(Outside::from(adapter));
+        let arrived = Arc::new(Arrived::<M> {
+            units: Mutex::default(),
+            waker: Waker::new()?,
+            lost: AtomicBool::new(false),
+            ended: AtomicBool::new(false),
+        });
+        let (reads, puts) = (Arc::clone(&adapter), Arc::clone(&arrived));
+        thread::Builder::new()
+            .name(format!("reads {name}"))
+            .spawn(move || Python::attach(|py| puts.fill(py, &reads)))?;
+        Ok(Self { name, adapter, arrived })
+    }
+}
+
+impl<M: Translated> Arrived<M> {
+    /// Reads until the link is closed or lost.
+    fn fill(&self, py: Python<'_>, adapter: &Adapter) {
+        while !self.ended.load(Ordering::Acquire) {
+            match adapter.call_method0(py, "receive").and_then(|unit| {
+                let unit = unit.bind(py);
+                if unit.is_none() { Ok(None) } else { M::from_python(unit).map(Some) }
+            }) {
+                Ok(None) => {}
+                Ok(Some(unit)) => {
+                    let mut units = self.units.lock().unwrap_or_else(PoisonError::into_inner);
+                    if units.len() < WAITING_MAX {
+                        units.push_back((clock::now(), unit));
+                    }
+                    drop(units);
+                    self.waker.wake();
+                }
+                Err(_) => {
+                    self.lost.store(true, Ordering::Release);
+                    self.waker.wake();
+                    return;
+                }
+            }
+        }
+        let _ = adapter.call_method0(py, "close");
+    }
+}
+
+impl<M: Translated> Link<M> for Given<M> {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+
+    fn send(&self, unit: &M::Unit) -> Result<(), LinkError> {
+        let sent = Python::attach(|py| {
+            let unit = M::to_python(py, unit)?;
+            self.adapter.call_method1(py, "send", (unit,)).map(drop)
+        });
+        sent.map_err(|_| LinkError::gone(&self.name))
+    }
+
+    fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError> {
+        loop {
+            let mut units = self.arrived.units.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some((at, unit)) = units.front_mut() {
+                let at = *at;
+                let (len, all) = M::take(unit, buffer);
+                if all {
+                    units.pop_front();
+                }
+                return Ok(Received::Bytes { len, at });
+            }
+            drop(units);
+            if self.arrived.lost.load(Ordering::Acquire) {
+                return Err(LinkError::gone(&self.name));
+            }
+            if !self.arrived.waker.wait(until) {
+                return Ok(Received::TimedOut);
+            }
+            let units = self.arrived.units.lock().unwrap_or_else(PoisonError::into_inner);
+            if units.is_empty() && !self.arrived.lost.load(Ordering::Acquire) {
+                return Ok(Received::Woken);
+            }
+        }
+    }
+
+    fn set_line(&self, line: M::Line) -> Result<(), LinkError> {
+        let set =
+            Python::attach(|py| self.adapter.call_method1(py, "line", (M::rate(&line),)).map(drop));
+        set.map_err(|_| LinkError::gone(&self.name))
+    }
+
+    fn waker(&self) -> Waker {
+        self.arrived.waker.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.name.clone()
+    }
+}
+
+impl<M: Translated> Drop for Given<M> {
+    fn drop(&mut self) {
+        self.arrived.ended.store(true, Ordering::Release);
+    }
+}
