@@ -224,20 +224,23 @@ impl Canopen {
         }
     }
 
-    /// Who looks who is there is not told that nobody is.
+    /// Who looks who is there is not told that nobody is, and who asks on is told once.
     fn hush(&mut self, node: u8, before: usize, notices: &mut Vec<Notice>) {
         if notices.len() == before {
             return;
         }
-        let missing = |notice: &Notice| {
-            matches!(notice, Notice::Odd(Odd { kind: Oddity::Unanswered | Oddity::Retry, .. }))
-        };
         let mut at = before;
         while at < notices.len() {
-            if missing(&notices[at]) && !self.node(node).unanswered() {
-                notices.remove(at);
-            } else {
-                at += 1;
+            let given_up = match &notices[at] {
+                Notice::Odd(Odd { kind: Oddity::Unanswered, .. }) => Some(true),
+                Notice::Odd(Odd { kind: Oddity::Retry, .. }) => Some(false),
+                _ => None,
+            };
+            match given_up {
+                Some(given_up) if !self.node(node).unanswered(given_up) => {
+                    notices.remove(at);
+                }
+                _ => at += 1,
             }
         }
     }
@@ -389,7 +392,7 @@ impl Canopen {
         let Some(bytes) = service(heard.raw.bytes) else { return };
         let place = (heard.number, heard.time);
         let id = self.channels[at].node;
-        self.node(id).hear(true, notices);
+        self.node(id).answered(notices);
         let channel = &mut self.channels[at];
         let part = channel.reply(bytes, place, self.followed, notices);
         let moved = heard.raw.id != Some(u32::from(cob::SDO_REPLY | u16::from(id)));

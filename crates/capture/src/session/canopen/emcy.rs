@@ -32,6 +32,8 @@ pub(super) struct Words {
     pub text: &'static str,
     cause: &'static str,
     remedy: &'static str,
+    /// They are the drive's, not the standard's.
+    own: bool,
     /// The drive was concluded from the form of the frame.
     pub inferred: bool,
 }
@@ -42,6 +44,7 @@ impl Words {
         text: "a fault that the drive did not name",
         cause: "",
         remedy: "",
+        own: false,
         inferred: false,
     };
 
@@ -53,8 +56,10 @@ impl Words {
         let book = if inferred { usual() } else { own };
         let known = book.and_then(|book| book.faults.iter().find(|fault| fault.code == code));
         match known {
-            Some(Known { text, cause, remedy, .. }) => Self { text, cause, remedy, inferred },
-            None => Self { text: class(code as u16), cause: "", remedy: "", inferred: false },
+            Some(Known { text, cause, remedy, .. }) => {
+                Self { text, cause, remedy, own: true, inferred }
+            }
+            None => Self { text: class(code as u16), ..Self::UNNAMED },
         }
     }
 
@@ -80,10 +85,12 @@ impl Faults {
         notices: &mut Vec<Notice>,
     ) {
         self.storm(node, now, notices);
+        // All of 00xxh takes faults back; of drives with numbers of their own, 0000h alone.
+        let gone = if words.own { 0 } else { 0xFF };
         match (emergency.code, emergency.register) {
-            (0..=0xFF, 0) => self.clear(node, notices),
-            (0..=0xFF, _) => self.clear_last(node, notices),
-            (code, _) => self.open(node, code.into(), words, notices),
+            (code, _) if code > gone => self.open(node, code.into(), words, notices),
+            (_, 0) => self.clear(node, notices),
+            _ => self.clear_last(node, notices),
         }
     }
 

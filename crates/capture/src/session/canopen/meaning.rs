@@ -73,7 +73,9 @@ impl Book<'_> {
             };
             let source = profile.signals.iter().find(whole);
             let word = source.and_then(|source| word(source.signal));
-            return word.unwrap_or(profile.parameters[usize::from(id.0)].name);
+            // Profiles have no signal for it.
+            let torque = (object == TARGET_TORQUE).then_some("Setpoint/Torque");
+            return word.or(torque).unwrap_or(profile.parameters[usize::from(id.0)].name);
         }
         let known = STANDARD.iter().find(|(known, _)| *known == index && sub == 0);
         match (known, say::name(object, self.profile)) {
@@ -121,6 +123,8 @@ const fn word(signal: Signal) -> Option<Name> {
         _ => return None,
     })
 }
+
+const TARGET_TORQUE: Object = Object::new(0x6071, 0);
 
 /// What CiA 402's objects are, where no profile says.
 const STANDARD: [(u16, Name); 11] = [

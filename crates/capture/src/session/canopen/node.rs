@@ -42,6 +42,8 @@ pub(super) struct Node {
     /// It said something since it started.
     used: bool,
     unheard: u8,
+    /// That it does not answer was told.
+    lost: bool,
     state: Option<State>,
     before: Option<State>,
     flips: u8,
@@ -72,6 +74,7 @@ impl Node {
             only_beats: true,
             used: false,
             unheard: 0,
+            lost: false,
             state: None,
             before: None,
             flips: 0,
@@ -99,11 +102,21 @@ impl Node {
         }
     }
 
-    /// Something sent to it had no answer. Whether that is told: of a node that was never heard only
-    /// when it was asked again and again.
-    pub fn unanswered(&mut self) -> bool {
-        self.unheard = self.unheard.saturating_add(1);
-        self.heard || self.unheard == UNHEARD_MAX
+    /// A request had no answer, or was sent again. Whether that is told: once until it answers, and
+    /// of a node that was never heard only when it was asked again and again.
+    pub fn unanswered(&mut self, given_up: bool) -> bool {
+        let first = !self.lost;
+        if given_up {
+            self.unheard = self.unheard.saturating_add(1);
+            self.lost = true;
+        }
+        if self.heard { first } else { given_up && self.unheard == UNHEARD_MAX }
+    }
+
+    /// It answered a request.
+    pub fn answered(&mut self, notices: &mut Vec<Notice>) {
+        self.lost = false;
+        self.hear(true, notices);
     }
 
     /// It is asked for its state.

@@ -186,6 +186,21 @@ fn silence_is_told_when_the_time_is_over() {
 }
 
 #[test]
+fn who_does_not_answer_any_more_is_told_once() {
+    let mut bus = Bus::default();
+    bus.read(WORD, 0, 2);
+    for _ in 0..5 {
+        bus.ask(Request::Read(NAME)).wait(300).ask(Request::Read(NAME)).wait(1500);
+    }
+    let told = bus.told();
+    assert_eq!(told.odds(), [Oddity::Retry, Oddity::Unanswered]);
+    assert_eq!(told.exchanges().len(), 6);
+    bus.read(WORD, 0, 2).ask(Request::Read(NAME)).wait(1500).say(0x80, &[]);
+    let odds = bus.told().odds();
+    assert_eq!(odds, [Oddity::Retry, Oddity::Unanswered, Oddity::Unanswered]);
+}
+
+#[test]
 fn storing_may_take_its_time() {
     let mut bus = Bus::default();
     let store = Object::new(0x1010, 1);
