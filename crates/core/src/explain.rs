@@ -1,7 +1,11 @@
 //! Explaining a frame to people: fields with names, byte ranges and meanings, into a sink.
 
+mod talk;
+
 use crate::error::WireError;
 use crate::profile::{Parameter, Profile};
+
+pub use talk::{Awaits, Label, Owed, Place, Reading, Talk, Turn, What};
 
 /// Who sent the bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -21,6 +25,8 @@ pub struct Context<'a> {
     pub request: Option<&'a [u8]>,
     /// The product's tables, for names.
     pub profile: Option<&'static Profile>,
+    /// Nobody stated the profile: it is a usual drive's, and its names say so where drives differ.
+    pub assumed: bool,
     /// CAN identifier, for frames.
     pub id: Option<u32>,
     /// True for a CAN identifier of 29 bits.
@@ -84,6 +90,10 @@ pub trait Sink {
     fn text(&mut self, piece: &str);
     /// What the frame breaks. Fields found so far stand.
     fn error(&mut self, error: WireError);
+    /// A value that the frame carries. Whose it is, [`axis`](Self::axis) says.
+    fn reading(&mut self, reading: Reading<'_>) {
+        let _ = reading;
+    }
 }
 
 /// Where, at the head of some bytes, a frame ends.
@@ -264,5 +274,31 @@ pub trait Dissector: Sync {
     fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
         let _ = (frame, request);
         false
+    }
+    /// What a frame is in its conversation. By default nothing is known of it.
+    fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
+        let _ = (frame, talk);
+        Turn::Aside
+    }
+    /// Why an answer refuses its request; `None` where it does not.
+    fn refuses(&self, answer: &Raw<'_>, request: &Raw<'_>) -> Option<&'static str> {
+        let _ = (answer, request);
+        None
+    }
+    /// Whether a request, once it is answered, decides how its axis answers later ones.
+    fn forms(&self, request: &Raw<'_>) -> bool {
+        let _ = request;
+        false
+    }
+    /// Whether an answer shows that its drive has forgotten what `talk` says it was told: it
+    /// started again.
+    fn restarted(&self, answer: &Raw<'_>, request: &Raw<'_>, talk: &Talk<'_>) -> bool {
+        let _ = (answer, request, talk);
+        false
+    }
+    /// Where a request stands in a sequence that counts.
+    fn place(&self, request: &Raw<'_>) -> Option<Place> {
+        let _ = request;
+        None
     }
 }

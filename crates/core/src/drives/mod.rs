@@ -103,3 +103,12 @@ pub fn usual(dissector: &dyn Dissector) -> Option<&'static Profile> {
     let named = dissector.speaks_in_names();
     profiles().iter().filter(|_| named).find(speaks).copied()
 }
+
+/// The profile whose names explain an unknown drive's frames: its protocol's first. Drives differ,
+/// so what is explained by it should say so.
+#[must_use]
+pub fn assumed(dissector: &dyn Dissector) -> Option<&'static Profile> {
+    let language = dissector.language();
+    let speaks = |profile: &&&Profile| language.starts_with(profile.protocol);
+    profiles().iter().find(speaks).copied()
+}

@@ -5,6 +5,9 @@
 
 mod cut;
 mod say;
+mod talk;
+
+use core::cell::Cell;
 
 use super::encoding::{decode, registers};
 use super::text;
@@ -12,8 +15,8 @@ use super::wire::{Exception, Format, Function, PDU_MAX, ReplyPdu, RequestPdu, Sp
 use super::{ascii, rtu};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Sink, TextError,
-    Value,
+    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Raw, Sink, Talk,
+    TextError, Turn, Value,
 };
 use crate::profile::{Encoding, Parameter, Profile};
 use say::{decimal, hexadecimal, scaled};
@@ -114,6 +117,18 @@ impl Dissector for ModbusDissector {
             exception => Some(exception.text()),
         }
     }
+
+    fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
+        self.replies(frame, request)
+    }
+
+    fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
+        self.taken(frame, talk)
+    }
+
+    fn refuses(&self, answer: &Raw<'_>, _: &Raw<'_>) -> Option<&'static str> {
+        self.refused(answer)
+    }
 }
 
 /// The request PDU that a text means; its data is put into `data`.
@@ -210,9 +225,16 @@ fn whole(
         sink.axis(u32::from(*unit));
         let everyone = if *unit == 0 { "broadcast" } else { "" };
         place.field(sink, "address", 0..1, Value::Int(i64::from(*unit)), everyone);
-        let teller = Teller { place, profile: context.profile };
+        let doubt = Cell::new(false);
+        let teller = Teller { place, profile: context.profile, named: &doubt };
         let asked = request.filter(|(asked, _)| asked == unit).map(|(_, pdu)| pdu);
         let wrong = teller.pdu(pdu, context.direction, asked, sink);
+        // Names of a drive that nobody stated are marked with whose they are.
+        if let Some(profile) = context.profile.filter(|_| context.assumed && doubt.get()) {
+            sink.text(" (");
+            sink.text(profile.name);
+            sink.text("?)");
+        }
         error = error.or(wrong.map(shifted));
         check(place, body, len, error, sink);
     } else {
@@ -250,12 +272,14 @@ fn shifted(error: WireError) -> WireError {
 }
 
 /// Tells a PDU in fields and words.
-struct Teller {
+struct Teller<'a> {
     place: Place,
     profile: Option<&'static Profile>,
+    /// The line of text has a name of the profile.
+    named: &'a Cell<bool>,
 }
 
-impl Teller {
+impl Teller<'_> {
     fn pdu(
         &self,
         pdu: &[u8],
@@ -283,6 +307,7 @@ impl Teller {
     }
 
     fn request(&self, request: &RequestPdu<'_>, sink: &mut dyn Sink) {
+        talk::told(request, self.profile, sink);
         match *request {
             RequestPdu::Read { space, start, count } => {
                 self.start_count(start, count, sink);
@@ -360,6 +385,7 @@ impl Teller {
             Some(RequestPdu::Read { space: wanted, start, count })
                 if wanted == space && data.len() == space.reply_bytes(count) =>
             {
+                talk::found((space, start, count), data, self.profile, sink);
                 if space.is_bits() {
                     // A TS drive answers a read of one line with all of them (TS manual V2 §2.3).
                     let shown = if count == 1 { 8 } else { count };
@@ -445,6 +471,7 @@ impl Teller {
         let mut covered = 1;
         match self.parameter(space, start) {
             Some(parameter) => {
+                self.named.set(true);
                 sink.text(parameter.symbol);
                 sink.text(" ");
                 sink.text(parameter.name);

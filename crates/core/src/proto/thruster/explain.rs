@@ -4,6 +4,8 @@
 //! mapped values can have any bytes. So these identifiers are claimed as shared: a capture is
 //! explained so where somebody says whose they are (`--as thruster@11`).
 
+mod talk;
+
 use super::fault;
 use super::readings::Readings;
 use super::rules::{self, ends};
@@ -13,8 +15,8 @@ use super::wire::{
 };
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Raw, Sink,
-    TextError, Value,
+    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Raw, Sink, Talk,
+    TextError, Turn, Value,
 };
 use crate::profile::Profile;
 
@@ -52,11 +54,10 @@ impl Dissector for ThrusterDissector {
                 return sink.error(WireError::Identifier { found });
             }
         }
-        let readings = readings(context.profile);
         if matches!(place, Some(Ok(_))) {
-            request(bytes, readings, sink);
+            request(bytes, context.profile, sink);
         } else {
-            heard(bytes, context.request, readings, sink);
+            heard(bytes, context.request, context.profile, sink);
         }
     }
 
@@ -121,7 +122,23 @@ impl Dissector for ThrusterDissector {
         let Request { command, sub, .. } = asked;
         sink.axis(id.into());
         let echo = Reply { command, sub, data }.frame(id);
-        heard(echo.bytes(), Some(request.bytes), readings(addressing.profile), sink);
+        heard(echo.bytes(), Some(request.bytes), addressing.profile, sink);
+    }
+
+    fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
+        talk::turn(frame, talk)
+    }
+
+    fn refuses(&self, answer: &Raw<'_>, request: &Raw<'_>) -> Option<&'static str> {
+        talk::refuses(answer, request)
+    }
+
+    fn forms(&self, request: &Raw<'_>) -> bool {
+        talk::forms(request)
+    }
+
+    fn restarted(&self, answer: &Raw<'_>, request: &Raw<'_>, talk: &Talk<'_>) -> bool {
+        talk::restarted(answer, request, talk)
     }
 }
 
@@ -157,7 +174,8 @@ fn warning(said: &Said) -> &'static str {
     }
 }
 
-fn request(bytes: &[u8], readings: Readings, sink: &mut dyn Sink) {
+fn request(bytes: &[u8], profile: Option<&'static Profile>, sink: &mut dyn Sink) {
+    let readings = readings(profile);
     let request = match Request::parse(bytes) {
         Ok(request) => request,
         Err(error) => return broken(error, sink),
@@ -165,6 +183,7 @@ fn request(bytes: &[u8], readings: Readings, sink: &mut dyn Sink) {
     let Some((_, meaning)) = request.command.known() else { return foreign(bytes, sink) };
     sink.kind(request.command.letters().as_str());
     head(request.command, request.sub, meaning, sink);
+    talk::told(&request, profile, sink);
     if let Some(data) = request.data {
         value(request.command, request.sub, data, readings, sink);
     }
@@ -200,7 +219,13 @@ fn broken(error: WireError, sink: &mut dyn Sink) {
     sink.error(error);
 }
 
-fn heard(bytes: &[u8], request: Option<&[u8]>, readings: Readings, sink: &mut dyn Sink) {
+fn heard(
+    bytes: &[u8],
+    request: Option<&[u8]>,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn Sink,
+) {
+    let readings = readings(profile);
     let heard = match Heard::parse(bytes) {
         Ok(heard) => heard,
         Err(error) => return broken(error, sink),
@@ -222,6 +247,7 @@ fn heard(bytes: &[u8], request: Option<&[u8]>, readings: Readings, sink: &mut dy
         Heard::Report(report) => show_report(report, readings, sink),
         Heard::Bare(bare) => show_bare(bare, sink),
     }
+    talk::found(&heard, asked, profile, sink);
     text::write_heard(&heard, asked, readings, &mut |piece| sink.text(piece));
     if let Heard::Reply(reply) = heard
         && let Some(remark) = remark(&reply, asked)

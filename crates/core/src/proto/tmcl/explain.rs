@@ -1,15 +1,17 @@
 //! Datagrams for people: where one ends in a stream, what its fields are, what it means.
 
+mod talk;
+
 use super::ascii;
 use super::opcode::{Opcode, Status};
 use super::text::{self, Decimal};
 use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionText, checksum};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Sink, TextError,
-    Value, Via,
+    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Raw, Reading,
+    Sink, Talk, TextError, Turn, Value, Via,
 };
-use crate::profile::Profile;
+use crate::profile::{Parameter, Profile};
 
 /// TMCL in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
@@ -89,6 +91,22 @@ impl Dissector for TmclDissector {
         let status = Status::from(u8::try_from(code).ok()?);
         (!status.text().is_empty()).then(|| status.text())
     }
+
+    fn asks(&self, frame: &Raw<'_>) -> bool {
+        frame.id.is_none_or(|id| !talk::is_can_reply(frame.bytes, id))
+    }
+
+    fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
+        talk::answers(frame, request)
+    }
+
+    fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
+        talk::turn(frame, talk)
+    }
+
+    fn refuses(&self, answer: &Raw<'_>, _: &Raw<'_>) -> Option<&'static str> {
+        talk::refuses(answer)
+    }
 }
 
 /// The length of a line of ASCII mode at the head of `bytes`.
@@ -165,7 +183,7 @@ fn serial(bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
     } else {
         let request = unchecked_request(&whole);
         byte(sink, "address", 0, request.address, "");
-        show_request(&request, 1, context.profile, sink);
+        show_request(&request, 1, context, sink);
     }
     if have == DATAGRAM {
         byte(sink, "checksum", 8, whole[8], "");
@@ -178,7 +196,7 @@ fn serial(bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
 fn can(data: &[u8], id: u32, context: &Context<'_>, sink: &mut dyn Sink) {
     let reply = match context.direction {
         Some(direction) => direction == Direction::ToHost,
-        None => context.request.is_some() || id == u32::from(HOST),
+        None => context.request.is_some() || talk::is_can_reply(data, id),
     };
     let text = VersionText::parse_can(data, HOST);
     if let Ok(version) = text
@@ -195,7 +213,7 @@ fn can(data: &[u8], id: u32, context: &Context<'_>, sink: &mut dyn Sink) {
         }
     } else {
         match Request::parse_can(data, id as u8) {
-            Ok(request) => show_request(&request, 0, context.profile, sink),
+            Ok(request) => show_request(&request, 0, context, sink),
             Err(error) => broken(error, sink),
         }
     }
@@ -218,7 +236,8 @@ fn line(bytes: &[u8], sink: &mut dyn Sink) {
     match ascii::Command::parse(line) {
         Some((address, ascii::Command::Request(request))) => {
             byte(sink, "address", 0, address, "");
-            show_request(&request, 1, None, &mut Present { sink, have: end, text: true });
+            let sink = &mut Present { sink, have: end, text: true };
+            show_request(&request, 1, &Context::default(), sink);
         }
         Some((address, ascii::Command::Binary)) => {
             sink.kind("BIN");
@@ -256,6 +275,9 @@ impl Sink for Present<'_> {
     }
     fn error(&mut self, error: WireError) {
         self.sink.error(error);
+    }
+    fn reading(&mut self, reading: Reading<'_>) {
+        self.pass(reading);
     }
 }
 
@@ -303,17 +325,12 @@ fn kind(sink: &mut dyn Sink, opcode: Opcode) {
     sink.kind(if opcode.is_named() { opcode.word() } else { "unknown opcode" });
 }
 
-fn show_request(
-    request: &Request,
-    at: u16,
-    profile: Option<&'static Profile>,
-    sink: &mut dyn Sink,
-) {
+fn show_request(request: &Request, at: u16, context: &Context<'_>, sink: &mut dyn Sink) {
     let opcode = request.opcode;
     kind(sink, opcode);
     sink.axis(request.address.into());
     byte(sink, "opcode", at, opcode.number(), opcode.text());
-    let name = parameter_name(request, profile).unwrap_or("");
+    let name = parameter_of(request, context.profile).map_or("", |parameter| parameter.name);
     let word = text::Shape::of(opcode).word(request.kind).unwrap_or(name);
     byte(sink, "type", at + 1, request.kind, word);
     byte(sink, "motor", at + 2, request.motor, "");
@@ -328,6 +345,17 @@ fn show_request(
         sink.text(" \"");
         sink.text(name);
         sink.text("\"");
+        doubt(context, sink);
+    }
+    talk::told(request, context.profile, sink);
+}
+
+/// Names of a drive that nobody stated are marked with whose they are.
+fn doubt(context: &Context<'_>, sink: &mut dyn Sink) {
+    if let Some(profile) = context.profile.filter(|_| context.assumed) {
+        sink.text(" (");
+        sink.text(profile.name);
+        sink.text("?)");
     }
 }
 
@@ -343,13 +371,17 @@ fn show_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn Sink
     byte(sink, "opcode", at + 2, reply.opcode.number(), reply.opcode.text());
     let value = Value::Int(reply.value.into());
     sink.field(Field { name: "value", start: at + 3, end: at + 7, value, meaning: "" });
-    let name = asked.filter(|asked| asked.opcode == reply.opcode);
-    let name = name.and_then(|asked| parameter_name(&asked, context.profile));
+    let named = asked.filter(|asked| asked.opcode == reply.opcode);
+    let name = named.and_then(|asked| parameter_of(&asked, context.profile)).map(|p| p.name);
+    if let Some(asked) = named {
+        talk::found(&asked, reply, context.profile, sink);
+    }
     match (reply.status, name) {
         (Status::Ok, Some(name)) => {
             sink.text(name);
             sink.text(" = ");
             number(sink, reply.value.into());
+            doubt(context, sink);
         }
         (status, _) if !status.is_named() => {
             sink.text("unknown status ");
@@ -392,8 +424,11 @@ fn show_version(version: &VersionText, at: u16, sink: &mut dyn Sink) {
     sink.text(text);
 }
 
-/// What the profile calls the parameter that a request is about.
-fn parameter_name(request: &Request, profile: Option<&'static Profile>) -> Option<&'static str> {
+/// The parameter that a request is about, where the profile has it.
+fn parameter_of(
+    request: &Request,
+    profile: Option<&'static Profile>,
+) -> Option<&'static Parameter> {
     use Opcode as O;
     let space = match request.opcode {
         O::Sap | O::Gap | O::Stap | O::Rsap | O::Aap => 0,
@@ -401,6 +436,5 @@ fn parameter_name(request: &Request, profile: Option<&'static Profile>) -> Optio
         _ => return None,
     };
     let index = u16::from(request.kind);
-    let mut parameters = profile?.parameters.iter();
-    parameters.find(|p| p.space == space && p.index == index).map(|p| p.name)
+    profile?.parameters.iter().find(|p| p.space == space && p.index == index)
 }

@@ -6,6 +6,7 @@ mod layout;
 mod names;
 mod register;
 mod say;
+mod talk;
 
 use super::online::Online;
 use super::rules::{self, Rule, Wire};
@@ -14,7 +15,8 @@ use super::wire::{IdCode, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Raw, Sink, TextError, Via,
+    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Place, Raw, Sink, Talk,
+    TextError, Turn, Via,
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, Profile};
@@ -95,7 +97,10 @@ impl Dissector for TmlDissector {
         }
         let request = self.request(context);
         match self.open(&raw) {
-            Ok(said) => say::message(&said, request.as_ref(), context.profile, sink),
+            Ok(said) => {
+                say::message(&said, request.as_ref(), context.profile, sink);
+                talk::value(&said, context.profile, sink);
+            }
             Err((error, said)) => {
                 match said {
                     Some(said) => say::message(&said, None, context.profile, sink),
@@ -170,6 +175,19 @@ impl Dissector for TmlDissector {
     fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
         let (Ok(said), Ok(asked)) = (self.open(frame), self.open(request)) else { return false };
         answers(&said, &asked)
+    }
+
+    fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
+        let serial = self.0 == Encapsulation::Serial;
+        if let (true, &[byte]) = (serial, frame.bytes) {
+            let acks = byte == ACK && talk.direction != Some(Direction::ToDrive);
+            return if acks { Turn::Acknowledges } else { Turn::Aside };
+        }
+        self.open(frame).map_or(Turn::Aside, |said| talk::turn(&said, serial, talk.direction))
+    }
+
+    fn place(&self, request: &Raw<'_>) -> Option<Place> {
+        talk::place(&self.open(request).ok()?)
     }
 }
 

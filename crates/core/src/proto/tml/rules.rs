@@ -170,3 +170,15 @@ pub const fn is_request(opcode: u16) -> bool {
         || matches!(opcode, 0xD600 | 0xD801) // PING, GETVERSION
         || opcode & 0xFF9F == 0xDA10 // checksums, of each memory
 }
+
+/// After these a drive does not answer where it was: RESET, AXISID, baud and bit rates.
+#[must_use]
+pub(super) const fn leaves(opcode: u16) -> bool {
+    matches!(opcode, 0x0402 | 0x0801 | 0x0901 | 0x0820 | 0x0920 | 0x0804)
+}
+
+/// Whether an instruction of this opcode sets the motion's mode (MCR).
+#[must_use]
+pub(super) const fn sets_mode(opcode: u16) -> bool {
+    opcode == 0x5909
+}

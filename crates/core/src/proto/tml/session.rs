@@ -17,7 +17,7 @@ mod recovery;
 
 use super::ask::{self, Answer, Ask, MASTERID, SRL, With, assigned, assignment, give_me_data};
 use super::online::Online;
-use super::rules::{Rule, Wire};
+use super::rules::{Rule, Wire, leaves};
 use super::serial::FRAME_MIN;
 use super::wire::{IdCode, Instruction, Message};
 use crate::error::Failure;
@@ -662,11 +662,6 @@ const TWINS: Failure = Failure::NotReady {
 fn is_for_many(pending: &Pending) -> bool {
     let to = pending.ask.message.to;
     to.group || to.id == 0
-}
-
-/// After these a drive does not answer where it was: RESET, AXISID, baud and bit rates.
-const fn leaves(opcode: u16) -> bool {
-    matches!(opcode, 0x0402 | 0x0801 | 0x0901 | 0x0820 | 0x0920 | 0x0804)
 }
 
 /// A request with the sender's ID code in its place.
