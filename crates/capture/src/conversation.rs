@@ -51,6 +51,11 @@ impl Conversation {
         said.or(last)
     }
 
+    /// The last request, while nothing followed it.
+    pub(crate) fn open(&self) -> Option<Raw<'_>> {
+        self.requests.back().filter(|_| self.replies == 0).map(Asked::raw)
+    }
+
     /// Takes a request.
     pub(crate) fn ask(&mut self, request: &Raw<'_>) {
         let full = self.requests.len() == REQUESTS_MAX;

@@ -4,7 +4,7 @@ use core::fmt;
 
 use polepair_core::drives;
 use polepair_core::error::WireError;
-use polepair_core::explain::{Context, Direction, Raw};
+use polepair_core::explain::{Context, Direction, Raw, Talk};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
@@ -341,18 +341,25 @@ impl Decoder {
         let Place { origin: Origin { time, at }, direction, glued } = place;
         let rule = rules.get(piece.rule);
         let whole = piece.shape == Shape::Frame;
+        let raw = Raw { bytes, ..Raw::default() };
+        // Where the capture does not say who speaks, the frame may.
+        let direction = direction.or_else(|| {
+            let talk = Talk { open: conversation.open(), ..Talk::default() };
+            rule.filter(|_| whole)?.dissector.turn(&raw, &talk).speaker()
+        });
         let reply = direction == Some(Direction::ToHost);
         let echo = whole && reply && conversation.is_echo(bytes, glued);
         let speaker = if echo { Some(Direction::ToDrive) } else { direction };
-        let raw = Raw { bytes, ..Raw::default() };
         let answered = rule.filter(|_| reply && !echo);
         let request = answered.and_then(|rule| conversation.request(rule.dissector, &raw));
-        let usual = rule.and_then(|rule| drives::usual(rule.dissector));
-        let profile = rule.and_then(|rule| spoken(self.profile, rule)).or(usual);
+        let stated = rule.and_then(|rule| spoken(self.profile, rule));
+        let usual = || drives::assumed(rule?.dissector);
+        let profile = stated.or_else(usual);
         let context = Context {
             direction: speaker,
             request: request.map(|request| request.bytes),
             profile,
+            assumed: stated.is_none(),
             ..Context::default()
         };
         self.explained.clear();
@@ -374,9 +381,10 @@ impl Decoder {
                 remote: false,
                 echo,
                 wrong,
+                stray: piece.shape == Shape::Junk,
                 dissector: rule.dissector,
                 profile,
-                stated: self.profile.is_some(),
+                stated: stated.is_some(),
             };
             session.take(&heard, &mut self.explained, &mut self.notices);
         }
@@ -384,7 +392,7 @@ impl Decoder {
             number: self.count,
             time,
             link: name,
-            direction,
+            direction: place.direction,
             protocol: rule.map(|rule| rule.dissector.name()),
             bytes,
             id: None,
@@ -417,6 +425,7 @@ impl Decoder {
         let wrong = self.explained.error.map(Wrong::Wire);
         self.notices.clear();
         if let Some(rule) = rule.filter(|_| self.follows) {
+            let stated = spoken(self.profile, rule);
             let heard = Heard {
                 number: self.count,
                 time: record.time,
@@ -425,9 +434,10 @@ impl Decoder {
                 remote: frame.remote,
                 echo: false,
                 wrong,
+                stray: false,
                 dissector: rule.dissector,
-                profile: spoken(self.profile, rule).or_else(|| drives::usual(rule.dissector)),
-                stated: self.profile.is_some(),
+                profile: stated.or_else(|| drives::assumed(rule.dissector)),
+                stated: stated.is_some(),
             };
             session.take(&heard, &mut self.explained, &mut self.notices);
         }
@@ -506,10 +516,12 @@ fn explain_frame<'r>(
     let mut explain = |rule: &Rule, explained: &mut Explained| {
         let asks = rule.dissector.asks(&raw);
         let request = if asks { None } else { conversation.request(rule.dissector, &raw) };
+        let stated = spoken(context.profile, rule);
         let context = Context {
             request: request.map(|request| request.bytes),
             request_id: request.and_then(|request| request.id),
-            profile: spoken(context.profile, rule).or_else(|| drives::usual(rule.dissector)),
+            profile: stated.or_else(|| drives::assumed(rule.dissector)),
+            assumed: stated.is_none(),
             ..*context
         };
         explained.clear();

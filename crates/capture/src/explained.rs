@@ -1,7 +1,10 @@
 //! What a dissector found in one frame, kept in buffers that are used again for the next.
 
 use polepair_core::error::WireError;
-use polepair_core::explain::{Field, Sink, Value};
+use polepair_core::explain::{Field, Reading, Sink, Value, What};
+use polepair_core::profile::Parameter;
+
+use crate::session::{Name, name};
 
 /// The kind of a CAN FD frame.
 pub(crate) const CAN_FD: &str = "can-fd";
@@ -23,6 +26,26 @@ pub struct Explained {
     pub error: Option<WireError>,
     items: Vec<Stored>,
     bytes: Vec<u8>,
+    readings: Vec<Told>,
+}
+
+/// A value that the frame carries.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Told {
+    pub of: Of,
+    /// The integer on the wire.
+    pub raw: i64,
+    /// The host tells the drive.
+    pub written: bool,
+    /// Which motor of the axis' address.
+    pub part: u8,
+}
+
+/// What a value is of.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Of {
+    Parameter(&'static Parameter),
+    Word(Name),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -82,6 +105,12 @@ impl Explained {
         self.error = None;
         self.items.clear();
         self.bytes.clear();
+        self.readings.clear();
+    }
+
+    /// The values that the frame carries.
+    pub(crate) fn readings(&self) -> &[Told] {
+        &self.readings
     }
 
     /// Forgets the fields: somebody knows better what the bytes are.
@@ -158,5 +187,14 @@ impl Sink for Explained {
 
     fn error(&mut self, error: WireError) {
         self.error.get_or_insert(error);
+    }
+
+    fn reading(&mut self, reading: Reading<'_>) {
+        let Reading { what, raw, written, part } = reading;
+        let of = match what {
+            What::Parameter(parameter) => Of::Parameter(parameter),
+            What::Named(word) => Of::Word(name(word)),
+        };
+        self.readings.push(Told { of, raw, written, part });
     }
 }

@@ -210,6 +210,8 @@ macro_rules! oddities {
 oddities! {
     /// A request had no answer in time.
     Unanswered = "unanswered", 6;
+    /// A message was not acknowledged where its protocol does.
+    MissingAck = "missing-ack", 6;
     /// The same request again, before an answer.
     Retry = "retry", 4;
     /// An answer to a request that had been given up.
@@ -254,7 +256,6 @@ oddities! {
 
 /// A frame as a follower hears it.
 #[derive(Clone, Copy)]
-#[expect(dead_code, reason = "followers of single protocols look at what the usual one need not")]
 pub(crate) struct Heard<'a> {
     /// Its number in the capture, from 1.
     pub number: u64,
@@ -270,6 +271,8 @@ pub(crate) struct Heard<'a> {
     pub echo: bool,
     /// What is wrong with it.
     pub wrong: Option<Wrong>,
+    /// These bytes have not the shape of a frame.
+    pub stray: bool,
     /// Who explained it.
     pub dissector: &'static dyn Dissector,
     /// The drive whose names are used.

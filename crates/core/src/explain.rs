@@ -235,6 +235,10 @@ pub trait Dissector: Sync {
     fn speaks_in_names(&self) -> bool {
         false
     }
+    /// Whether a usual drive's names help to explain frames of one that nobody named.
+    fn assumes_names(&self) -> bool {
+        self.speaks_in_names()
+    }
     /// The language of the programs that its drives keep and run; `None` where there are none.
     fn programs(&self) -> Option<&'static dyn crate::program::Language> {
         None

@@ -110,5 +110,5 @@ pub fn usual(dissector: &dyn Dissector) -> Option<&'static Profile> {
 pub fn assumed(dissector: &dyn Dissector) -> Option<&'static Profile> {
     let language = dissector.language();
     let speaks = |profile: &&&Profile| language.starts_with(profile.protocol);
-    profiles().iter().find(speaks).copied()
+    profiles().iter().filter(|_| dissector.assumes_names()).find(speaks).copied()
 }

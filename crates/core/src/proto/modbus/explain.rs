@@ -118,6 +118,10 @@ impl Dissector for ModbusDissector {
         }
     }
 
+    fn assumes_names(&self) -> bool {
+        true
+    }
+
     fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
         self.replies(frame, request)
     }

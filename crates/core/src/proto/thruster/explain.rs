@@ -100,6 +100,10 @@ impl Dissector for ThrusterDissector {
         (code == REFUSED).then_some("refused: a fault, an output that is forbidden, or a bad value")
     }
 
+    fn assumes_names(&self) -> bool {
+        true
+    }
+
     fn asks(&self, frame: &Raw<'_>) -> bool {
         frame.id.and_then(node).is_some_and(|place| place.is_ok()) && !frame.extended
     }

@@ -92,6 +92,10 @@ impl Dissector for TmclDissector {
         (!status.text().is_empty()).then(|| status.text())
     }
 
+    fn assumes_names(&self) -> bool {
+        true
+    }
+
     fn asks(&self, frame: &Raw<'_>) -> bool {
         frame.id.is_none_or(|id| !talk::is_can_reply(frame.bytes, id))
     }

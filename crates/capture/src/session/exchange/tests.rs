@@ -1,0 +1,525 @@
+//! Planted faults and clean conversations of each protocol, frame by frame.
+
+use core::fmt::Write as _;
+
+use polepair_core::explain::{Addressing, Dissector as _};
+use polepair_core::medium::Frame;
+use polepair_core::proto::modbus::rtu;
+use polepair_core::proto::modbus::wire::{ReplyPdu, RequestPdu, Space};
+use polepair_core::proto::thruster::wire::{Command, Reply as Echo, Request as Order};
+use polepair_core::proto::tmcl::opcode::{Opcode, Status};
+use polepair_core::proto::tmcl::wire::{Reply, Request};
+use polepair_core::proto::tml::explain::{SERIAL, TMLCAN};
+use polepair_core::proto::tml::online::{Cell, Online};
+use polepair_core::proto::tml::serial;
+use polepair_core::proto::tml::wire::{IdCode, Message};
+
+use crate::session::{Notice, Outcome};
+use crate::{Decoder, Rules};
+
+/// A capture that is written line by line.
+#[derive(Default)]
+struct Tape {
+    text: String,
+    micros: u64,
+}
+
+impl Tape {
+    fn after(&mut self, ms: u64) -> &mut Self {
+        self.micros += ms * 1000;
+        self
+    }
+
+    fn line(&mut self, direction: char, bytes: &[u8]) -> &mut Self {
+        self.micros += 2000;
+        let (s, us) = (self.micros / 1_000_000, self.micros % 1_000_000);
+        let _ = write!(self.text, "({s}.{us:06}) tty {direction}");
+        for byte in bytes {
+            let _ = write!(self.text, " {byte:02X}");
+        }
+        self.text.push('\n');
+        self
+    }
+
+    fn ask(&mut self, bytes: &[u8]) -> &mut Self {
+        self.line('>', bytes)
+    }
+
+    fn answer(&mut self, bytes: &[u8]) -> &mut Self {
+        self.line('<', bytes)
+    }
+
+    fn can(&mut self, frame: &Frame) -> &mut Self {
+        self.micros += 2000;
+        let (s, us) = (self.micros / 1_000_000, self.micros % 1_000_000);
+        let digits = if frame.extended { 8 } else { 3 };
+        let _ = write!(self.text, "({s}.{us:06}) can0 {:0digits$X}#", frame.id);
+        for byte in frame.bytes() {
+            let _ = write!(self.text, "{byte:02X}");
+        }
+        self.text.push('\n');
+        self
+    }
+
+    /// What its conversations tell.
+    fn heard(&self, protocol: &str) -> Heard {
+        let mut decoder = Decoder::new(Rules::parse(protocol).expect("a protocol"));
+        let mut heard = Heard::default();
+        decoder.feed(self.text.as_bytes(), &mut |event| heard.take(event.notices));
+        decoder.finish(&mut |event| heard.take(event.notices));
+        decoder.ending(&mut |_, notices| heard.take(notices));
+        heard
+    }
+}
+
+/// Lets a tape be, that was written on.
+fn just(_: &mut Tape) {}
+
+/// What was told, as words.
+#[derive(Default, Debug)]
+struct Heard {
+    odd: Vec<String>,
+    ended: Vec<Outcome>,
+    retries: u16,
+    signals: Vec<String>,
+    faults: Vec<String>,
+    changes: Vec<String>,
+}
+
+impl Heard {
+    fn take(&mut self, notices: &[Notice]) {
+        for notice in notices {
+            match notice {
+                Notice::Odd(odd) => self.odd.push(odd.kind.word().to_owned()),
+                Notice::Exchange(exchange) => {
+                    self.ended.push(exchange.outcome);
+                    self.retries += exchange.retries;
+                }
+                Notice::Signal(signal) => self.signals.push(
+                    format!("{} {} = {} {}", signal.axis, signal.name, signal.value, signal.unit)
+                        .trim_end()
+                        .to_owned(),
+                ),
+                Notice::Fault(fault) => {
+                    let sign = if fault.gone { '-' } else { '+' };
+                    assert!(!fault.text.is_empty());
+                    self.faults.push(format!("{sign}{:04X}", fault.code));
+                }
+                Notice::Change(change) => {
+                    self.changes.push(format!("{} {}>{}", change.what, change.from, change.to));
+                }
+            }
+        }
+    }
+}
+
+fn gap(address: u8, kind: u8) -> Vec<u8> {
+    Request { address, opcode: Opcode::Gap, kind, motor: 0, value: 0 }.emit().to_vec()
+}
+
+fn reply(module: u8, opcode: Opcode, status: Status, value: i32) -> Vec<u8> {
+    Reply { host: 2, module, status, opcode, value }.emit().to_vec()
+}
+
+fn position(module: u8, value: i32) -> Vec<u8> {
+    reply(module, Opcode::Gap, Status::Ok, value)
+}
+
+/// A host that reads positions of axes 1 and 2, so often.
+fn polls(tape: &mut Tape, rounds: i32) {
+    for n in 0..rounds {
+        for axis in [1, 2] {
+            tape.after(10).ask(&gap(axis, 1)).answer(&position(axis, 100 * n));
+        }
+    }
+}
+
+#[test]
+fn a_clean_conversation_accuses_nobody() {
+    let mut tape = Tape::default();
+    polls(&mut tape, 20);
+    let heard = tape.heard("tmcl");
+    assert_eq!(heard.odd, [""; 0]);
+    assert_eq!(heard.ended, [Outcome::Done; 40]);
+    assert_eq!(heard.signals.len(), 40);
+    assert_eq!(heard.signals[3], "2 Actual/Position = 8.7890625 deg");
+}
+
+#[test]
+fn what_was_cut_off_accuses_nobody() {
+    let mut tape = Tape::default();
+    tape.answer(&position(7, 1)[4..]).answer(&position(9, 1));
+    polls(&mut tape, 3);
+    tape.ask(&gap(1, 1)).answer(&position(1, 5)[..3]);
+    assert_eq!(tape.heard("tmcl").odd, [""; 0]);
+}
+
+#[test]
+fn planted_in_tmcl() {
+    let planted = |plant: &dyn Fn(&mut Tape)| {
+        let mut tape = Tape::default();
+        polls(&mut tape, 8);
+        plant(&mut tape);
+        polls(&mut tape, 8);
+        tape.heard("tmcl").odd
+    };
+    let ask = gap(1, 1);
+    assert_eq!(
+        planted(&|t| just(t.ask(&ask).after(900).ask(&gap(1, 3)).answer(&position(1, 0)))),
+        ["unanswered"]
+    );
+    assert_eq!(
+        planted(&|t| just(t.ask(&ask).after(900).ask(&ask).answer(&position(1, 0)))),
+        ["retry"]
+    );
+    assert_eq!(planted(&|t| just(t.ask(&ask).after(400).answer(&position(1, 0)))), ["late-reply"]);
+    let again = |t: &mut Tape| {
+        t.ask(&ask).after(400).ask(&ask).answer(&position(1, 0)).answer(&position(1, 1));
+    };
+    assert_eq!(planted(&again), ["retry", "late-reply"]);
+    assert_eq!(planted(&|t| just(t.answer(&position(5, 0)))), ["foreign-reply"]);
+    let twice = |t: &mut Tape| just(t.ask(&ask).answer(&position(1, 9)).answer(&position(1, 9)));
+    assert_eq!(planted(&twice), ["duplicate-reply"]);
+    let twins = |t: &mut Tape| just(t.ask(&ask).answer(&position(1, 9)).answer(&position(1, 7)));
+    assert_eq!(planted(&twins), ["duplicate-address"]);
+    let refused = reply(1, Opcode::Gap, Status::WrongType, 0);
+    assert_eq!(planted(&|t| just(t.ask(&ask).answer(&refused))), ["refused"]);
+    let mut broken = position(1, 0);
+    broken[5] ^= 4;
+    assert_eq!(planted(&|t| just(t.ask(&ask).answer(&broken))), ["bad-check"]);
+    assert_eq!(planted(&|t| just(t.answer(&[0x55, 0x13]))), ["stray"]);
+}
+
+#[test]
+fn an_axis_that_spoke_and_answers_no_more_is_silent() {
+    let mut tape = Tape::default();
+    polls(&mut tape, 8);
+    for _ in 0..12 {
+        tape.after(200).ask(&gap(1, 1)).after(200).ask(&gap(2, 1)).answer(&position(2, 1));
+    }
+    let odd = tape.heard("tmcl").odd;
+    assert_eq!(odd.iter().filter(|kind| *kind == "silent").count(), 1, "{odd:?}");
+    assert!(odd.iter().any(|kind| kind == "unanswered"), "{odd:?}");
+}
+
+#[test]
+fn set_points_flags_and_faults_of_tmcl() {
+    let mut tape = Tape::default();
+    let ror = Request { address: 1, opcode: Opcode::Ror, kind: 0, motor: 0, value: 350 };
+    tape.ask(&ror.emit()).answer(&reply(1, Opcode::Ror, Status::Ok, 350));
+    for flags in [0x00, 0x21, 0x20, 0x50] {
+        tape.ask(&gap(1, 156)).answer(&reply(1, Opcode::Gap, Status::Ok, flags));
+    }
+    let heard = tape.heard("tmcl");
+    assert_eq!(heard.signals[0], "1 Setpoint/Velocity = 350 rpm");
+    assert_eq!(heard.faults, ["+0001", "+0020", "-0001", "-0020"]);
+    assert_eq!(
+        heard.changes,
+        ["power >on", "mode >velocity", "power on>off", "mode velocity>positioning"]
+    );
+    assert_eq!(heard.odd, [""; 0]);
+}
+
+#[test]
+fn planted_in_tmcl_on_can() {
+    let ask = |address: u8| {
+        Request { address, opcode: Opcode::Gap, kind: 1, motor: 0, value: 0 }
+            .emit_can(address.into(), false)
+    };
+    let answer = |module: u8, value: i32| {
+        let (opcode, status) = (Opcode::Gap, Status::Ok);
+        Reply { host: 2, module, status, opcode, value }.emit_can(2, false)
+    };
+    let polls = |tape: &mut Tape| {
+        // Both are asked before either answers.
+        for n in 0..8 {
+            tape.after(10).can(&ask(1)).can(&ask(3)).can(&answer(3, n)).can(&answer(1, n));
+        }
+    };
+    let planted = |plant: &dyn Fn(&mut Tape)| {
+        let mut tape = Tape::default();
+        polls(&mut tape);
+        plant(&mut tape);
+        tape.after(4000);
+        polls(&mut tape);
+        tape.heard("tmcl").odd
+    };
+    assert_eq!(planted(&|_| ()), [""; 0]);
+    assert_eq!(planted(&|t| just(t.can(&ask(3)))), ["unanswered"]);
+    assert_eq!(planted(&|t| just(t.can(&answer(5, 0)))), ["foreign-reply"]);
+    let twins = |t: &mut Tape| just(t.can(&ask(1)).can(&answer(1, 1)).can(&answer(1, 8)));
+    assert_eq!(planted(&twins), ["duplicate-address"]);
+}
+
+fn modbus(unit: u8, pdu: impl FnOnce(&mut [u8]) -> usize) -> Vec<u8> {
+    let mut out = [0; rtu::ADU_MAX];
+    let len = rtu::emit(unit, &mut out, pdu);
+    out[..len].to_vec()
+}
+
+fn read(unit: u8, start: u16) -> Vec<u8> {
+    modbus(unit, |out| RequestPdu::Read { space: Space::Holding, start, count: 1 }.emit(out))
+}
+
+fn word(unit: u8, value: u16) -> Vec<u8> {
+    let data = value.to_be_bytes();
+    modbus(unit, |out| ReplyPdu::Read { space: Space::Holding, data: &data }.emit(out))
+}
+
+#[test]
+fn planted_in_modbus() {
+    let polls = |tape: &mut Tape| {
+        for n in 0..8 {
+            tape.after(10).ask(&read(1, 0x1000)).answer(&word(1, n));
+            tape.after(10).ask(&read(2, 0x1000)).answer(&word(2, n));
+        }
+    };
+    let planted = |plant: &dyn Fn(&mut Tape)| {
+        let mut tape = Tape::default();
+        polls(&mut tape);
+        plant(&mut tape);
+        tape.after(50);
+        polls(&mut tape);
+        tape.heard("modbus-rtu").odd
+    };
+    let ask = read(1, 0x1000);
+    let write =
+        |unit| modbus(unit, |out| RequestPdu::WriteRegister { address: 0x33, value: 9 }.emit(out));
+    assert_eq!(planted(&|_| ()), [""; 0]);
+    assert_eq!(planted(&|t| just(t.ask(&write(0)).after(500))), [""; 0], "to everybody");
+    assert_eq!(planted(&|t| just(t.ask(&write(1)).answer(&write(1)))), [""; 0]);
+    assert_eq!(planted(&|t| just(t.ask(&write(1)).after(500))), ["unanswered"]);
+    assert_eq!(
+        planted(&|t| just(t.ask(&write(1)).after(500).ask(&write(1)).answer(&write(1)))),
+        ["retry"]
+    );
+    assert_eq!(planted(&|t| just(t.ask(&ask).after(300).answer(&word(1, 0)))), ["late-reply"]);
+    assert_eq!(
+        planted(&|t| just(t.ask(&ask).answer(&word(2, 0)).answer(&word(1, 0)))),
+        ["foreign-reply"]
+    );
+    let refused = modbus(1, |out| {
+        let exception = polepair_core::proto::modbus::wire::Exception::IllegalAddress;
+        ReplyPdu::Exception { function: 3, exception }.emit(out)
+    });
+    assert_eq!(planted(&|t| just(t.ask(&ask).answer(&refused))), ["refused"]);
+    let mut broken = word(1, 0);
+    broken[3] ^= 1;
+    assert_eq!(planted(&|t| just(t.ask(&ask).answer(&broken))), ["bad-check"]);
+    let twins = |t: &mut Tape| just(t.ask(&ask).answer(&word(1, 1)).after(30).answer(&word(1, 2)));
+    assert_eq!(planted(&twins), ["duplicate-address"]);
+}
+
+#[test]
+fn a_line_without_directions_is_paired_too() {
+    let mut tape = Tape::default();
+    let write = modbus(1, |out| RequestPdu::WriteRegister { address: 0x33, value: 9 }.emit(out));
+    for n in 0..8 {
+        tape.after(10)
+            .ask(&write)
+            .answer(&write)
+            .after(10)
+            .ask(&read(1, 0x1000))
+            .answer(&word(1, n));
+    }
+    tape.text = tape.text.replace("tty >", "tty -").replace("tty <", "tty -");
+    tape.text = tape
+        .text
+        .lines()
+        .filter_map(|line| line.split_once("tty -"))
+        .fold(String::new(), |all, (_, bytes)| all + bytes.trim() + "\n");
+    let heard = tape.heard("modbus-rtu");
+    assert_eq!((heard.odd.len(), heard.ended), (0, vec![Outcome::Done; 16]), "{:?}", heard.odd);
+}
+
+fn tml(online: &Online, to: IdCode) -> Vec<u8> {
+    let mut out = [0; serial::FRAME_MAX];
+    let len = serial::encode(&Message { to, instruction: online.emit() }, &mut out);
+    out[..len].to_vec()
+}
+
+fn said(text: &str, axis: u32) -> Vec<u8> {
+    let mut out = [0; 20];
+    let profile = polepair_core::drives::usual(&SERIAL);
+    let addressing = Addressing { axis: Some(axis), profile, ..Addressing::default() };
+    let encoded = SERIAL.encode(text, &addressing, &mut out).expect("TML");
+    out[..encoded.len].to_vec()
+}
+
+fn take(axis: u8, address: u16, value: u32) -> Vec<u8> {
+    let cell = Cell::long(address);
+    tml(&Online::TakeData { sender: IdCode::axis(axis), cell, value }, IdCode::host_at(1))
+}
+
+fn give(axis: u8, address: u16) -> Vec<u8> {
+    let cell = Cell::long(address);
+    tml(&Online::GiveMeData { sender: IdCode::host_at(1), cell }, IdCode::axis(axis))
+}
+
+const APOS: u16 = 0x0228;
+
+#[test]
+fn planted_in_tml() {
+    let polls = |tape: &mut Tape| {
+        for n in 0..8 {
+            // Through the relay both are asked before either answers.
+            tape.after(10).ask(&give(1, APOS)).answer(&[0x4F]).ask(&give(2, APOS)).answer(&[0x4F]);
+            tape.answer(&take(2, APOS, n)).answer(&take(1, APOS, n));
+            tape.after(10).ask(&said("CPOS=1000L", 1)).answer(&[0x4F]);
+        }
+    };
+    let planted = |plant: &dyn Fn(&mut Tape)| {
+        let mut tape = Tape::default();
+        polls(&mut tape);
+        plant(&mut tape);
+        tape.after(5000);
+        polls(&mut tape);
+        tape.heard("tml").odd
+    };
+    assert_eq!(planted(&|_| ()), [""; 0]);
+    let update = said("UPD", 1);
+    assert_eq!(planted(&|t| just(t.ask(&update))), ["missing-ack"]);
+    assert_eq!(planted(&|t| just(t.ask(&give(1, APOS)).answer(&[0x4F]))), ["unanswered"]);
+    let unacked = |t: &mut Tape| just(t.ask(&give(1, APOS)).answer(&take(1, APOS, 0)));
+    assert_eq!(planted(&unacked), ["missing-ack"]);
+    assert_eq!(planted(&|t| just(t.answer(&take(9, APOS, 0)))), ["foreign-reply"]);
+    assert_eq!(planted(&|t| just(t.answer(&[0x4F]))), ["foreign-reply"]);
+    let point = |counter: u8| {
+        use polepair_core::proto::tml::online::PvtPoint;
+        let point = PvtPoint { position: 10, velocity: 0, time: 20, counter };
+        tml(&Online::Pvt(point), IdCode::axis(1))
+    };
+    let path = |numbers: &[u8]| {
+        planted(&|t| numbers.iter().for_each(|n| just(t.ask(&point(*n)).answer(&[0x4F]))))
+    };
+    assert_eq!(path(&[1, 2, 3]), [""; 0]);
+    assert_eq!(path(&[126, 127, 0, 1]), [""; 0]);
+    assert_eq!(path(&[1, 2, 4, 5]), ["sequence"]);
+}
+
+#[test]
+fn variables_of_tml_have_names_and_faults_words() {
+    let profile = polepair_core::drives::usual(&SERIAL).expect("a profile");
+    let mer = profile.parameters.iter().find(|p| p.symbol == "MER").expect("MER").index;
+    let short = |value| {
+        let cell = Cell::short(mer);
+        tml(&Online::TakeData { sender: IdCode::axis(1), cell, value }, IdCode::host_at(1))
+    };
+    let ask = tml(
+        &Online::GiveMeData { sender: IdCode::host_at(1), cell: Cell::short(mer) },
+        IdCode::axis(1),
+    );
+    let mut tape = Tape::default();
+    tape.ask(&give(1, APOS)).answer(&[0x4F]).answer(&take(1, APOS, 1000));
+    tape.ask(&said("CPOS=2000L", 1)).answer(&[0x4F]);
+    for word in [2, 0] {
+        tape.ask(&ask).answer(&[0x4F]).answer(&short(word));
+    }
+    let heard = tape.heard("tml");
+    assert!(heard.signals[0].starts_with("1 Actual/Position ="), "{:?}", heard.signals);
+    assert!(heard.signals[1].starts_with("1 position command = 2000"), "{:?}", heard.signals);
+    assert_eq!(heard.faults, ["+0002", "-0002"]);
+    assert_eq!(heard.odd, [""; 0]);
+}
+
+#[test]
+fn commands_on_tmlcan_are_owed_nothing() {
+    let mut out = [0; 20];
+    let addressing = Addressing { axis: Some(3), ..Addressing::default() };
+    let mut tape = Tape::default();
+    for text in ["UPD", "AXISON", "UPD"] {
+        let encoded = TMLCAN.encode(text, &addressing, &mut out).expect("TML");
+        let mut frame = Frame::standard(0, &out[..encoded.len]);
+        (frame.id, frame.extended) = (encoded.id.expect("CAN"), true);
+        tape.after(900).can(&frame);
+    }
+    let heard = tape.heard("tmlcan");
+    assert_eq!((heard.odd, heard.ended.len()), (vec![], 0));
+}
+
+fn order(command: Command, value: u16) -> Frame {
+    Order::with(command, value).frame(11)
+}
+
+fn echo(command: Command, data: u32) -> Frame {
+    Echo { command, sub: 0, data }.frame(11)
+}
+
+#[test]
+fn planted_in_a_thruster() {
+    let polls = |tape: &mut Tape| {
+        for n in 0..8 {
+            tape.after(10).can(&Order::plain(Command::QP).frame(11)).can(&echo(Command::QP, 480));
+            tape.after(10).can(&order(Command::TC, n)).can(&echo(Command::TC, n.into()));
+        }
+    };
+    let planted = |plant: &dyn Fn(&mut Tape)| {
+        let mut tape = Tape::default();
+        polls(&mut tape);
+        plant(&mut tape);
+        tape.after(5000).can(&Order::plain(Command::QP).frame(11)).can(&echo(Command::QP, 480));
+        tape.heard("thruster").odd
+    };
+    let vm = |value: u16| (order(Command::VM, value), echo(Command::VM, value.into()));
+    let set = |t: &mut Tape, value| {
+        let (ask, answer) = vm(value);
+        t.can(&ask).can(&answer);
+    };
+    let tc = order(Command::TC, 5);
+    assert_eq!(planted(&|_| ()), [""; 0]);
+    assert_eq!(planted(&|t| just(t.can(&order(Command::ST, 500)))), ["unanswered"]);
+    assert_eq!(planted(&|t| just(t.can(&tc).can(&echo(Command::TC, 0xEEEE)))), ["refused"]);
+    // Silent: nothing is owed, and an echo shows that it was forgotten.
+    assert_eq!(
+        planted(&|t| {
+            set(t, 0x0200);
+            t.can(&tc);
+        }),
+        [""; 0]
+    );
+    assert_eq!(
+        planted(&|t| {
+            set(t, 0x0200);
+            t.can(&tc).can(&echo(Command::TC, 5));
+        }),
+        ["restart"]
+    );
+    // Echoes were asked for: one is missing.
+    assert_eq!(
+        planted(&|t| {
+            set(t, 0);
+            t.can(&tc);
+        }),
+        ["unanswered"]
+    );
+    let report = |part| {
+        use polepair_core::proto::thruster::wire::Report;
+        Report { of: b'T', part, words: [0; 3] }.frame(11)
+    };
+    assert_eq!(
+        planted(&|t| {
+            set(t, 7);
+            t.can(&tc).can(&report(1)).can(&report(2)).can(&report(3));
+        }),
+        [""; 0]
+    );
+    assert_eq!(
+        planted(&|t| {
+            set(t, 7);
+            t.can(&tc).can(&report(1)).can(&report(2));
+        }),
+        ["incomplete"]
+    );
+}
+
+#[test]
+fn readings_and_faults_of_a_thruster() {
+    let mut tape = Tape::default();
+    tape.can(&Order::plain(Command::QP).frame(11)).can(&echo(Command::QP, 480));
+    for word in [0x0004, 0] {
+        tape.can(&Order::plain(Command::EF).frame(11)).can(&echo(Command::EF, word));
+    }
+    let heard = tape.heard("thruster");
+    assert_eq!(heard.signals[0], "11 Actual/Voltage = 48 V");
+    assert_eq!(heard.faults, ["+0004", "-0004"]);
+}

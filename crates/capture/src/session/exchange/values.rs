@@ -1,0 +1,278 @@
+//! What was read and written: signals by the profile's names, faults in words, states.
+
+use polepair_core::profile::{
+    Fault as Known, Parameter, ParameterId, Profile, Severity, Signal as Source, SignalSource,
+};
+
+use super::{AXES_MAX, odd};
+use crate::explained::{Explained, Of, Told};
+use crate::session::{Change, Fault, Heard, Name, Notice, Oddity, Quality, Signal, name};
+
+/// States, faults and factors that are remembered.
+const KNOWN_MAX: usize = 4 * AXES_MAX;
+/// A time that is less than before by more than this went back: a counter that wraps does not.
+const WRAP: i64 = 1 << 31;
+
+/// What is known of the axes of a link.
+#[derive(Debug, Default)]
+pub(super) struct Values {
+    profile: Option<&'static Profile>,
+    /// Parameters that others are scaled by.
+    factors: Vec<ParameterId>,
+    /// Their raw values.
+    known: Vec<((u32, ParameterId), i64)>,
+    /// States of axes, by what they are.
+    states: Vec<((u32, Name), Name)>,
+    /// Faults that are there.
+    faults: Vec<(u32, u32)>,
+    /// Each drive's own time.
+    times: Vec<(u32, i64)>,
+}
+
+/// A value with all that is to be said of it.
+#[derive(Clone, Copy)]
+struct Found<'a> {
+    told: &'a Told,
+    axis: u32,
+    quality: Quality,
+    request: Option<u64>,
+}
+
+impl Values {
+    /// Tells the values of a frame.
+    pub fn take(
+        &mut self,
+        heard: &Heard<'_>,
+        said: &Explained,
+        (quality, request): (Quality, Option<u64>),
+        notices: &mut Vec<Notice>,
+    ) {
+        let readings = said.readings();
+        let (false, Some(axis)) = (readings.is_empty(), said.axis) else { return };
+        self.name_by(heard.profile);
+        for told in readings {
+            let found = Found { told, axis, quality, request };
+            match told.of {
+                Of::Word(word) => {
+                    notices.push(found.signal(word, told.raw as f64, "", quality));
+                }
+                Of::Parameter(parameter) => {
+                    let sure = match quality {
+                        Quality::Good if !heard.stated => Quality::Inferred,
+                        other => other,
+                    };
+                    self.parameter(parameter, Found { quality: sure, ..found }, notices);
+                }
+            }
+        }
+    }
+
+    fn name_by(&mut self, profile: Option<&'static Profile>) {
+        let place = |profile: Option<&'static Profile>| profile.map(core::ptr::from_ref);
+        if place(self.profile) == place(profile) {
+            return;
+        }
+        self.profile = profile;
+        self.known.clear();
+        let scales = profile.into_iter().flat_map(|p| p.parameters).map(|p| p.scale);
+        self.factors = scales.flat_map(|scale| [scale.times, scale.over]).flatten().collect();
+        self.factors.sort_unstable();
+        self.factors.dedup();
+    }
+
+    fn parameter(
+        &mut self,
+        parameter: &'static Parameter,
+        found: Found<'_>,
+        notices: &mut Vec<Notice>,
+    ) {
+        let Some(profile) = self.profile else { return };
+        let is_it = |id: ParameterId| {
+            profile.parameter(id).is_some_and(|other| core::ptr::eq(other, parameter))
+        };
+        if let Some(id) = self.factors.iter().copied().find(|id| is_it(*id)) {
+            set(&mut self.known, (found.axis, id), found.told.raw);
+        }
+        let (value, unit, quality) = self.scaled(profile, parameter, &found);
+        let mut named = false;
+        for source in profile.signals.iter().filter(|source| is_it(source.parameter)) {
+            match plain(profile, source) {
+                Some(word) => {
+                    named = true;
+                    let word = parted(word, found.told.part);
+                    notices.push(found.signal(word, value, unit, quality));
+                }
+                None if found.quality != Quality::BadCheck && !found.told.written => {
+                    self.state(profile, parameter, source, &found, notices);
+                }
+                None => {}
+            }
+        }
+        if !named {
+            let word = parted(parameter.name, found.told.part);
+            notices.push(found.signal(word, value, unit, quality));
+        }
+    }
+
+    /// The value in the profile's unit; raw where it hangs on parameters that nobody has seen.
+    fn scaled(
+        &self,
+        profile: &'static Profile,
+        parameter: &'static Parameter,
+        found: &Found<'_>,
+    ) -> (f64, Name, Quality) {
+        let (raw, scale) = (found.told.raw as f64, parameter.scale);
+        let mut quality = found.quality;
+        let mut factor = |id: Option<ParameterId>| -> Option<f64> {
+            let Some(id) = id else { return Some(1.0) };
+            let known = self.known.iter().find(|(of, _)| *of == (found.axis, id));
+            if let Some((_, raw)) = known {
+                return Some(*raw as f64);
+            }
+            quality = quality.max(Quality::Inferred);
+            profile.parameter(id)?.default.map(|raw| raw as f64)
+        };
+        match (factor(scale.times), factor(scale.over)) {
+            (Some(times), Some(over)) if over != 0.0 => {
+                (raw * scale.factor * times / over, parameter.unit.symbol(), quality)
+            }
+            _ => (raw, "", found.quality),
+        }
+    }
+
+    /// What a register's value says of the drive's state.
+    fn state(
+        &mut self,
+        profile: &'static Profile,
+        parameter: &'static Parameter,
+        source: &SignalSource,
+        found: &Found<'_>,
+        notices: &mut Vec<Notice>,
+    ) {
+        let masked = found.told.raw & source.mask;
+        let part = found.told.part;
+        match source.signal {
+            Source::Fault => {
+                let word = parted("State/FaultCode", part);
+                notices.push(found.signal(word, masked as f64, "", found.quality));
+                self.faults(profile, found, notices);
+            }
+            Source::Enabled => {
+                let on = source.equals.map_or(masked != 0, |equals| masked == equals);
+                let word = parted("State/Enabled", part);
+                notices.push(found.signal(word, f64::from(u8::from(on)), "", found.quality));
+                let state = if on { "on" } else { "off" };
+                self.change(found.axis, parted("power", part), state, notices);
+            }
+            Source::Mode => {
+                let word = parted("State/Mode", part);
+                notices.push(found.signal(word, masked as f64, "", found.quality));
+                let names = source.values.iter().chain(parameter.values);
+                let known = names.into_iter().find(|(value, _)| *value == masked);
+                let mode = known.map_or_else(|| name(&format!("mode {masked}")), |(_, word)| word);
+                self.change(found.axis, parted("mode", part), mode, notices);
+            }
+            Source::Time => self.time(found, notices),
+            _ => {}
+        }
+    }
+
+    fn change(&mut self, axis: u32, what: Name, to: Name, notices: &mut Vec<Notice>) {
+        let from = set(&mut self.states, (axis, what), to).unwrap_or("");
+        if from != to {
+            notices.push(Notice::Change(Change { axis: Some(axis), what, from, to }));
+        }
+    }
+
+    /// A drive's own time that goes back has begun anew.
+    fn time(&mut self, found: &Found<'_>, notices: &mut Vec<Notice>) {
+        let (axis, now) = (found.axis, found.told.raw & 0xFFFF_FFFF);
+        let before = set(&mut self.times, axis, now).unwrap_or(0);
+        if now < before && before - now < WRAP {
+            let text = format!(
+                "axis {axis} counts its time from anew ({before}, then {now}): it started again"
+            );
+            notices.push(odd(Oddity::Restart, Some(axis), text));
+        }
+    }
+
+    /// Faults that came, and those that went.
+    fn faults(&mut self, profile: &'static Profile, found: &Found<'_>, notices: &mut Vec<Notice>) {
+        let (axis, raw) = (found.axis, found.told.raw);
+        let word = raw as u32;
+        let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
+        let is_set = |fault: &Known| match bits {
+            true => fault.code & word != 0,
+            false => fault.code == word,
+        };
+        let told = |fault: &&Known| fault.severity != Severity::Note && is_set(fault);
+        let now: Vec<&'static Known> = profile.faults.iter().filter(told).collect();
+        let code =
+            |gone: u32| now.iter().any(|fault| fault.code == gone) || (!bits && gone == word);
+        let (stay, gone): (Vec<_>, Vec<_>) =
+            self.faults.drain(..).partition(|(of, was)| *of != axis || code(*was));
+        self.faults = stay;
+        for (_, code) in gone {
+            let known = profile.faults.iter().find(|fault| fault.code == code);
+            notices.push(fault_notice(axis, code, known, true));
+        }
+        let unknown = !bits && raw != 0 && now.is_empty();
+        let fresh = now.iter().map(|fault| (fault.code, Some(*fault)));
+        for (code, known) in fresh.chain(unknown.then_some((word, None))) {
+            let there = self.faults.contains(&(axis, code));
+            if !there && self.faults.len() < KNOWN_MAX {
+                self.faults.push((axis, code));
+                notices.push(fault_notice(axis, code, known, false));
+            }
+        }
+    }
+}
+
+impl Found<'_> {
+    fn signal(&self, name: Name, value: f64, unit: Name, quality: Quality) -> Notice {
+        let exact = Some(self.told.raw);
+        let Self { axis, request, .. } = *self;
+        Notice::Signal(Signal { axis, name, value, exact, unit, quality, request })
+    }
+}
+
+/// The contract's name of what is simply a number.
+fn plain(profile: &'static Profile, source: &SignalSource) -> Option<Name> {
+    let of = |signal| profile.signal(signal).map(|source| source.parameter);
+    Some(match source.signal {
+        Source::Position => "Actual/Position",
+        Source::Velocity => "Actual/Velocity",
+        // A current that stands for the torque is told as the current.
+        Source::Torque if of(Source::Current) != Some(source.parameter) => "Actual/Torque",
+        Source::Current => "Actual/Current",
+        Source::Voltage => "Actual/Voltage",
+        Source::Temperature => "Temp/Drive",
+        Source::TargetPosition => "Setpoint/Position",
+        Source::TargetVelocity => "Setpoint/Velocity",
+        _ => return None,
+    })
+}
+
+/// The name for one of several motors.
+fn parted(word: Name, part: u8) -> Name {
+    if part == 0 { word } else { name(&format!("{word} {part}")) }
+}
+
+fn fault_notice(axis: u32, code: u32, known: Option<&'static Known>, gone: bool) -> Notice {
+    let (text, cause, remedy) = match known {
+        Some(fault) => (fault.text, fault.cause, fault.remedy),
+        None => (name(&format!("fault 0x{code:04X}, which the profile does not name")), "", ""),
+    };
+    Notice::Fault(Fault { axis, code, text, cause, remedy, gone })
+}
+
+/// Sets what is known of a thing, and tells what was.
+fn set<K: PartialEq, V: Copy>(known: &mut Vec<(K, V)>, of: K, value: V) -> Option<V> {
+    if let Some((_, slot)) = known.iter_mut().find(|(other, _)| *other == of) {
+        return Some(core::mem::replace(slot, value));
+    }
+    if known.len() < KNOWN_MAX {
+        known.push((of, value));
+    }
+    None
+}
