@@ -7,8 +7,6 @@ mod cut;
 mod say;
 mod talk;
 
-use core::cell::Cell;
-
 use super::encoding::{decode, registers};
 use super::text;
 use super::wire::{Exception, Format, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, word};
@@ -229,16 +227,10 @@ fn whole(
         sink.axis(u32::from(*unit));
         let everyone = if *unit == 0 { "broadcast" } else { "" };
         place.field(sink, "address", 0..1, Value::Int(i64::from(*unit)), everyone);
-        let doubt = Cell::new(false);
-        let teller = Teller { place, profile: context.profile, named: &doubt };
+        let teller = Teller { place, profile: context.profile.filter(|_| !context.assumed) };
         let asked = request.filter(|(asked, _)| asked == unit).map(|(_, pdu)| pdu);
         let wrong = teller.pdu(pdu, context.direction, asked, sink);
-        // Names of a drive that nobody stated are marked with whose they are.
-        if let Some(profile) = context.profile.filter(|_| context.assumed && doubt.get()) {
-            sink.text(" (");
-            sink.text(profile.name);
-            sink.text("?)");
-        }
+        talk::values(pdu, context, asked, sink);
         error = error.or(wrong.map(shifted));
         check(place, body, len, error, sink);
     } else {
@@ -275,15 +267,25 @@ fn shifted(error: WireError) -> WireError {
     }
 }
 
-/// Tells a PDU in fields and words.
-struct Teller<'a> {
-    place: Place,
-    profile: Option<&'static Profile>,
-    /// The line of text has a name of the profile.
-    named: &'a Cell<bool>,
+/// Without a direction a refusal is a reply, and what can be one where something was asked.
+fn is_reply(pdu: &[u8], direction: Option<Direction>, asked: Option<&[u8]>) -> bool {
+    let can_be = || ReplyPdu::parse(pdu).is_ok();
+    match direction {
+        Some(direction) => direction == Direction::ToHost,
+        None => {
+            let refused = pdu[0] & 0x80 != 0;
+            refused || (can_be() && (asked.is_some() || RequestPdu::parse(pdu).is_err()))
+        }
+    }
 }
 
-impl Teller<'_> {
+/// Tells a PDU in fields and words.
+struct Teller {
+    place: Place,
+    profile: Option<&'static Profile>,
+}
+
+impl Teller {
     fn pdu(
         &self,
         pdu: &[u8],
@@ -298,11 +300,7 @@ impl Teller<'_> {
         self.place.field(sink, "function", 1..2, code, function.name());
         let request = RequestPdu::parse(pdu);
         let reply = ReplyPdu::parse(pdu);
-        let as_reply = match direction {
-            Some(Direction::ToDrive) => false,
-            Some(Direction::ToHost) => true,
-            None => refused || (reply.is_ok() && (asked.is_some() || request.is_err())),
-        };
+        let as_reply = is_reply(pdu, direction, asked);
         let told = match as_reply {
             true => reply.map(|reply| self.reply(&reply, asked, sink)),
             false => request.map(|request| self.request(&request, sink)),
@@ -311,7 +309,6 @@ impl Teller<'_> {
     }
 
     fn request(&self, request: &RequestPdu<'_>, sink: &mut dyn Sink) {
-        talk::told(request, self.profile, sink);
         match *request {
             RequestPdu::Read { space, start, count } => {
                 self.start_count(start, count, sink);
@@ -389,7 +386,6 @@ impl Teller<'_> {
             Some(RequestPdu::Read { space: wanted, start, count })
                 if wanted == space && data.len() == space.reply_bytes(count) =>
             {
-                talk::found((space, start, count), data, self.profile, sink);
                 if space.is_bits() {
                     // A TS drive answers a read of one line with all of them (TS manual V2 §2.3).
                     let shown = if count == 1 { 8 } else { count };
@@ -475,7 +471,6 @@ impl Teller<'_> {
         let mut covered = 1;
         match self.parameter(space, start) {
             Some(parameter) => {
-                self.named.set(true);
                 sink.text(parameter.symbol);
                 sink.text(" ");
                 sink.text(parameter.name);

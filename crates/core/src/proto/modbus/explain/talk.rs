@@ -1,7 +1,8 @@
 //! Frames in their conversation: who speaks, what is owed, which values are told.
 
-use super::{ModbusDissector, gathered};
-use crate::explain::{Awaits, Direction, Label, Raw, Reading, Sink, Talk, Turn, What};
+use super::say::scaled;
+use super::{ModbusDissector, NAMED_MAX, gathered, is_reply};
+use crate::explain::{Awaits, Context, Direction, Label, Raw, Reading, Sink, Talk, Turn, What};
 use crate::profile::{Parameter, Profile};
 use crate::proto::modbus::encoding::{decode, registers};
 use crate::proto::modbus::wire::{
@@ -81,57 +82,110 @@ impl ModbusDissector {
     }
 }
 
-/// What is written.
-pub(super) fn told(
-    request: &RequestPdu<'_>,
-    profile: Option<&'static Profile>,
-    sink: &mut dyn Sink,
-) {
-    let values = Values { profile, written: true };
-    match *request {
-        RequestPdu::WriteRegister { address, value } => {
-            values.words(Space::Holding, address, &value.to_be_bytes(), sink);
+/// The values that a PDU carries. Where nobody stated the drive, the line of text has the registers'
+/// numbers, and here the names of a usual drive are put behind it.
+pub(super) fn values(pdu: &[u8], context: &Context<'_>, asked: Option<&[u8]>, sink: &mut dyn Sink) {
+    let reply = is_reply(pdu, context.direction, asked);
+    let doubted = context.profile.filter(|_| context.assumed);
+    let mut values =
+        Values { profile: context.profile, written: !reply, doubted, shown: 0, near: 0, sink };
+    if reply {
+        let asked = asked.and_then(|pdu| RequestPdu::parse(pdu).ok());
+        if let (Ok(ReplyPdu::Read { data, .. }), Some(RequestPdu::Read { space, start, count })) =
+            (ReplyPdu::parse(pdu), asked)
+            && pdu[0] == space.read().code()
+            && data.len() == space.reply_bytes(count)
+        {
+            values.found((space, start, count), data);
         }
-        RequestPdu::WriteRegisters { start, words } => {
-            values.words(Space::Holding, start, words, sink);
-        }
-        RequestPdu::WriteCoil { address, on } => {
-            values.bits(Space::Coil, address, 1, &[u8::from(on)], sink);
-        }
-        RequestPdu::WriteCoils { start, count, bits } => {
-            values.bits(Space::Coil, start, count, bits, sink);
-        }
-        _ => {}
+    } else if let Ok(request) = RequestPdu::parse(pdu) {
+        values.told(&request);
     }
-}
-
-/// What was read from `start` on.
-pub(super) fn found(
-    (space, start, count): (Space, u16, u16),
-    data: &[u8],
-    profile: Option<&'static Profile>,
-    sink: &mut dyn Sink,
-) {
-    let values = Values { profile, written: false };
-    match space.is_bits() {
-        true => values.bits(space, start, count, data, sink),
-        false => values.words(space, start, data, sink),
-    }
+    values.end();
 }
 
 /// Tells values by the parameters that they are of.
-struct Values {
+struct Values<'a> {
     profile: Option<&'static Profile>,
     written: bool,
+    /// Whose names have to be marked.
+    doubted: Option<&'static Profile>,
+    /// Names in the line of text.
+    shown: usize,
+    /// Behind the parameter that was found last.
+    near: usize,
+    sink: &'a mut dyn Sink,
 }
 
-impl Values {
-    fn parameter(&self, space: Space, address: u16) -> Option<&'static Parameter> {
-        let is_it = |p: &&Parameter| p.space == space.number() && p.index == address;
-        self.profile?.parameters.iter().find(is_it)
+impl Values<'_> {
+    /// What is written, and the names of what is asked for.
+    fn told(&mut self, request: &RequestPdu<'_>) {
+        match *request {
+            RequestPdu::Read { space, start, count } if self.doubted.is_some() => {
+                for address in (0..count).map(|at| start.wrapping_add(at)) {
+                    self.parameter(space, address).into_iter().for_each(|p| self.show(p, None));
+                }
+            }
+            RequestPdu::WriteRegister { address, value } => {
+                self.words(Space::Holding, address, &value.to_be_bytes());
+            }
+            RequestPdu::WriteRegisters { start, words } => self.words(Space::Holding, start, words),
+            RequestPdu::WriteCoil { address, on } => {
+                self.bits(Space::Coil, address, 1, &[u8::from(on)]);
+            }
+            RequestPdu::WriteCoils { start, count, bits } => {
+                self.bits(Space::Coil, start, count, bits);
+            }
+            RequestPdu::Read { .. } | RequestPdu::Unknown { .. } => {}
+        }
     }
 
-    fn words(&self, space: Space, start: u16, data: &[u8], sink: &mut dyn Sink) {
+    /// What was read from `start` on.
+    fn found(&mut self, (space, start, count): (Space, u16, u16), data: &[u8]) {
+        match space.is_bits() {
+            true => self.bits(space, start, count, data),
+            false => self.words(space, start, data),
+        }
+    }
+
+    /// A name of a drive that nobody stated, behind the line.
+    fn show(&mut self, parameter: &'static Parameter, raw: Option<i64>) {
+        let Some(profile) = self.doubted.filter(|_| self.shown < NAMED_MAX) else { return };
+        self.sink.text(if self.shown == 0 { " (" } else { ", " });
+        if self.shown == 0 {
+            self.sink.text(profile.name);
+            self.sink.text("? ");
+        }
+        self.shown += 1;
+        self.sink.text(parameter.symbol);
+        self.sink.text(" ");
+        self.sink.text(parameter.name);
+        if let Some(raw) = raw {
+            self.sink.text(" = ");
+            scaled(parameter, raw, self.sink);
+        }
+    }
+
+    fn end(&mut self) {
+        if self.shown > 0 {
+            self.sink.text(")");
+        }
+    }
+
+    /// Registers that follow one another stand so in the table, as a rule.
+    fn parameter(&mut self, space: Space, address: u16) -> Option<&'static Parameter> {
+        let parameters = self.profile?.parameters;
+        let is_it = |p: &&Parameter| p.space == space.number() && p.index == address;
+        let near = parameters.get(self.near..).unwrap_or_default();
+        let at = match near.first().filter(is_it) {
+            Some(_) => self.near,
+            None => parameters.iter().position(|p| is_it(&p))?,
+        };
+        self.near = at + 1;
+        parameters.get(at)
+    }
+
+    fn words(&mut self, space: Space, start: u16, data: &[u8]) {
         let (count, mut at) = (data.len() / 2, 0);
         while at < count {
             let address = start.wrapping_add(at as u16);
@@ -142,27 +196,27 @@ impl Values {
             match parameter.filter(|_| at + wide <= count) {
                 Some(parameter) => {
                     let raw = decode(parameter.encoding, [first, second]);
-                    self.tell(What::Parameter(parameter), raw, sink);
+                    self.tell_of(parameter, raw);
                     at += wide;
                 }
                 None => {
                     let label = self.label(space, address);
-                    self.tell(What::Named(label.as_str()), first.into(), sink);
+                    self.tell(What::Named(label.as_str()), first.into());
                     at += 1;
                 }
             }
         }
     }
 
-    fn bits(&self, space: Space, start: u16, count: u16, data: &[u8], sink: &mut dyn Sink) {
+    fn bits(&mut self, space: Space, start: u16, count: u16, data: &[u8]) {
         for at in 0..count {
             let Some(byte) = data.get(usize::from(at / 8)) else { return };
             let (address, raw) = (start.wrapping_add(at), i64::from(byte >> (at % 8) & 1));
             match self.parameter(space, address) {
-                Some(parameter) => self.tell(What::Parameter(parameter), raw, sink),
+                Some(parameter) => self.tell_of(parameter, raw),
                 None => {
                     let label = self.label(space, address);
-                    self.tell(What::Named(label.as_str()), raw, sink);
+                    self.tell(What::Named(label.as_str()), raw);
                 }
             }
         }
@@ -178,7 +232,12 @@ impl Values {
         Label::of(format_args!("{word} 0x{address:04X}"))
     }
 
-    fn tell(&self, what: What<'_>, raw: i64, sink: &mut dyn Sink) {
-        sink.reading(Reading { what, raw, written: self.written, part: 0 });
+    fn tell_of(&mut self, parameter: &'static Parameter, raw: i64) {
+        self.tell(What::Parameter(parameter), raw);
+        self.show(parameter, Some(raw));
+    }
+
+    fn tell(&mut self, what: What<'_>, raw: i64) {
+        self.sink.reading(Reading { what, raw, written: self.written, part: 0 });
     }
 }
