@@ -19,13 +19,14 @@ test: check
 	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
 	$(MAKE) --no-print-directory interop python
 
-## check: format, lints, generated files, unit tests; under three minutes
+## check: format, lints, generated files, unit tests, captures mutated for seconds
 check:
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets --locked --quiet -- -D warnings
 	$(CARGO) xtask codegen --check
 	$(CARGO) xtask tidy
 	$(CARGO) test --workspace --locked --quiet --lib --bins
+	POLEPAIR_READER_SECONDS=1 $(CARGO) test --locked --quiet -p polepair-capture --test readers
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: $(VENV)/ready
@@ -56,6 +57,7 @@ soak:
 	POLEPAIR_GARBAGE=1000000 $(CARGO) test --release --locked --quiet -p polepair-sim garbage -- --nocapture
 	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test stress -- --nocapture
 	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test mixed -- --nocapture
+	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 	fuzz/run $(or $(FUZZ_SECONDS),60)
 

@@ -131,7 +131,8 @@ impl Decoder {
 
     /// A decoder that looks at each frame by itself, to see what `rules` make of it.
     pub(crate) fn weighing(rules: Rules) -> Self {
-        Self { judged: true, follows: false, ..Self::new(rules) }
+        let explained = Explained::brief();
+        Self { judged: true, follows: false, explained, ..Self::new(rules) }
     }
 
     /// A decoder by what a [`Judge`](crate::Judge) found.

@@ -27,6 +27,8 @@ pub struct Explained {
     items: Vec<Stored>,
     bytes: Vec<u8>,
     readings: Vec<Told>,
+    /// Only kind, axis and error are wanted.
+    brief: bool,
 }
 
 /// A value that the frame carries.
@@ -97,6 +99,11 @@ pub enum ItemValue<'a> {
 }
 
 impl Explained {
+    /// One that keeps kinds, axes and errors alone.
+    pub(crate) fn brief() -> Self {
+        Self { brief: true, ..Self::default() }
+    }
+
     /// Forgets the frame before.
     pub fn clear(&mut self) {
         self.kind.clear();
@@ -164,6 +171,9 @@ impl Sink for Explained {
     }
 
     fn field(&mut self, field: Field<'_>) {
+        if self.brief {
+            return;
+        }
         let value = match field.value {
             Value::Int(value) => StoredValue::Int(value),
             Value::Hex(value, digits) => StoredValue::Hex(value, digits),
@@ -182,7 +192,9 @@ impl Sink for Explained {
     }
 
     fn text(&mut self, piece: &str) {
-        self.text.push_str(piece);
+        if !self.brief {
+            self.text.push_str(piece);
+        }
     }
 
     fn error(&mut self, error: WireError) {
@@ -190,6 +202,9 @@ impl Sink for Explained {
     }
 
     fn reading(&mut self, reading: Reading<'_>) {
+        if self.brief {
+            return;
+        }
         let Reading { what, raw, written, part } = reading;
         let of = match what {
             What::Parameter(parameter) => Of::Parameter(parameter),

@@ -1,5 +1,9 @@
-//! Which protocol a capture speaks, when nobody says: every registered dissector reads the whole
-//! capture, and what explains most of its bytes wins.
+//! Which protocol a capture speaks, when nobody says: every registered dissector reads it, of a long
+//! one enough, and what explains most of its bytes wins. Where identifiers and checksums leave doubt
+//! on a CAN bus, answers that belong to requests settle it; where they do not either, nobody wins.
+
+mod pairs;
+mod sample;
 
 use core::fmt;
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,12 +16,16 @@ use crate::format::Format;
 use crate::read::Reader as Source;
 use crate::record::Record;
 use crate::rules::{Rule, Rules, Scope};
+use pairs::{PROOF, Pairs};
+use sample::Sample;
 
 /// Share of bytes that a weak check (an 8-bit sum over nine bytes, tried at every offset) explains
 /// by chance: 9 in 256.
 const CHANCE: f64 = 9.0 / 256.0;
 /// A frame whose check fails is worth this share of one that is right.
 const BROKEN_WORTH: f64 = 0.1;
+/// Two protocols on CAN whose shares differ by less explain a bus equally well.
+const TIE: f64 = 0.02;
 
 /// Axes of a link that are remembered: as many as a CAN bus can have with 11-bit identifiers.
 const AXES_MAX: usize = 127;
@@ -30,6 +38,7 @@ pub struct Judge {
     source: Source,
     stated: Option<Format>,
     readers: Vec<Reader>,
+    sample: Sample,
 }
 
 /// What one dissector makes of a capture.
@@ -55,6 +64,8 @@ struct Tally {
     proven: BTreeSet<u32>,
     /// Axes with whole frames on identifiers that others use too: frames and bytes.
     shared: BTreeMap<u32, (u64, u64)>,
+    /// Requests and answers on CAN.
+    pairs: Pairs,
     frames: u64,
     broken: u64,
     good_bytes: u64,
@@ -67,14 +78,18 @@ struct Tally {
 pub struct Verdict {
     /// The link.
     pub link: String,
-    /// The protocol; `None` when nothing explains it.
+    /// The protocol; `None` when nothing explains it, or several do equally well.
     pub protocol: Option<&'static dyn Dissector>,
     /// 0 for a guess, 1 for certainty.
     pub sure: f64,
-    /// Whole frames.
+    /// Whole frames, among those that were weighed.
     pub frames: u64,
+    /// Not all of the capture was weighed: it is long.
+    pub sampled: bool,
     /// Frames whose check fails.
     pub broken: u64,
+    /// Protocols that explain it equally well, where nothing tells which it is.
+    pub tied: Vec<&'static str>,
     /// Bytes that belong to no frame.
     pub stray_bytes: u64,
     /// Protocols that explain CAN identifiers which the first leaves.
@@ -98,6 +113,11 @@ impl fmt::Debug for Verdict {
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(protocol) = self.protocol else {
+            if let [first, rest @ ..] = &self.tied[..] {
+                write!(f, "{}: undecided: {first}", self.link)?;
+                rest.iter().try_for_each(|other| write!(f, " or {other}"))?;
+                return write!(f, " explain it equally well: say which by --as {first}");
+            }
             write!(f, "{}: no known protocol explains it", self.link)?;
             return self.show_shared(f);
         };
@@ -105,6 +125,7 @@ impl fmt::Display for Verdict {
         write!(f, "{}: {name}", self.link)?;
         self.others.iter().try_for_each(|other| write!(f, " and {}", other.name()))?;
         write!(f, ", {percent:.0} % sure ({}", many(self.frames, "frame"))?;
+        f.write_str(if self.sampled { " weighed" } else { "" })?;
         if self.broken > 0 {
             write!(f, ", {} broken", self.broken)?;
         }
@@ -155,25 +176,26 @@ impl Judge {
     #[must_use]
     pub fn of_format(stated: Option<Format>) -> Self {
         let readers = proto::dissectors().iter().copied().map(Reader::new).collect();
-        Self { source: Source::new(stated), stated, readers }
+        Self { source: Source::new(stated), stated, readers, sample: Sample::default() }
     }
 
     /// Takes a piece of the capture, cut anywhere.
     pub fn feed(&mut self, piece: &[u8]) {
-        let Self { source, readers, .. } = self;
-        source.feed(piece, &mut |record| readers.iter_mut().for_each(|reader| reader.read(record)));
+        let Self { source, readers, sample, .. } = self;
+        source.feed(piece, &mut |record| read(readers, sample, record));
     }
 
     /// The verdicts, one a link, and a decoder that holds to them.
     #[must_use]
     pub fn decide(mut self) -> (Vec<Verdict>, Decoder) {
-        let Self { source, readers, .. } = &mut self;
-        source.finish(&mut |record| readers.iter_mut().for_each(|reader| reader.read(record)));
-        for reader in readers {
+        let Self { source, readers, sample, .. } = &mut self;
+        source.finish(&mut |record| read(readers, sample, record));
+        for reader in readers.iter_mut() {
             let Reader { decoder, tallies, dissector } = reader;
             decoder.finish(&mut |event| weigh(*dissector, tallies, event));
-            tallies.iter_mut().for_each(Tally::settle);
         }
+        prove(readers);
+        readers.iter_mut().flat_map(|reader| &mut reader.tallies).for_each(Tally::settle);
         let links = self.readers.first().map_or_else(Vec::new, |reader| {
             reader.tallies.iter().map(|tally| tally.link.clone()).collect()
         });
@@ -187,11 +209,16 @@ impl Judge {
     fn verdict(&self, link: &str) -> Verdict {
         let read = self.readers.iter().filter_map(|reader| Some((reader, reader.tally(link)?)));
         let mut ranked: Vec<(&Reader, &Tally)> = read.collect();
-        let unknown = Verdict { shared: shared(&ranked), ..Verdict::unknown(link) };
+        let sampled = self.sample.left_out(link);
+        let unknown = Verdict { shared: shared(&ranked), sampled, ..Verdict::unknown(link) };
         // Of two that find no whole frame, the one with fewer pieces reads more into the bytes.
         ranked.sort_by(|(_, a), (_, b)| {
             b.share().total_cmp(&a.share()).then(a.broken.cmp(&b.broken))
         });
+        let tied = settle_tie(&mut ranked);
+        if !tied.is_empty() {
+            return Verdict { tied, ..unknown };
+        }
         let (spoken, rivals) = spoken(&ranked);
         let Some((first, others)) = spoken.split_first() else { return unknown };
         let rivals = rivals.iter().filter(|(_, tally)| tally.good_bytes > 0);
@@ -256,7 +283,9 @@ impl Verdict {
             protocol: None,
             sure: 0.0,
             frames: 0,
+            sampled: false,
             broken: 0,
+            tied: Vec::new(),
             stray_bytes: 0,
             others: Vec::new(),
             runner_up: None,
@@ -280,6 +309,59 @@ impl Reader {
     fn tally(&self, link: &str) -> Option<&Tally> {
         self.tallies.iter().find(|tally| tally.link == link)
     }
+}
+
+/// Lets every protocol read a record that is weighed.
+fn read(readers: &mut [Reader], sample: &mut Sample, record: &Record<'_>) {
+    if sample.takes(record) {
+        readers.iter_mut().for_each(|reader| reader.read(record));
+    }
+}
+
+/// An axis that answers on shared identifiers is its protocol's, and so no other's.
+fn prove(readers: &mut [Reader]) {
+    for at in 0..readers.len() {
+        let proofs: Vec<(String, Vec<u32>)> = readers[at]
+            .tallies
+            .iter()
+            .map(|tally| {
+                let paired = tally.pairs.proven().filter(|axis| tally.shared.contains_key(axis));
+                (tally.link.clone(), paired.collect())
+            })
+            .collect();
+        for (other, reader) in readers.iter_mut().enumerate() {
+            for tally in &mut reader.tallies {
+                let proven = proofs.iter().filter(|(link, _)| *link == tally.link);
+                for axis in proven.flat_map(|(_, axes)| axes) {
+                    if other == at {
+                        tally.proven.insert(*axis);
+                    } else if let Some((_, bytes)) = tally.shared.remove(axis) {
+                        tally.stray_bytes += bytes;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Of those on CAN that explain equally much, the one that finds answers to requests goes first. The
+/// names of all where none does, or several.
+fn settle_tie(ranked: &mut [Read<'_>]) -> Vec<&'static str> {
+    let Some((_, first)) = ranked.first() else { return Vec::new() };
+    let (share, ids) = (first.share(), first.ids.clone());
+    let equal = |(_, tally): &Read<'_>| {
+        let meets = tally.ids.iter().any(|id| ids.contains(id));
+        meets && tally.good_bytes > 0 && share - tally.share() < TIE
+    };
+    let tied = ranked.iter().take_while(|read| equal(read)).count();
+    if tied < 2 {
+        return Vec::new();
+    }
+    let pairs = |(_, tally): &Read<'_>| tally.pairs.found;
+    ranked[..tied].sort_by_key(|read| core::cmp::Reverse(pairs(read)));
+    let settled = pairs(&ranked[0]) >= PROOF && pairs(&ranked[1]) == 0;
+    let names = ranked[..tied].iter().map(|(reader, _)| reader.dissector.name());
+    if settled { Vec::new() } else { names.collect() }
 }
 
 /// The winner and those that explain CAN identifiers which it and each other leave; and the rest.
@@ -374,6 +456,9 @@ fn weigh(dissector: &dyn Dissector, tallies: &mut Vec<Tally>, event: &Event<'_>)
     let bytes = event.bytes.len().max(1) as u64;
     let id = event.id.map(|id| (id, event.extended));
     let shares = id.is_some_and(|(id, extended)| dissector.shares(id, extended));
+    if id.is_some() && event.protocol.is_some() && event.wrong.is_none() {
+        tally.pairs.take(dissector, event);
+    }
     if event.protocol.is_none() || event.stray || (shares && event.wrong.is_some()) {
         tally.stray_bytes += bytes;
     } else if event.wrong.is_some() {

@@ -1,0 +1,300 @@
+//! Every reader, and all that is made of what it reads, on mutated files: no panic, no memory without
+//! bound, and every record accounted for.
+//!
+//! Each gets `POLEPAIR_READER_SECONDS` (20 unless said: as `make test` has it; `make check` says 1,
+//! `make soak` 600), as many at once as there are processors.
+
+use std::fmt::Write as _;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use polepair_capture::{
+    Data, Decoder, Event, Format, Judge, Packing, Reader, Record, Rules, Stamp, Writer,
+};
+use polepair_core::explain::Direction;
+use polepair_core::medium::Frame;
+
+/// The longest input.
+const INPUT_MAX: usize = 20_000;
+/// Inputs that are kept to go on from.
+const KEPT_MAX: usize = 32;
+/// Most memory that the process may have had, bytes, beside what each thread may have: a window of
+/// zstd is 128 MB.
+const PEAK_MAX: u64 = 256 << 20;
+const PEAK_OF_THREAD: u64 = 160 << 20;
+/// Threads at once.
+const THREADS_MAX: usize = 8;
+
+/// A name, and captures to begin with.
+type Target = (&'static str, Option<Format>, Vec<Vec<u8>>);
+
+#[test]
+fn every_reader_takes_whatever_comes() {
+    let targets = targets();
+    assert_eq!(targets.len(), 11);
+    let queue = Mutex::new(targets.iter());
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS_MAX);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let next = queue.lock().expect("no thread has panicked").next();
+                    let Some((name, format, seeds)) = next else { return };
+                    let tried = attack(name, *format, seeds);
+                    assert!(tried > 0, "{name}: no time for one input");
+                }
+            });
+        }
+    });
+    if let Some(peak) = peak() {
+        let most = PEAK_MAX + PEAK_OF_THREAD * threads as u64;
+        assert!(peak < most, "{peak} bytes of memory at the peak");
+    }
+}
+
+fn budget() -> Duration {
+    let said = std::env::var("POLEPAIR_READER_SECONDS").ok();
+    Duration::from_secs(said.and_then(|text| text.parse().ok()).unwrap_or(20))
+}
+
+/// The most memory that this process has had, where the system says so.
+fn peak() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kilobytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kilobytes << 10)
+}
+
+fn targets() -> Vec<Target> {
+    let written = |format, packing| vec![capture(format, packing)];
+    let text = |text: String| vec![text.into_bytes()];
+    vec![
+        ("candump", Some(Format::Text), text(candump())),
+        ("serial log", Some(Format::Text), text(serial())),
+        ("pcap", Some(Format::Pcap), written(Format::Pcap, None)),
+        ("pcapng", Some(Format::Pcapng), written(Format::Pcapng, None)),
+        ("ASC", Some(Format::Asc), written(Format::Asc, None)),
+        ("TRC", Some(Format::Trc), written(Format::Trc, None)),
+        ("BLF", Some(Format::Blf), written(Format::Blf, None)),
+        ("CSV", Some(Format::Csv), written(Format::Csv, None)),
+        ("JSONL", Some(Format::Jsonl), text(jsonl())),
+        ("gzip", None, written(Format::Text, Some(Packing::Gzip))),
+        ("zstd", None, written(Format::Pcapng, Some(Packing::Zstd))),
+    ]
+}
+
+/// Frames of every protocol on CAN.
+fn frames() -> Vec<Frame> {
+    let standard = |id, data: &[u8]| Frame::standard(id, data);
+    let mut extended = standard(0, &[0x34, 0x12]);
+    (extended.id, extended.extended) = (0x0400_A05E, true);
+    vec![
+        standard(1, &[6, 1, 0, 0, 0, 0, 0]),
+        standard(2, &[1, 100, 6, 0, 0, 2, 0xC7]),
+        standard(0x30B, b"TC\0\0\0\0\0\x05"),
+        standard(0x28B, b"TC\0\0\0\0\0\x05"),
+        standard(0x605, &[0x40, 0x41, 0x60, 0, 0, 0, 0, 0]),
+        standard(0x585, &[0x4B, 0x41, 0x60, 0, 0x37, 2, 0, 0]),
+        standard(0x705, &[5]),
+        standard(0x085, &[0x10, 0x23, 1, 0, 0, 0, 0, 0]),
+        standard(0x123, &[4, 1, 0xE8, 3]),
+        extended,
+    ]
+}
+
+/// What goes over serial lines, in turns.
+const SERIAL: [(char, &str); 8] = [
+    ('>', "01 06 01 00 00 00 00 00 08"),
+    ('<', "02 01 64 06 00 00 02 C7 36"),
+    ('>', "01 06 00 33 00 C8 78 53"),
+    ('<', "01 06 00 33 00 C8 78 53"),
+    ('>', "08 0F F1 D8 01 0F F1 D8"),
+    ('<', "4F 08 0F F1 D8 01 35 31 34 4C C7"),
+    ('>', "3A 30 31 30 33 30 30 30 30 30 30 30 31 46 42 0D 0A"),
+    ('<', "3A 30 31 30 33 30 32 30 30 30 43 45 45 0D 0A"),
+];
+
+fn candump() -> String {
+    let mut text = String::new();
+    for (n, frame) in frames().iter().cycle().take(60).enumerate() {
+        let digits = if frame.extended { 8 } else { 3 };
+        let _ = write!(text, "(1700000000.{:06}) can{} {:0digits$X}#", n * 700, n % 2, frame.id);
+        frame.bytes().iter().for_each(|byte| {
+            let _ = write!(text, "{byte:02X}");
+        });
+        text.push('\n');
+    }
+    text + "(1700000001.0) can0 123#R4\n(1700000001.1) can0 123##1112233\n"
+}
+
+fn serial() -> String {
+    let mut text = String::new();
+    for (n, (arrow, bytes)) in SERIAL.iter().cycle().take(64).enumerate() {
+        let port = n / 2 % 4;
+        let _ = writeln!(text, "(1700000000.{:06}) ttyUSB{port} {arrow} {bytes}", n * 5000);
+    }
+    text
+}
+
+fn jsonl() -> String {
+    let mut out = Vec::new();
+    let mut decoder = Decoder::new(Rules::default());
+    let text = candump() + &serial();
+    decoder.feed(text.as_bytes(), &mut |event| polepair_capture::jsonl::write(event, &mut out));
+    decoder.finish(&mut |event| polepair_capture::jsonl::write(event, &mut out));
+    String::from_utf8(out).expect("text")
+}
+
+fn capture(format: Format, packing: Option<Packing>) -> Vec<u8> {
+    let mut writer = Writer::new(format, packing, Vec::new()).expect("a writer");
+    for (n, frame) in frames().iter().cycle().take(60).enumerate() {
+        let time = Some(Stamp(1_700_000_000_000_000_000 + n as u64 * 700_000));
+        let direction = [Some(Direction::ToDrive), Some(Direction::ToHost), None][n % 3];
+        let link = if n % 2 == 0 { "can0" } else { "can1" };
+        let record = Record { time, link, direction, data: Data::Frame(*frame), at: 0 };
+        writer.write(&record).expect("a frame fits");
+    }
+    writer.finish().expect("written")
+}
+
+/// A small generator: the same inputs each time.
+struct Dice(u64);
+
+impl Dice {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        mixed ^ (mixed >> 31)
+    }
+
+    fn below(&mut self, end: usize) -> usize {
+        (self.next() % end.max(1) as u64) as usize
+    }
+}
+
+/// Says which input it was, whatever ends the attempt.
+struct Tried<'a>(&'a str, u64, &'a [u8]);
+
+impl Drop for Tried<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("{}, input {}: {:02X?}", self.0, self.1, self.2);
+        }
+    }
+}
+
+/// Tries mutated captures as long as there is time, and tells how many.
+fn attack(name: &str, format: Option<Format>, seeds: &[Vec<u8>]) -> u64 {
+    let mut dice = Dice(name.bytes().map(u64::from).sum());
+    let mut kept = seeds.to_vec();
+    let end = Instant::now() + budget();
+    let mut tried = 0;
+    while Instant::now() < end {
+        let input = match tried {
+            0 => kept[0].clone(),
+            _ => mutate(&mut dice, &kept),
+        };
+        let noted = Tried(name, tried, &input);
+        read(&input, format, 1 + dice.below(4096));
+        if tried % 16 == 0 {
+            judge(&input, format);
+        }
+        drop(noted);
+        tried += 1;
+        // Now and then the seeds are left further behind.
+        if kept.len() < KEPT_MAX && tried % 64 == 0 && !input.is_empty() {
+            kept.push(input);
+        }
+    }
+    tried
+}
+
+fn mutate(dice: &mut Dice, kept: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = kept[dice.below(kept.len())].clone();
+    for _ in 0..1 + dice.below(6) {
+        let at = dice.below(bytes.len() + 1);
+        match dice.below(8) {
+            0 if at < bytes.len() => bytes[at] ^= 1 << dice.below(8),
+            1 if at < bytes.len() => bytes[at] = dice.next() as u8,
+            2 if at < bytes.len() => drop(bytes.remove(at)),
+            3 => bytes.insert(at, dice.next() as u8),
+            4 if dice.below(4) == 0 => bytes.truncate(at),
+            5 => {
+                let other = &kept[dice.below(kept.len())];
+                let from = dice.below(other.len() + 1);
+                bytes.truncate(at);
+                bytes.extend(&other[from..]);
+            }
+            6 => {
+                let to = (at + dice.below(200)).min(bytes.len());
+                let again = bytes[at..to].to_vec();
+                bytes.splice(at..at, again);
+            }
+            _ => {
+                let words =
+                    ["0", "-1", "65536", "4294967296", "1e99", "\u{e9}", "\n", "\"", "(", ")"];
+                bytes.splice(at..at, words[dice.below(words.len())].bytes());
+            }
+        }
+    }
+    bytes.truncate(INPUT_MAX);
+    bytes
+}
+
+/// Frames and bytes of serial lines that came out.
+#[derive(Default, PartialEq, Eq, Debug)]
+struct Account {
+    frames: u64,
+    bytes: u64,
+}
+
+impl Account {
+    fn record(&mut self, record: &Record<'_>) {
+        match record.data {
+            Data::Bytes(bytes) => self.bytes += bytes.len() as u64,
+            _ => self.frames += 1,
+        }
+    }
+
+    fn event(&mut self, event: &Event<'_>) {
+        match event.id {
+            Some(_) => self.frames += 1,
+            None => self.bytes += event.bytes.len() as u64,
+        }
+    }
+}
+
+/// What the reader gives is what the decoder explains, to the byte, however the input is cut.
+fn read(input: &[u8], format: Option<Format>, piece: usize) {
+    let mut records = Account::default();
+    let mut reader = Reader::new(format);
+    reader.feed(input, &mut |record| records.record(record));
+    reader.finish(&mut |record| records.record(record));
+    let mut events = Account::default();
+    let mut decoder = Decoder::new(everything()).with_format(format);
+    for piece in input.chunks(piece) {
+        decoder.feed(piece, &mut |event| events.event(event));
+    }
+    decoder.finish(&mut |event| events.event(event));
+    decoder.ending(&mut |_, _| ());
+    assert_eq!(decoder.tally().records, reader.tally().records, "cut otherwise, read otherwise");
+    if decoder.left_out() == 0 {
+        assert_eq!(events, records);
+    }
+}
+
+fn judge(input: &[u8], format: Option<Format>) {
+    let mut judge = Judge::of_format(format);
+    judge.feed(input);
+    let (verdicts, mut decoder) = judge.decide();
+    verdicts.iter().for_each(|verdict| drop(verdict.to_string()));
+    decoder.feed(input, &mut |_| ());
+    decoder.finish(&mut |_| ());
+}
+
+fn everything() -> Rules {
+    let rules = "canopen,thruster@11,technocan,tmlcan,tmcl@ttyUSB0,modbus-rtu@ttyUSB1,tml@ttyUSB2,\
+                 modbus-ascii@ttyUSB3";
+    Rules::parse(rules).expect("rules")
+}
