@@ -79,8 +79,7 @@ fn every_modbus_vector_decodes() {
             }
             let axis = last["axis"].to_string();
             // What is said for people beyond the language itself.
-            let words = text(last, "text").split(" (").next().unwrap_or_default();
-            let words = words.replace(" registers", "").replace(" bits", "");
+            let words = text(last, "text").replace(" registers", "").replace(" bits", "");
             let words = match words.contains(", register ") {
                 true => {
                     words.replace(", register 0x0031 =", ",").replace("write register", "write")

@@ -87,7 +87,9 @@ impl Dissector for ModbusDissector {
         addressing: &Addressing,
         out: &mut [u8],
     ) -> Result<Encoded, EncodeError> {
-        let said = text::parse(text, addressing.profile)?;
+        // In parentheses at the end is a remark, as explaining puts it there.
+        let command = text.split(" (").next().unwrap_or(text);
+        let said = text::parse(command, addressing.profile)?;
         let expected = "a station address, 0 to 247";
         let unit = addressing.axis.unwrap_or(u32::from(UNIT));
         let unit = u8::try_from(unit).ok().filter(|&unit| unit <= 247);
