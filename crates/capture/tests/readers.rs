@@ -150,7 +150,8 @@ fn capture(format: Format, packing: Option<Packing>) -> Vec<u8> {
     for (n, frame) in frames().iter().cycle().take(60).enumerate() {
         let time = Some(Stamp(1_700_000_000_000_000_000 + n as u64 * 700_000));
         let direction = [Some(Direction::ToDrive), Some(Direction::ToHost), None][n % 3];
-        let link = if n % 2 == 0 { "can0" } else { "can1" };
+        let one = n % 2 == 0 || matches!(format, Format::Pcap | Format::Csv);
+        let link = if one { "can0" } else { "can1" };
         let record = Record { time, link, direction, data: Data::Frame(*frame), at: 0 };
         writer.write(&record).expect("a frame fits");
     }
@@ -265,11 +266,13 @@ impl Account {
     }
 }
 
-/// What the reader gives is what the decoder explains, to the byte, however the input is cut.
+/// What the reader gives is what the decoder explains, to the byte.
 fn read(input: &[u8], format: Option<Format>, piece: usize) {
     let mut records = Account::default();
     let mut reader = Reader::new(format);
-    reader.feed(input, &mut |record| records.record(record));
+    for piece in input.chunks(piece) {
+        reader.feed(piece, &mut |record| records.record(record));
+    }
     reader.finish(&mut |record| records.record(record));
     let mut events = Account::default();
     let mut decoder = Decoder::new(everything()).with_format(format);
@@ -278,7 +281,7 @@ fn read(input: &[u8], format: Option<Format>, piece: usize) {
     }
     decoder.finish(&mut |event| events.event(event));
     decoder.ending(&mut |_, _| ());
-    assert_eq!(decoder.tally().records, reader.tally().records, "cut otherwise, read otherwise");
+    assert_eq!(decoder.tally().records, reader.tally().records);
     if decoder.left_out() == 0 {
         assert_eq!(events, records);
     }
