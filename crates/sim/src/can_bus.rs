@@ -139,6 +139,8 @@ struct Plug {
 struct Posted {
     frame: Frame,
     mark: Mark,
+    /// Others took it already.
+    taken: bool,
 }
 
 /// What is on the wire.
@@ -219,7 +221,7 @@ impl CanBus {
         let mark = self.mark(plug, tag, &frame);
         let plug = &mut self.plugs[plug];
         (plug.standing.sent, plug.standing.since, plug.standing.waits) = (mark, now, true);
-        plug.waiting.push_back(Posted { frame, mark });
+        plug.waiting.push_back(Posted { frame, mark, taken: false });
         let arrange = !self.starting && self.sending.is_none();
         self.starting |= arrange;
         arrange
@@ -254,7 +256,7 @@ impl CanBus {
         self.starting = false;
         let first = |plug: &Plug| plug.waiting.front().copied();
         let won = self.plugs.iter().filter_map(first).min_by_key(|p| arbitration(&p.frame))?;
-        let Posted { frame, mark } = won;
+        let Posted { frame, mark, .. } = won;
         let (mut bits, mut end) = (bits::on_wire(&frame), End::Good);
         for plug in &mut self.plugs {
             let rival = first(plug).map(|posted| posted.frame);
@@ -284,6 +286,8 @@ impl CanBus {
         let Sending { frame, mark, end } = self.sending.take()?;
         self.starting = true;
         for plug in self.plugs.iter_mut().filter(|plug| plug.sending) {
+            let again = plug.waiting.front().is_some_and(|posted| posted.taken);
+            plug.standing.doubled += u64::from(again && end != End::Destroyed);
             if end == End::Good {
                 plug.waiting.pop_front();
                 plug.errors = plug.errors.saturating_sub(1);
@@ -291,9 +295,10 @@ impl CanBus {
                 continue;
             }
             plug.errors += ERROR_WEIGHT;
-            if end == End::Twice {
-                plug.standing.doubled += 1;
-                plug.waiting.iter_mut().take(1).for_each(|posted| posted.mark.copy = true);
+            if end == End::Twice
+                && let Some(posted) = plug.waiting.front_mut()
+            {
+                (posted.taken, posted.mark.copy) = (true, true);
             }
         }
         match end {
@@ -399,6 +404,9 @@ impl CanBus {
     /// Pulls a plug's connector, or puts it in again.
     pub(crate) fn pull(&mut self, plug: usize, away: bool) {
         let plug = &mut self.plugs[plug];
+        if plug.away == away {
+            return;
+        }
         (plug.away, plug.sending) = (away, false);
         plug.waiting.clear();
         plug.standing.waits = false;

@@ -26,7 +26,7 @@ const STEPS: u32 = 500;
 const STEP_MS: u32 = 40;
 /// What everything adds up to. It changes with these drives and hosts only.
 const PINNED: u64 = 0xFE8F_9243_D075_0DE0;
-const PINNED_ON_CAN: u64 = 0x0A4B_E019_2136_0F53;
+const PINNED_ON_CAN: u64 = 0xC47F_2030_FE84_CE09;
 const BIT_RATE: u32 = 1_000_000;
 /// The variant with CANopen, in the mode that obeys it.
 const TS_ON_CAN: [(&str, &str); 3] = [("variant", "all"), ("fn00", "20"), ("can", "true")];

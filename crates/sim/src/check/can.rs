@@ -24,8 +24,8 @@ const OWED_MAX: usize = 16;
 /// Such an answer comes within so long, or not at all, ms.
 const OWED_MS: u32 = 1_000;
 
-/// What was given up on was sent so long ago: no host waits less. What is newer, such as a stop that
-/// overtook it, is still to be answered, ms.
+/// What was given up on was sent so long ago: no host waits less. What is newer is still to be
+/// answered, ms; so is a stop that overtook it, or that a verb begins with.
 const GIVEN_UP_MS: u32 = 10;
 
 /// Watches one host on its bus.
@@ -96,8 +96,13 @@ impl CanWatch {
     }
 
     /// To be called after every event that touched the host. `gave_up` are the drives of whose
-    /// tickets one ended without an answer: no reply to what was sent for it may be taken any more.
-    pub fn after(&mut self, world: &mut World, gave_up: &[NodeId]) -> Option<Violation> {
+    /// tickets one ended without an answer, with the time since when a verb of theirs is open: no
+    /// reply to what was sent before that may be taken any more.
+    pub fn after(
+        &mut self,
+        world: &mut World,
+        gave_up: &[(NodeId, Option<Instant>)],
+    ) -> Option<Violation> {
         let counters = world.look(self.host, |n, _| n.axes().map(|a| a.counters()))?;
         let before = std::mem::replace(&mut self.counters, counters);
         let known = world.standing(self.wire, self.host)?;
@@ -110,10 +115,13 @@ impl CanWatch {
             true => self.matched(now, known.heard, behind),
             false => None,
         };
-        for drive in gave_up {
+        for (drive, verb) in gave_up {
             let place = world.standing(self.wire, *drive).map(|drive| drive.plug);
             let id = place.and_then(|plug| self.asked_by.get(&plug)).copied();
-            let newer = |asked: &Asked| now < asked.since.plus_ms(GIVEN_UP_MS);
+            let newer = |asked: &Asked| {
+                let of_verb = verb.is_some_and(|verb| asked.since >= verb);
+                of_verb || now < asked.since.plus_ms(GIVEN_UP_MS)
+            };
             self.open.retain(|asked| Some(asked.mark.id) != id || newer(asked));
         }
         self.sent(&was, &known);
@@ -142,15 +150,24 @@ impl CanWatch {
             self.copied(now, asked);
             return None;
         }
-        let Some(at) = self.open.iter().rposition(|asked| asked.mark.content == question) else {
+        let exact = self.open.iter().position(|asked| asked.mark.tag == tag);
+        let same = || self.open.iter().rposition(|asked| asked.mark.content == question);
+        let Some(at) = exact.or_else(same) else {
             return self.mismatched(now, reply, tag, behind.is_some());
         };
         let asked = self.open[at];
-        if (reply.copy || behind.is_some()) && asked.mark.tag != tag {
-            // It says what is asked; but it was said before it was asked.
-            self.copied(now, asked);
-        }
         self.asked_by.insert(reply.from, asked.mark.id);
+        if (reply.copy || behind.is_some()) && asked.mark.tag != tag {
+            // It says what is asked; but it was said before it was asked, and before the answers
+            // to what is older.
+            self.copied(now, asked);
+            return None;
+        }
+        if exact.is_none() {
+            // An answer to the same that was asked before: what else is open is still to be answered.
+            self.open.remove(at);
+            return None;
+        }
         let mut place = 0;
         self.open.retain(|other| {
             place += 1;

@@ -179,6 +179,12 @@ impl Axis {
         self.armed || !is_start(what)
     }
 
+    /// Since when a verb is open, of those tickets that `waits` names.
+    pub fn verb_since(&self, waits: impl Fn(Ticket) -> bool) -> Option<Instant> {
+        let verbs = self.open.iter().filter(|open| matches!(open.what, What::Do(_)));
+        verbs.filter(|open| waits(open.ticket)).map(|open| open.since).min()
+    }
+
     /// Powering a motor at rest leaves it where it is.
     fn jumped(&self, truth: &Truth) -> Option<Found> {
         let open = self.open.iter().find(|open| open.what == What::Do(Verb::Enable))?;

@@ -7,6 +7,7 @@ use polepair_core::drives;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
+use polepair_core::proto::tml::host::REPLY_TIMEOUT_MS;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
 
@@ -49,6 +50,14 @@ struct Wanted {
     drive: NodeId,
 }
 
+impl Wanted {
+    /// How long its host waits for a reply, ms: a host of TML's less than the drives' profile says.
+    fn patience_ms(&self) -> u32 {
+        let most = if self.spoken.profile == "tml" { REPLY_TIMEOUT_MS } else { u32::MAX };
+        self.spec.profile.reply_timeout_ms.min(most)
+    }
+}
+
 impl Scene {
     /// Adds a bus with all that is on it.
     pub(super) fn add_bus(&mut self, random: &mut Random) {
@@ -68,7 +77,7 @@ impl Scene {
             let think_us = SHARE_BITS * 1_000_000 / u64::from(bit_rate);
             self.clients[first..].iter_mut().for_each(|c| c.share(think_us, SHARE_OPEN_MAX));
         }
-        let patience = wanted.iter().map(|w| w.spec.profile.reply_timeout_ms).min().unwrap_or(100);
+        let patience = wanted.iter().map(Wanted::patience_ms).min().unwrap_or(100);
         let sound = random.chance(SOUND);
         self.clients[first..].iter_mut().for_each(|client| client.sound = sound);
         if sound {

@@ -2,6 +2,7 @@
 
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::medium::MediumKind;
+use polepair_core::proto::thruster::wire::REFUSED;
 use polepair_core::station::{Counters, Ticket};
 use polepair_core::time::Instant;
 
@@ -170,8 +171,11 @@ impl Client {
             }
             Judge::Can(watch) => {
                 let has = |axis: &&Axis, t| axis.open.iter().any(|open| open.ticket == t);
-                let drive = |t| self.axes.iter().find(|axis| has(axis, t)).map(|axis| axis.drive);
-                let drives: Vec<_> = gave_up.iter().filter_map(|(t, _)| drive(*t)).collect();
+                let axis = |t| self.axes.iter().find(|axis| has(axis, t));
+                let waits = |t: Ticket| !ends.iter().any(|(ended, _)| *ended == t);
+                let verb = |axis: &Axis| axis.verb_since(waits);
+                let drives = gave_up.iter().filter_map(|(t, _)| axis(*t));
+                let drives: Vec<_> = drives.map(|axis| (axis.drive, verb(axis))).collect();
                 let believed = (watch.copies_taken, watch.strange_taken);
                 report.violations_of(watch.after(world, &drives));
                 let copied = watch.copies_taken > believed.0;
@@ -259,9 +263,10 @@ impl Client {
             }
         }
         let must_work = self.sound || open.is_some_and(|o| o.since >= self.calm_at);
-        // A stop may end a read: that is an answer too.
-        let cancelled = outcome == Outcome::NotDone(Failure::Cancelled);
-        let answered = cancelled || matches!(outcome, Outcome::Done(_));
+        // A stop may end a read: that is an answer too. And a value may look like a refusal.
+        let ends = [Failure::Cancelled, Failure::Refused { code: REFUSED }];
+        let answered = matches!(outcome, Outcome::Done(_))
+            || ends.iter().any(|end| outcome == Outcome::NotDone(*end));
         let question = matches!(open.map(|o| o.what), Some(What::Read(_) | What::Look(..)));
         if must_work && question && !answered && !axis.elsewhere {
             let what =

@@ -19,7 +19,7 @@ use polepair_core::station::{AxisIndex, Ticket};
 use crate::host::{self, Spoken};
 use crate::rack::RackDrive;
 use crate::serial_line::Serial;
-use crate::world::{NodeId, World};
+use crate::world::{NodeId, WireId, World};
 
 /// Parameters that are kept per product.
 const INERT_MAX: usize = 12;
@@ -35,6 +35,8 @@ const TURNS: [Verb; 7] = [
     Verb::Stop,
     Verb::Disable,
 ];
+/// Who says nothing unasked within so long is quiet, ms.
+const QUIET_MS: u32 = 100;
 /// The only axis of a trial.
 const AXIS: AxisIndex = AxisIndex(0);
 
@@ -95,7 +97,7 @@ fn try_one(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Optio
         (parameter.min.max(usual.saturating_sub(20)), parameter.max.min(usual.saturating_add(20)));
     for value in [max, min, usual] {
         desk.write(id, value)?;
-        (desk.read(id)? == value).then_some(())?;
+        (desk.read(id)? == value && desk.is_quiet()).then_some(())?;
     }
     // A drive may change a flag of it by itself as it moves.
     let flags = (min..=max).rev().find(|raw| (raw + 1).count_ones() == 1).unwrap_or(max);
@@ -125,6 +127,7 @@ fn wanted(profile: &Profile, id: ParameterId, min: i64, max: i64) -> &'static [i
 /// One host and one drive on a wire that works.
 struct Desk {
     world: World,
+    wire: WireId,
     host: NodeId,
     drive: NodeId,
 }
@@ -148,7 +151,7 @@ impl Desk {
         )?);
         world.plug_host(wire, host, 0);
         world.run_until(world.now().plus_ms(2_000));
-        Some(Self { world, host, drive })
+        Some(Self { world, wire, host, drive })
     }
 
     fn read(&mut self, id: ParameterId) -> Option<i64> {
@@ -174,6 +177,17 @@ impl Desk {
             }
         }
         None
+    }
+
+    /// Whether the drive says nothing unasked: what it said could fill a bus.
+    fn is_quiet(&mut self) -> bool {
+        let said = |world: &World, wire, drive| match world.medium(wire) {
+            MediumKind::Serial => world.knowledge(wire, drive).sent.tag,
+            MediumKind::Can => world.standing(wire, drive).map_or(0, |s| s.sent.tag),
+        };
+        let before = said(&self.world, self.wire, self.drive);
+        self.world.run_until(self.world.now().plus_ms(QUIET_MS));
+        said(&self.world, self.wire, self.drive) == before
     }
 
     /// Has the drive do whatever it does as it comes from the factory.

@@ -172,7 +172,10 @@ impl Witness {
     }
 }
 
-/// Whether the drive is held to the same as before.
+/// Whether the drive is held to the same as before, and does the same: a ramp may start anew from a
+/// motor that is faster than its set-point.
 fn alike(before: &Truth, truth: &Truth) -> bool {
-    before.bounds == truth.bounds && before.enabled == truth.enabled
+    before.bounds == truth.bounds
+        && before.enabled == truth.enabled
+        && before.starts == truth.starts
 }

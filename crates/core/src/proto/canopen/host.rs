@@ -251,6 +251,9 @@ impl Host {
 
     /// Everything that is under way ends so.
     fn end_all(&mut self, failure: Failure) {
+        for node in self.waiting.iter() {
+            self.channels[usize::from(node)].overtaken();
+        }
         for node in self.unsent.or(self.waiting).iter() {
             self.ended(node, Err(failure));
         }
@@ -292,6 +295,37 @@ impl Host {
             Ask::Time(time) => time.emit(),
             _ => return None,
         })
+    }
+
+    /// Whatever is asked, but what goes ahead of everything else. Never inlined there: it would make
+    /// one jump by a table of all.
+    #[inline(never)]
+    fn submit_any(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        match request {
+            Ask::Read { .. }
+            | Ask::Write { .. }
+            | Ask::Upload { .. }
+            | Ask::Download { .. }
+            | Ask::Guard { .. } => self.submit_channel(now, ticket, request),
+            Ask::Watch { node, ms } => {
+                let written = self.submit_channel(now, ticket, self.network.watched(node, ms));
+                written.map_err(|_| request)?;
+                self.network.beat_within(now, ms);
+                Ok(())
+            }
+            Ask::Lss(lss) => self.lss.submit(ticket, Some(lss)).map_err(|()| request),
+            Ask::FastScan => self.lss.submit(ticket, None).map_err(|()| request),
+            Ask::SyncEvery(us) => {
+                self.network.sync_every(now, us);
+                self.end(ticket, Ok(Answer::Sent));
+                Ok(())
+            }
+            _ => {
+                let frame = Self::frame_of(&request).filter(|_| !self.frames.is_full());
+                self.frames.push(Some(ticket), frame.ok_or(request)?);
+                Ok(())
+            }
+        }
     }
 
     #[inline]
@@ -463,9 +497,22 @@ impl Station<Can> for Host {
 impl Host {
     #[inline]
     fn transmit(&mut self, now: Instant, node: u8, out: &mut Frame) -> Option<usize> {
+        let deadline = now.plus_ns(self.timeout_ns);
+        let Some(bytes) = self.channels[usize::from(node)].emit_first(deadline) else {
+            return self.transmit_on(deadline, node, out);
+        };
+        *out = sdo_frame(node, bytes);
+        self.counters.sent += 1;
+        self.unsent.remove(node);
+        self.waiting.insert(node);
+        Some(1)
+    }
+
+    /// A frame that is not a request alone.
+    fn transmit_on(&mut self, deadline: Instant, node: u8, out: &mut Frame) -> Option<usize> {
         let channel = &mut self.channels[usize::from(node)];
         let long = channel.long.and_then(|at| self.longs.get_mut(usize::from(at)));
-        let (bytes, more) = channel.emit(now.plus_ns(self.timeout_ns), long);
+        let (bytes, more) = channel.emit(deadline, long);
         *out = sdo_frame(node, bytes);
         if channel.guards() {
             *out = guard(node);
@@ -493,41 +540,17 @@ impl station::Host<Can> for Host {
     #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
         self.network.renew(now);
-        match request {
-            Ask::Read { node: node @ 1..=NODE_MAX, object } => {
-                // What is asked most goes ahead of everything else.
-                let channel = &mut self.channels[usize::from(node)];
-                if channel.is_idle() {
-                    channel.read(ticket, node, object);
-                    self.unsent.insert(node);
-                    return Ok(());
-                }
-                Err(request)
-            }
-            Ask::Read { .. }
-            | Ask::Write { .. }
-            | Ask::Upload { .. }
-            | Ask::Download { .. }
-            | Ask::Guard { .. } => self.submit_channel(now, ticket, request),
-            Ask::Watch { node, ms } => {
-                let written = self.submit_channel(now, ticket, self.network.watched(node, ms));
-                written.map_err(|_| request)?;
-                self.network.beat_within(now, ms);
-                Ok(())
-            }
-            Ask::Lss(lss) => self.lss.submit(ticket, Some(lss)).map_err(|()| request),
-            Ask::FastScan => self.lss.submit(ticket, None).map_err(|()| request),
-            Ask::SyncEvery(us) => {
-                self.network.sync_every(now, us);
-                self.end(ticket, Ok(Answer::Sent));
-                Ok(())
-            }
-            _ => {
-                let frame = Self::frame_of(&request).filter(|_| !self.frames.is_full());
-                self.frames.push(Some(ticket), frame.ok_or(request)?);
-                Ok(())
-            }
+        // What is asked most goes ahead of everything else.
+        let Ask::Read { node: node @ 1..=NODE_MAX, object } = request else {
+            return self.submit_any(now, ticket, request);
+        };
+        let channel = &mut self.channels[usize::from(node)];
+        if !channel.is_idle() {
+            return Err(request);
         }
+        channel.read(ticket, node, object);
+        self.unsent.insert(node);
+        Ok(())
     }
 
     #[inline]

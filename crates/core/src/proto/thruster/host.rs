@@ -1,6 +1,6 @@
 //! The commanding end: the host that a controller is in the manual's words.
 
-use super::session::{Answer, Ask, Session};
+use super::session::{Answer, Ask, Session, Soonest};
 use super::wire::{Heard, node};
 use crate::medium::{Can, CanLine, Frame};
 use crate::proto::HostOptions;
@@ -15,6 +15,8 @@ pub const REPLY_TIMEOUT_MS: u32 = 50;
 /// Bits of the shortest request and its reply without a single stuff bit: 47 each, four and eight
 /// bytes, less the pause behind the last.
 const EXCHANGE_BITS: u64 = 2 * 47 + (4 + 8) * 8 - 3;
+/// Bits of the four bytes more that a request with a value has.
+const VALUE_BITS: u64 = 4 * 8;
 
 /// The host of any number of drives on one bus.
 #[derive(Debug)]
@@ -28,9 +30,11 @@ impl CanHost {
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
-        let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
-        let soonest_ns = tolerated(exchange_ns.checked_div(options.bit_rate.into()).unwrap_or(0));
-        Self { session: Session::new(timeout, soonest_ns), bit_rate: options.bit_rate }
+        let ns =
+            |bits| u64::checked_div(bits * 1_000_000_000, options.bit_rate.into()).unwrap_or(0);
+        let soonest =
+            Soonest { plain_ns: tolerated(ns(EXCHANGE_BITS)), value_ns: tolerated(ns(VALUE_BITS)) };
+        Self { session: Session::new(timeout, soonest), bit_rate: options.bit_rate }
     }
 }
 

@@ -121,13 +121,27 @@ impl Pending {
     }
 }
 
+/// A request and its reply take at least so long. What comes sooner is the second copy of an older
+/// reply, which a disturbed last bit makes its sender repeat.
+#[derive(Clone, Copy, Debug)]
+pub struct Soonest {
+    /// The shortest request, and its reply.
+    pub plain_ns: u64,
+    /// So much more where the request has a value.
+    pub value_ns: u64,
+}
+
+impl Soonest {
+    fn after(self, out: &Request) -> u64 {
+        self.plain_ns + if out.data.is_some() { self.value_ns } else { 0 }
+    }
+}
+
 /// The session of one host.
 #[derive(Debug)]
 pub struct Session {
     timeout_ns: u64,
-    /// A request and its reply take at least so long. What comes sooner is the second copy of an
-    /// older reply, which a disturbed last bit makes its sender repeat.
-    soonest_ns: u64,
+    soonest: Soonest,
     pending: [Option<Pending>; PENDING_MAX],
     nodes: Nodes,
     events: Events<Answer, EVENTS_MAX>,
@@ -138,9 +152,9 @@ pub struct Session {
 impl Session {
     /// Nothing asked yet.
     #[must_use]
-    pub fn new(timeout_ms: u32, soonest_ns: u64) -> Self {
+    pub fn new(timeout_ms: u32, soonest: Soonest) -> Self {
         Self {
-            soonest_ns,
+            soonest,
             timeout_ns: u64::from(timeout_ms.max(1)) * 1_000_000,
             pending: [None; PENDING_MAX],
             nodes: Nodes::new(),
@@ -332,7 +346,7 @@ impl Session {
         let out = self.pending.iter().enumerate();
         let out = out.filter_map(|(n, p)| p.as_ref().map(|p| (n, p)));
         let out = out.filter(|(_, p)| p.ask.id == id && p.sent && fits(p));
-        let out = out.filter(|(_, p)| now >= p.at.plus_ns(self.soonest_ns));
+        let out = out.filter(|(_, p)| now >= p.at.plus_ns(self.soonest.after(&p.outgoing())));
         out.min_by_key(|(_, p)| p.at).map(|(n, _)| n)
     }
 

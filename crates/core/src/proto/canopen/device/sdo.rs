@@ -66,8 +66,7 @@ impl<const N: usize> CanEnd<N> {
     /// A request came.
     #[inline]
     pub(super) fn request(&mut self, now: Instant, frame: &Frame, firmware: &mut impl Firmware) {
-        // [I] What is shorter than the standard's eight bytes has zeros behind it, or is not heard.
-        if frame.len != 8 && !self.options.lenient {
+        if frame.len != 8 && !self.is_whole(frame, firmware) {
             return;
         }
         if self.server.mode == Mode::Receiving && frame.data[0] & 0x7F != 0 {
@@ -89,6 +88,23 @@ impl<const N: usize> CanEnd<N> {
             },
         };
         self.mail.sdo(reply);
+    }
+
+    /// \[I\] A request shorter than the standard's eight bytes has zeros behind it where all that it
+    /// names is there, as in what the TS manual prints; else it is not heard.
+    #[cold]
+    fn is_whole(&self, frame: &Frame, firmware: &impl Firmware) -> bool {
+        let head = 4;
+        self.options.lenient
+            && match Request::of(frame.data) {
+                Request::Read(_) => frame.len >= head,
+                Request::Write(object, short) => {
+                    let entry = firmware.dictionary().find(object.index, object.sub);
+                    let width = entry.and_then(|entry| entry.kind.bytes()).unwrap_or(0);
+                    frame.len >= head + (short.bytes().1 as u8).max(width)
+                }
+                _ => false,
+            }
     }
 
     #[cold]

@@ -68,6 +68,34 @@ pub enum Sort {
     Late,
 }
 
+/// The objects whose answers may still come.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Doubt {
+    None,
+    Of(Object),
+    /// Several: any may be one.
+    All,
+}
+
+impl Doubt {
+    #[inline]
+    pub fn concerns(self, object: Object) -> bool {
+        match self {
+            Self::None => false,
+            Self::Of(other) => other == object,
+            Self::All => true,
+        }
+    }
+
+    pub fn add(&mut self, object: Object) {
+        *self = match *self {
+            Self::Of(other) if other != object => Self::All,
+            Self::All => Self::All,
+            _ => Self::Of(object),
+        };
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 pub struct Channel {
     pub ticket: Ticket,
@@ -95,8 +123,7 @@ pub struct Channel {
     pub(super) size: Option<u32>,
     /// The first eight of them.
     pub(super) bits: u64,
-    /// An object whose answer may still come.
-    pub(super) doubt: Option<Object>,
+    pub(super) doubt: Doubt,
     /// What was asked last: that is what an abort is about.
     ended: Object,
     /// The answer to it came again, and how many answers in a row did.
@@ -148,7 +175,7 @@ impl Channel {
         done: 0,
         size: None,
         bits: 0,
-        doubt: None,
+        doubt: Doubt::None,
         ended: NOTHING,
         again: false,
         doubled: 0,
@@ -190,62 +217,66 @@ impl Channel {
     }
 
     pub fn begin(&mut self, ticket: Ticket, ask: Ask, long: Option<u8>) {
-        self.start(ticket, ask, first(&ask).map_or([0; 8], Request::bytes), long);
+        self.long = long;
+        let stage = match ask {
+            Ask::Guard { .. } => Stage::Guard,
+            _ => self.opening(&ask),
+        };
+        self.start(ticket, ask, first(&ask).map_or([0; 8], Request::bytes), stage);
     }
 
     /// Begins to read.
     #[inline]
     pub fn read(&mut self, ticket: Ticket, node: u8, object: Object) {
-        self.start(ticket, Ask::Read { node, object }, Request::Read(object).bytes(), None);
+        let stage = if self.doubt.concerns(object) { Stage::Probe } else { Stage::Begin };
+        self.start(ticket, Ask::Read { node, object }, Request::Read(object).bytes(), stage);
     }
 
     #[inline]
-    fn start(&mut self, ticket: Ticket, ask: Ask, first: [u8; 8], long: Option<u8>) {
+    fn start(&mut self, ticket: Ticket, ask: Ask, first: [u8; 8], stage: Stage) {
         self.ticket = ticket;
         self.ask = ask;
         self.first = first;
-        self.long = long;
-        self.attempts = 0;
-        self.stage = match ask {
-            Ask::Guard { .. } => Stage::Guard,
-            _ => self.opening(),
-        };
-        self.anew();
+        self.stage = stage;
     }
 
     /// What goes first: the request, or where an older answer to the same may come, something else.
-    #[inline]
-    fn opening(&self) -> Stage {
-        match self.doubt {
-            Some(object) if object == self.object() => match self.is_stop() {
-                true => Stage::Ahead,
-                false => Stage::Probe,
-            },
-            _ => Stage::Begin,
+    fn opening(&self, ask: &Ask) -> Stage {
+        match ask {
+            _ if !self.doubt.concerns(ask.object().unwrap_or(NOTHING)) => Stage::Begin,
+            Ask::Write { class: Class::Stop, .. } => Stage::Ahead,
+            _ => Stage::Probe,
         }
     }
 
-    #[inline]
+    /// As before the first frame.
     fn anew(&mut self) {
         (self.toggle, self.copied, self.stalled) = (false, false, false);
         (self.done, self.size, self.bits) = (0, None, 0);
     }
 
-    /// It is over; gives the place of its bytes.
-    #[inline]
+    /// It is over; gives the place of its bytes. What it left is cleared here, so that what ends
+    /// [at once](Self::at_once) has nothing to clear.
     pub fn end(&mut self) -> Option<usize> {
-        self.ended = self.object();
+        self.anew();
+        self.ended_with(self.object());
+        self.long.take().map(usize::from)
+    }
+
+    #[inline]
+    fn ended_with(&mut self, object: Object) {
+        self.ended = object;
         self.doubled *= u8::from(self.again);
         self.again = false;
+        self.attempts = 0;
         self.stage = Stage::Idle;
-        self.long.take().map(usize::from)
     }
 
     /// A reply came that nothing waits for: where the last question is answered, it may be a second
     /// one to that.
     #[cold]
     pub fn spoke_again(&mut self, data: [u8; 8]) {
-        let again = self.doubt.is_none() && Reply::of(data).object() == Some(self.ended);
+        let again = self.doubt == Doubt::None && Reply::of(data).object() == Some(self.ended);
         if again && !core::mem::replace(&mut self.again, true) {
             self.doubled = self.doubled.saturating_add(1);
         }
@@ -264,8 +295,8 @@ impl Channel {
             return None;
         }
         let (object, Short { bits, len }) = answer(self.first, reply)?;
-        self.doubt = None;
-        self.end();
+        self.doubt = Doubt::None;
+        self.ended_with(object);
         Some(Answer::Value { object, bits: bits.into(), len: len.into() })
     }
 
@@ -278,8 +309,16 @@ impl Channel {
         PROBES[usize::from(self.object() == PROBES[0])]
     }
 
-    /// The next frame, and whether another one follows it at once.
+    /// The request, where it goes first and is all that goes.
     #[inline]
+    pub fn emit_first(&mut self, deadline: Instant) -> Option<[u8; 8]> {
+        (self.stage == Stage::Begin).then(|| {
+            self.deadline = deadline;
+            self.first
+        })
+    }
+
+    /// The next frame, and whether another one follows it at once.
     pub fn emit(&mut self, deadline: Instant, long: Option<&mut Long>) -> ([u8; 8], bool) {
         self.deadline = deadline;
         match self.stage {
@@ -366,7 +405,7 @@ impl Channel {
             }
             (Stage::Begin, None) if again && self.may_repeat() => {
                 self.attempts += 1;
-                self.doubt = Some(self.object());
+                self.doubt.add(self.object());
                 self.stage = Stage::Probe;
                 self.anew();
                 (Step::Send, true)
@@ -385,16 +424,17 @@ impl Channel {
             (Stage::Drain, _) => (Step::End(over), false),
             (stage, _) => {
                 if stage != Stage::Probe {
-                    self.doubt = Some(self.object());
+                    self.doubt.add(self.object());
                 }
                 (Step::Abort(Abort::TIMEOUT, over), false)
             }
         }
     }
 
-    /// A stop comes first. Gives how this ends: what may have been executed is not known.
+    /// Its answer is waited for no more, and may still come: a stop comes first, or the link is
+    /// down. Gives how this ends: what may have been executed is not known.
     pub fn overtaken(&mut self) -> Failure {
-        self.doubt = Some(self.object());
+        self.doubt.add(self.object());
         match self.ask {
             Ask::Write { .. } | Ask::Download { .. } => Failure::Silent,
             _ => Failure::Cancelled,

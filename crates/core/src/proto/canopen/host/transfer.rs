@@ -1,6 +1,6 @@
 //! What a node's answers make of its transfer.
 
-use super::channel::{Channel, Sort, Stage, Step};
+use super::channel::{Channel, Doubt, Sort, Stage, Step};
 use super::long::Long;
 use crate::error::Failure;
 use crate::proto::canopen::ask::{Answer, Ask};
@@ -24,8 +24,10 @@ impl Channel {
             self.deadline = deadline;
             return (self.block_came(BlockSegment::of(data), arrived, long), Sort::Answer);
         }
+        // What is said to a stop ahead of the probe may be said to what was before.
+        let sure = self.stage != Stage::Ahead;
         match self.step(deadline, Reply::of(data), long) {
-            Some(step) => (step, Sort::Answer),
+            Some(step) => (step, if sure { Sort::Answer } else { Sort::Late }),
             None => (Step::Wait, Sort::Late),
         }
     }
@@ -39,7 +41,7 @@ impl Channel {
             | (Stage::Probe, Reply::Value(named, _) | Reply::ValueLong(named, _))
                 if named == self.probe() =>
             {
-                self.doubt = None;
+                self.doubt = Doubt::None;
                 self.stage = Stage::Begin;
                 Some(Step::Send)
             }
@@ -53,12 +55,12 @@ impl Channel {
             (stage, Reply::Abort(named, abort))
                 if named == object || stage != Stage::Begin && named == Object::default() =>
             {
-                self.doubt = None;
+                self.doubt = Doubt::None;
                 Some(Step::End(Err(Failure::Refused { code: abort.0 })))
             }
             (Stage::Begin, reply) if reply.object() == Some(object) => {
                 let step = self.begun(reply, long)?;
-                self.doubt = None;
+                self.doubt = Doubt::None;
                 Some(step)
             }
             (Stage::Reading, Reply::ValueSegment(segment)) => {
@@ -235,7 +237,7 @@ impl Channel {
 
     /// The node breaks the protocol.
     fn broken(&mut self, abort: Abort) -> Step {
-        self.doubt = Some(self.object());
+        self.doubt.add(self.object());
         Step::Abort(abort, Err(Failure::Misbehaved))
     }
 

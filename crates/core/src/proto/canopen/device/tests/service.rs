@@ -255,6 +255,14 @@ fn a_short_request_is_not_heard_unless_lenient() {
     let mut lenient = Desk::with(Options { lenient: true, echoes: true, ..Options::STRICT });
     let echoed = frame(0x585, &[0x60, 0x00, 0x20, 0, 7, 0, 0, 0]);
     assert_eq!(lenient.answers(short), [echoed]);
+    // What was lost of a value is not zero.
+    lenient.answers(frame(0x605, &[0x2B, 0x01, 0x20, 0, 0x0D, 0, 0, 0]));
+    for cut in
+        [&[0x2B, 0x01, 0x20][..], &[0x2B, 0x01, 0x20, 0], &[0x2F, 0x01, 0x20, 0, 1], &[0x40, 1]]
+    {
+        assert_eq!(lenient.answers(frame(0x605, cut)), [], "{cut:02X?}");
+    }
+    assert_eq!(lenient.toy.values[usize::from(I16_AT)], 13);
     // One byte told, two meant: 2F with an object of two bytes.
     lenient.answers(frame(0x605, &[0x2F, 0x01, 0x20, 0, 0xE8, 0x03, 0, 0]));
     assert_eq!(lenient.toy.values[usize::from(I16_AT)], 1000);
