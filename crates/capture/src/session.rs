@@ -1,7 +1,7 @@
 //! What a conversation tells beyond its single frames: values, requests and how they ended, states,
 //! faults, and what a healthy bus does not do.
 //!
-//! Each protocol that a link speaks has one [`Follower`]. It is given every frame that the protocol
+//! Each protocol that a link speaks has one `Follower`. It is given every frame that the protocol
 //! claims, after the frame was explained by itself, and may add to what is said of it.
 
 pub mod canopen;

@@ -269,12 +269,10 @@ impl Canopen {
     fn state(&mut self, id: u8, heard: &Heard<'_>, notices: &mut Vec<Notice>) {
         let at = (heard.number, heard.time);
         if heard.remote {
-            let before = notices.len();
             let node = self.node(id);
             node.guarded(at, notices);
             let due = node.guard.due();
-            self.expect(due);
-            return self.hush(id, before, notices);
+            return self.expect(due);
         }
         let Ok(Heartbeat { state, toggle }) = Heartbeat::parse(heard.raw.bytes) else { return };
         let beginning = self.channels[usize::from(id)].is_setting(HEARTBEAT_TIME, heard.time);
@@ -287,6 +285,7 @@ impl Canopen {
                 self.restart(id, notices);
             }
         } else if node.guard.answer(id, toggle, at, notices) {
+            node.answered(notices);
             node.state_told(state, heard.time, notices);
         } else {
             node.tell(state, heard.time, notices);

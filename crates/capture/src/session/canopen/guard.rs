@@ -11,7 +11,7 @@ pub(super) struct Guard {
     asked: Option<At>,
     toggle: Option<bool>,
     heard: bool,
-    /// That it does not answer was told.
+    /// It did not answer last.
     lost: bool,
 }
 
@@ -36,12 +36,12 @@ impl Guard {
         Some(Stamp(self.asked?.1?.0.saturating_add(TIMEOUT_NS)))
     }
 
-    /// No answer came. True the first time.
+    /// No more is waited for an answer. True if one was due.
     pub fn give_up(&mut self, node: u8, notices: &mut Vec<Notice>) -> bool {
         let Some(asked) = self.asked.take() else { return false };
-        let outcome = Outcome::Unanswered;
-        notices.push(Notice::Exchange(exchange(node, asked, None, outcome)));
-        !core::mem::replace(&mut self.lost, true)
+        self.lost = true;
+        notices.push(Notice::Exchange(exchange(node, asked, None, Outcome::Unanswered)));
+        true
     }
 
     /// The node's state comes; `false` if nobody asked.

@@ -127,7 +127,7 @@ impl Node {
 
     /// It did not tell its state.
     pub fn unguarded(&mut self, notices: &mut Vec<Notice>) {
-        if self.guard.give_up(self.id, notices) {
+        if self.guard.give_up(self.id, notices) && self.unanswered(true) {
             let text = "does not answer to guarding".to_owned();
             notices.push(odd(Oddity::Unanswered, self.id, text));
         }

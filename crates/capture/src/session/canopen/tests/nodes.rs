@@ -164,6 +164,10 @@ fn guarding_alternates() {
         bus.wait(100);
     }
     assert_eq!(bus.told().odds(), [Oddity::Sequence, Oddity::Unanswered]);
+    // Who looks who is there accuses none.
+    let mut bus = Bus::default();
+    guard(&mut bus);
+    bus.wait(3000).say(0x80, &[]).told().clean();
 }
 
 #[test]
