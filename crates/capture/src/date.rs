@@ -123,6 +123,12 @@ pub(crate) fn in_words(text: &str) -> Option<Stamp> {
     moment([year?, u16::from(month?), day?], [hour, minute, second], ns)
 }
 
+/// `2026-11-21 20:15:00 UTC`.
+pub(crate) fn shown(stamp: Stamp) -> String {
+    let Civil { date: [year, month, day], time: [hour, minute, second], .. } = civil(stamp);
+    format!("{year}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
+}
+
 /// `2026-11-21 20:15:00.5`, also with a T between, a Z behind, or without the clock.
 pub(crate) fn written(text: &str) -> Option<Stamp> {
     let text = text.trim().trim_end_matches('Z');

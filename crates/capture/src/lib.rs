@@ -5,7 +5,8 @@
 //!    └ wire   per link: reassembly, resynchronisation, echo, requests and their replies
 //!       └ Dissector (core's registry)   what the frame says by itself
 //!          └ session                    what its conversation tells: values, states, faults, oddities
-//!             └ jsonl | text            one object, or one line, a frame
+//!             ├ jsonl | text            one object, or one line, a frame
+//!             └ filter, summary, diff, plot   what a person asks of all of them
 //!   judge     which protocol a capture speaks, when nobody says
 //! ```
 //!
@@ -28,18 +29,23 @@ mod changes;
 mod conversation;
 mod date;
 mod decoder;
+pub mod diff;
 mod explained;
 mod filter;
 mod follow;
 mod format;
 pub mod jsonl;
 mod judge;
+#[cfg(test)]
+mod made;
+pub mod plot;
 mod read;
 mod record;
 mod rules;
 pub mod session;
 mod stamp;
 mod stream;
+pub mod summary;
 pub mod text;
 mod write;
 

@@ -235,6 +235,18 @@ impl core::fmt::Display for Span {
     }
 }
 
+/// A number with at most four decimals, none where it needs none.
+#[derive(Clone, Copy, Debug)]
+pub struct Real(pub f64);
+
+impl core::fmt::Display for Real {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let rounded = (self.0 * 1e4).round() / 1e4;
+        let small = rounded == 0.0 || self.0.abs() >= 1e15;
+        if small { write!(f, "{}", self.0) } else { write!(f, "{rounded}") }
+    }
+}
+
 /// Decimals for three digits that count.
 fn decimals(value: f64) -> usize {
     match value {
@@ -253,7 +265,7 @@ impl core::fmt::Display for Told<'_> {
         match self.0 {
             Notice::Signal(Signal { axis, name, value, unit, .. }) => {
                 let gap = if unit.is_empty() { "" } else { " " };
-                write!(f, "= axis {axis} {name} {value}{gap}{unit}")
+                write!(f, "= axis {axis} {name} {}{gap}{unit}", Real(*value))
             }
             Notice::Exchange(Exchange { axis, op, outcome, asked, retries, .. }) => {
                 write!(f, "? {op}{} of frame {}: {}", of(*axis), asked.0, outcome.word())?;

@@ -48,6 +48,11 @@ pub trait Sink {
         Ok(())
     }
 
+    /// The capture was read to its end.
+    fn finish(&mut self) -> Result<()> {
+        self.settle(true)
+    }
+
     /// What conversations of a link leave open at the end.
     fn ending(&mut self, link: &str, notices: &[Notice]) {
         let _ = (link, notices);
@@ -66,7 +71,8 @@ impl Stated {
 /// What is stated about a capture, understood.
 pub struct Source {
     rules: Option<Rules>,
-    profile: Option<&'static Profile>,
+    /// The drive whose names are used.
+    pub profile: Option<&'static Profile>,
     form: Option<Format>,
 }
 
@@ -79,7 +85,7 @@ impl Source {
         };
         decoder.finish(&mut |event| sink.take(event));
         decoder.ending(&mut |link, notices| sink.ending(link, notices));
-        sink.settle(true)?;
+        sink.finish()?;
         Ok(decoder)
     }
 

@@ -18,6 +18,14 @@ pub fn is_screen() -> bool {
     io::stdout().is_terminal() && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
 }
 
+/// Columns of the terminal; what a page has where there is none.
+pub fn width() -> usize {
+    const PAGE: usize = 100;
+    let stated = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
+    let found = || ratatui_crossterm::crossterm::terminal::size().ok().map(|size| size.0.into());
+    stated.or_else(|| found().filter(|_| io::stdout().is_terminal())).unwrap_or(PAGE)
+}
+
 /// Whether stderr takes colours.
 pub fn colour_err() -> bool {
     io::stderr().is_terminal() && wanted()

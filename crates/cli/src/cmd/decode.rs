@@ -3,6 +3,7 @@
 
 mod filtered;
 mod lines;
+mod plot;
 
 use std::path::{Path, PathBuf};
 
@@ -14,6 +15,7 @@ use crate::capture::{Sink, Stated, report};
 use crate::problem::{Problem, Result};
 use filtered::Filtered;
 use lines::Lines;
+use plot::Drawing;
 
 /// Explains every frame of a capture.
 ///
@@ -30,6 +32,7 @@ Examples:
   polepair decode capture.log
   polepair decode capture.log --as tmcl --format jsonl -o frames.jsonl
   polepair decode machine.blf --filter 'axis = 2 and not ok'
+  polepair decode bus.log --plot '*/Actual/Position' -o position.svg
   polepair decode bus.log --as canopen@2,thruster@11 --profile syntron-ts-canopen
   tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
 pub struct Decode {
@@ -50,6 +53,9 @@ pub struct Decode {
     /// Mark bytes that changed since the last frame of their kind where there is no colour
     #[arg(long)]
     changes: bool,
+    /// Draw signals instead of the frames: Actual/Position, '2/Setpoint/*'; with -o FILE.svg, there
+    #[arg(long, value_name = "SIGNAL", num_args = 1.., conflicts_with = "format")]
+    plot: Vec<String>,
     /// Write to a file instead of stdout
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
@@ -88,6 +94,9 @@ impl Decode {
     }
 
     fn sink(&self, out: Option<&Path>) -> Result<Box<dyn Sink>> {
+        if !self.plot.is_empty() {
+            return Ok(Box::new(Drawing::new(&self.plot, out)));
+        }
         Ok(match self.format() {
             Format::Text => Box::new(Lines::text(out, self.style())?),
             Format::Jsonl => Box::new(Lines::jsonl(out)?),

@@ -5,6 +5,7 @@ mod config;
 mod convert;
 mod decode;
 mod demo;
+mod diff;
 mod doctor;
 mod encode;
 mod explain;
@@ -20,6 +21,7 @@ mod set;
 mod sim;
 mod stop;
 mod stream;
+mod summary;
 mod sync;
 mod verbs;
 mod watch;
@@ -59,6 +61,10 @@ Data goes to stdout, prose to stderr. NO_COLOR is honoured.";
 pub enum Verb {
     /// Explain the frames of a capture
     Decode(decode::Decode),
+    /// Tell what a capture holds: who, what, and what went wrong
+    Summary(summary::Options),
+    /// Tell what differs between two captures in behaviour
+    Diff(diff::Options),
     /// Write a capture in another format
     Convert(convert::Convert),
     /// Turn text into the bytes of a frame
@@ -122,6 +128,8 @@ pub enum Verb {
 pub fn run(verb: Verb) -> Result {
     match verb {
         Verb::Decode(verb) => verb.run(),
+        Verb::Summary(verb) => verb.run(),
+        Verb::Diff(verb) => verb.run(),
         Verb::Convert(verb) => verb.run(),
         Verb::Encode(verb) => verb.run(),
         Verb::Explain(verb) => verb.run(),

@@ -32,6 +32,10 @@ impl Sink for Filtered {
         self.inner.settle(now)
     }
 
+    fn finish(&mut self) -> Result<()> {
+        self.inner.finish()
+    }
+
     /// What is left open belongs to no frame, so no filter wants it.
     fn ending(&mut self, _link: &str, _notices: &[Notice]) {}
 }

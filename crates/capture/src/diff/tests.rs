@@ -1,0 +1,96 @@
+//! What differs between made captures.
+
+use super::{Difference, diff};
+use crate::made::{Made, change, exchange, fault, odd, signal};
+use crate::session::{Oddity, Outcome};
+use crate::summary::Summary;
+
+/// What a capture is made of.
+#[derive(Clone, Copy)]
+struct Recipe {
+    period_us: u64,
+    latency_us: u64,
+    /// A setting that is read again and again.
+    setting: f64,
+    kinds: [&'static str; 2],
+    /// Axes that speak, from 2.
+    axes: u32,
+    trouble: bool,
+}
+
+const USUAL: Recipe = Recipe {
+    period_us: 1000,
+    latency_us: 800,
+    setting: 7.0,
+    kinds: ["TPDO1", "SDO read"],
+    axes: 1,
+    trouble: false,
+};
+
+fn made(recipe: Recipe) -> Summary {
+    let (mut made, mut summary) = (Made::default(), Summary::default());
+    for n in 0..200u64 {
+        for axis in 2..2 + recipe.axes {
+            let us = n * recipe.period_us;
+            let mut told = vec![
+                signal(axis, "max current", recipe.setting),
+                signal(axis, "Actual/Position", (n as f64 / 20.0).sin() * 100.0),
+                exchange(axis, us, recipe.latency_us + n % 7 * 10, Outcome::Done),
+            ];
+            if n == 0 {
+                told.push(change(axis, "operational"));
+            }
+            if n == 150 && recipe.trouble {
+                told.extend([
+                    fault(axis, false),
+                    odd(Oddity::Silent, axis),
+                    change(axis, "stopped"),
+                ]);
+            }
+            for kind in recipe.kinds {
+                made.frame(us, (axis, kind), &told, &mut |event| summary.take(event));
+                told.clear();
+            }
+        }
+    }
+    summary
+}
+
+fn found(other: Recipe) -> Vec<Difference> {
+    let (one, other) = (made(USUAL), made(other));
+    let there = diff(&one, &other, 0.2);
+    let back = diff(&other, &one, 0.2);
+    assert_eq!(there.len(), back.len(), "the order of the two does not matter");
+    there
+}
+
+fn words(found: &[Difference]) -> Vec<(&str, &str, &str)> {
+    found.iter().map(|one| (one.what, one.a.as_str(), one.b.as_str())).collect()
+}
+
+#[test]
+fn alike_is_alike() {
+    assert_eq!(found(USUAL), []);
+    assert_eq!(found(Recipe { period_us: 1100, latency_us: 900, ..USUAL }), []);
+}
+
+#[test]
+fn each_sort_of_difference_is_told() {
+    let slower = found(Recipe { period_us: 2000, ..USUAL });
+    assert_eq!(words(&slower)[0].0, "rate");
+    assert!(slower.iter().all(|one| one.what == "rate"), "{slower:?}");
+    let later = found(Recipe { latency_us: 4000, ..USUAL });
+    assert_eq!(later.len(), 2, "{later:?}");
+    assert!(later[0].of.ends_with("read median"), "{later:?}");
+    let other = found(Recipe { setting: 8.0, ..USUAL });
+    assert_eq!(words(&other), [("value", "7 mm", "8 mm")]);
+    let kinds = found(Recipe { kinds: ["TPDO1", "EMCY"], ..USUAL });
+    assert_eq!(words(&kinds), [("frames", "none", "200 frames"), ("frames", "200 frames", "none")]);
+    let axes = found(Recipe { axes: 2, ..USUAL });
+    assert_eq!(words(&axes)[0], ("axis", "none", "400 frames"));
+    let trouble = found(Recipe { trouble: true, ..USUAL });
+    let told = words(&trouble);
+    assert!(told.contains(&("state", "none besides", "stopped")), "{told:?}");
+    assert!(told.contains(&("fault", "none", "once")), "{told:?}");
+    assert_eq!(told.iter().filter(|(what, ..)| *what == "odd").count(), 2, "{told:?}");
+}

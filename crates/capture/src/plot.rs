@@ -1,0 +1,147 @@
+//! Signals over time, drawn: in a terminal, or as SVG.
+//!
+//! However many values there are, a picture holds as many points as it can show; each stands for a
+//! stretch of time with its first, least, greatest and last value, so that no spike is lost. Where
+//! values stay away, the line is broken.
+
+mod scale;
+mod series;
+mod svg;
+mod terminal;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::decoder::Event;
+use crate::filter::Glob;
+use crate::session::{Name, Notice, name};
+use crate::stamp::Stamp;
+
+pub use series::Series;
+
+/// Lines of a picture.
+pub const SERIES_MAX: usize = 64;
+/// Names of signals that are remembered to tell what there is instead.
+const OTHERS_MAX: usize = 256;
+
+/// Signals that are being gathered.
+#[derive(Clone, Debug, Default)]
+pub struct Plot {
+    wanted: Vec<Glob>,
+    first: Option<Stamp>,
+    last: Option<Stamp>,
+    series: BTreeMap<(Name, u32, Name), Series>,
+    others: BTreeSet<(u32, Name)>,
+    link: Name,
+    /// Values of further lines than a picture has.
+    pub left_out: u64,
+}
+
+/// Lines, and whose they are.
+type Lines<'p> = Vec<(String, &'p Series)>;
+
+/// Lines with a scale in common.
+struct Panel<'p> {
+    title: String,
+    lines: Lines<'p>,
+    /// Least and greatest value, with room around them.
+    range: (f64, f64),
+}
+
+impl Plot {
+    /// For signals such as `*/Actual/Position`, `2/Setpoint/*`, `Actual/Torque`.
+    #[must_use]
+    pub fn new(wanted: Vec<Glob>) -> Self {
+        Self { wanted, ..Self::default() }
+    }
+
+    /// Takes a frame. Its time counts, its signals if they are wanted.
+    pub fn take(&mut self, event: &Event<'_>) {
+        self.pass(event);
+        for notice in event.notices {
+            let Notice::Signal(signal) = notice else { continue };
+            let fits = |glob: &Glob| glob.fits_signal(signal.axis, signal.name);
+            if !self.wanted.iter().any(fits) {
+                if self.others.len() < OTHERS_MAX {
+                    self.others.insert((signal.axis, signal.name));
+                }
+                continue;
+            }
+            let Some((time, first)) = event.time.zip(self.first) else { continue };
+            if !signal.value.is_finite() {
+                continue;
+            }
+            if self.link != event.link {
+                self.link = name(event.link);
+            }
+            let key = (self.link, signal.axis, signal.name);
+            if self.series.len() == SERIES_MAX && !self.series.contains_key(&key) {
+                self.left_out += 1;
+                continue;
+            }
+            let series = self.series.entry(key).or_insert_with(|| Series::new(signal.unit));
+            series.take(time.since(first), signal.value);
+        }
+    }
+
+    /// A frame whose signals are not wanted: its time counts alone.
+    pub fn pass(&mut self, event: &Event<'_>) {
+        self.first = self.first.or(event.time);
+        self.last = self.last.max(event.time);
+    }
+
+    /// True without a single value.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.series.is_empty()
+    }
+
+    /// Signals that were there and not asked for, as `AXIS/NAME`.
+    pub fn others(&self) -> impl Iterator<Item = String> {
+        self.others.iter().map(|(axis, name)| format!("{axis}/{name}"))
+    }
+
+    /// The picture in characters, so many columns wide: braille dots, each line in a colour, or
+    /// without colours in a panel of its own.
+    #[must_use]
+    pub fn terminal(&self, width: usize, colour: bool) -> String {
+        terminal::draw(&self.panels(colour), self.span(), width, colour)
+    }
+
+    /// The picture as SVG.
+    #[must_use]
+    pub fn svg(&self) -> String {
+        svg::draw(&self.panels(true), self.span(), self.first)
+    }
+
+    /// From the first value to the last, ns since the capture began.
+    fn span(&self) -> (u64, u64) {
+        let ends = self.series.values().filter_map(Series::span);
+        let (mut begin, mut end) = (u64::MAX, 0);
+        ends.for_each(|(first, last)| (begin, end) = (begin.min(first), end.max(last)));
+        if begin < end { (begin, end) } else { (begin.min(end), end.max(begin.min(end) + 1)) }
+    }
+
+    /// One for each name of a signal, with its axes; or one for each line.
+    fn panels(&self, shared: bool) -> Vec<Panel<'_>> {
+        let links: BTreeSet<Name> = self.series.keys().map(|(link, ..)| *link).collect();
+        let mut panels = BTreeMap::<_, Lines<'_>>::new();
+        for ((link, axis, name), series) in &self.series {
+            let own = (!shared).then_some((*link, *axis));
+            let place = if links.len() > 1 { format!("{link} ") } else { String::new() };
+            let line = (format!("{place}axis {axis}"), series);
+            panels.entry((name, series.unit, own)).or_default().push(line);
+        }
+        panels.into_iter().map(|((name, unit, _), lines)| Panel::new(name, unit, lines)).collect()
+    }
+}
+
+impl<'p> Panel<'p> {
+    fn new(name: Name, unit: Name, lines: Lines<'p>) -> Self {
+        let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
+        let range = scale::around(lines.iter().map(|(_, series)| series.range()));
+        Self { title: format!("{name}{unit}"), lines, range }
+    }
+}
+
+#[cfg(test)]
+mod tests;

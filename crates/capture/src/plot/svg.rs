@@ -1,0 +1,115 @@
+//! The picture as SVG, which browsers show and every drawing program takes.
+
+use std::fmt::Write as _;
+
+use super::{Panel, scale};
+use crate::date;
+use crate::stamp::Stamp;
+
+const WIDTH: f64 = 960.0;
+const LEFT: f64 = 84.0;
+const RIGHT: f64 = 20.0;
+const TOP: f64 = 30.0;
+const HEIGHT: f64 = 180.0;
+const BETWEEN: f64 = 40.0;
+const FOOT: f64 = 46.0;
+/// Stretches of time that a line is drawn with: two for each unit of width.
+const STRETCHES: usize = 1800;
+/// Colours that people tell apart who see fewer of them (Okabe and Ito, 2008).
+const COLOURS: [&str; 7] =
+    ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
+
+pub(super) fn draw(panels: &[Panel<'_>], span: (u64, u64), first: Option<Stamp>) -> String {
+    let step = HEIGHT + BETWEEN;
+    let height = TOP + step * panels.len() as f64 - BETWEEN + FOOT;
+    let mut out = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" \
+         width=\"{WIDTH}\" height=\"{height}\" font-family=\"sans-serif\" font-size=\"12\">\n\
+         <rect width=\"{WIDTH}\" height=\"{height}\" fill=\"#ffffff\"/>\n"
+    );
+    for (number, panel) in panels.iter().enumerate() {
+        one(panel, span, TOP + step * number as f64, number + 1 == panels.len(), &mut out);
+    }
+    let since = first.map_or_else(String::new, |first| format!(" since {}", date::shown(first)));
+    let (x, y) = (LEFT + (WIDTH - LEFT - RIGHT) / 2.0, height - 8.0);
+    let _ = writeln!(
+        out,
+        "<text x=\"{x}\" y=\"{y}\" text-anchor=\"middle\" fill=\"#444444\">time [s]{since}</text>\n\
+         </svg>"
+    );
+    out
+}
+
+fn one(panel: &Panel<'_>, (begin, end): (u64, u64), top: f64, last: bool, out: &mut String) {
+    let wide = WIDTH - LEFT - RIGHT;
+    let (least, most) = panel.range;
+    let x_of = |ns: f64| LEFT + (ns - begin as f64) / (end - begin) as f64 * wide;
+    let y_of = |value: f64| top + (most - value) / (most - least) * HEIGHT;
+    let (ticks, decimals) = scale::ticks(panel.range, 5);
+    for tick in ticks {
+        let (y, right, label) = (y_of(tick), WIDTH - RIGHT, scale::label(tick, decimals));
+        let (at, below) = (LEFT - 8.0, y + 4.0);
+        let _ = writeln!(
+            out,
+            "<path d=\"M{LEFT} {y:.1}H{right}\" stroke=\"#dddddd\"/>\
+             <text x=\"{at}\" y=\"{below:.1}\" text-anchor=\"end\" fill=\"#444444\">{label}</text>"
+        );
+    }
+    let (ticks, decimals) = scale::ticks((begin as f64 / 1e9, end as f64 / 1e9), 10);
+    let bottom = top + HEIGHT;
+    for tick in ticks {
+        let x = x_of(tick * 1e9);
+        let _ = writeln!(out, "<path d=\"M{x:.1} {top}V{bottom}\" stroke=\"#eeeeee\"/>");
+        if last {
+            let (y, label) = (bottom + 16.0, scale::label(tick, decimals));
+            let _ = writeln!(
+                out,
+                "<text x=\"{x:.1}\" y=\"{y}\" text-anchor=\"middle\" fill=\"#444444\">{label}</text>"
+            );
+        }
+    }
+    let _ = writeln!(
+        out,
+        "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{wide}\" height=\"{HEIGHT}\" fill=\"none\" \
+         stroke=\"#888888\"/>"
+    );
+    heads(panel, top, out);
+    for (number, (_, series)) in panel.lines.iter().enumerate() {
+        let colour = COLOURS[number % COLOURS.len()];
+        let mut path = String::new();
+        for line in series.lines(STRETCHES) {
+            for (n, (time, value)) in line.iter().enumerate() {
+                let (x, y) = (x_of(*time as f64), y_of(*value));
+                let _ = write!(path, "{}{x:.1} {y:.1}", if n == 0 { 'M' } else { 'L' });
+            }
+            // A value alone is a short line, or nobody would see it.
+            path.push_str(if line.len() == 1 { "m-1.5 0h3" } else { "" });
+        }
+        let _ = writeln!(
+            out,
+            "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\" \
+             stroke-linejoin=\"round\" stroke-linecap=\"round\"/>"
+        );
+    }
+}
+
+/// The signal's name, and at the right whose line has which colour.
+fn heads(panel: &Panel<'_>, top: f64, out: &mut String) {
+    const LETTER: f64 = 7.0;
+    let (y, title) = (top - 8.0, escaped(&panel.title));
+    let _ = writeln!(out, "<text x=\"{LEFT}\" y=\"{y}\" font-weight=\"bold\">{title}</text>");
+    let mut x = WIDTH - RIGHT;
+    for (number, (name, _)) in panel.lines.iter().enumerate().rev() {
+        let colour = COLOURS[number % COLOURS.len()];
+        let _ = writeln!(
+            out,
+            "<text x=\"{x:.1}\" y=\"{y}\" text-anchor=\"end\" fill=\"{colour}\">{}</text>",
+            escaped(name)
+        );
+        x -= name.chars().count() as f64 * LETTER + 12.0;
+    }
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}

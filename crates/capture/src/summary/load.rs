@@ -1,0 +1,97 @@
+//! How busy a wire is: bits over time, and at what rate they go.
+
+use polepair_core::medium::{Frame, bits};
+
+use crate::decoder::Event;
+use crate::stamp::Stamp;
+
+/// The peak is taken over windows of this length, ns.
+pub const WINDOW_NS: u64 = 100_000_000;
+/// Bit rates of CAN buses (CiA 301, table 1, and what adapters offer besides).
+const RATES: [u32; 11] = [
+    10_000, 20_000, 33_333, 50_000, 83_333, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000,
+];
+/// A start bit, eight, and a stop bit.
+const BITS_PER_BYTE: u64 = 10;
+/// Frames as close as a rate allows that make it believable, and the share of all that they are.
+const CLOSE_MIN: u64 = 8;
+const CLOSE_SHARE: u64 = 200;
+/// The share of frames that may be closer than a rate allows: stamps are not exact.
+const CLOSER_SHARE: u64 = 200;
+
+/// Bits that passed on one link.
+#[derive(Clone, Debug, Default)]
+pub struct Load {
+    bits: u64,
+    window: Option<(Stamp, u64)>,
+    peak: u64,
+    last: Option<Stamp>,
+    frames: u64,
+    /// For each rate: frames as close behind each other as it allows, and closer ones.
+    close: [u64; RATES.len()],
+    closer: [u64; RATES.len()],
+}
+
+impl Load {
+    /// Takes a frame.
+    pub fn take(&mut self, event: &Event<'_>) {
+        let bits = match event.id {
+            None => event.bytes.len() as u64 * BITS_PER_BYTE,
+            Some(id) => frame_bits(event, id),
+        };
+        self.bits += bits;
+        let Some(time) = event.time else { return };
+        if event.id.is_some() {
+            self.compare(time, bits);
+        }
+        let (since, sum) = self.window.get_or_insert((time, 0));
+        if time.since(*since) >= WINDOW_NS {
+            self.peak = self.peak.max(*sum);
+            (*since, *sum) = (time, 0);
+        }
+        *sum += bits;
+    }
+
+    /// How close a frame is behind the one before it, beside what each rate allows.
+    fn compare(&mut self, time: Stamp, bits: u64) {
+        let Some(last) = self.last.replace(time) else { return };
+        self.frames += 1;
+        let gap = time.since(last).max(1) as f64;
+        for (at, rate) in RATES.into_iter().enumerate() {
+            let least = bits as f64 * 1e9 / f64::from(rate);
+            self.closer[at] += u64::from(gap < least * 0.96);
+            self.close[at] += u64::from((0.96..1.04).contains(&(gap / least)));
+        }
+    }
+
+    /// The bit rate of a CAN bus, by how close its frames came; `None` where that does not tell.
+    #[must_use]
+    pub fn estimated(&self) -> Option<u32> {
+        let at = (0..RATES.len()).find(|at| self.closer[*at] * CLOSER_SHARE <= self.frames)?;
+        let enough = self.close[at] >= CLOSE_MIN.max(self.frames / CLOSE_SHARE);
+        enough.then_some(RATES[at])
+    }
+
+    /// All bits.
+    #[must_use]
+    pub const fn bits(&self) -> u64 {
+        self.bits
+    }
+
+    /// Bits a second in the busiest window of a capture of that length, ns.
+    #[must_use]
+    pub fn peak_per_s(&self, length: u64) -> f64 {
+        let open = self.window.map_or(0, |(_, sum)| sum);
+        self.peak.max(open) as f64 * 1e9 / WINDOW_NS.min(length.max(1)) as f64
+    }
+}
+
+fn frame_bits(event: &Event<'_>, id: u32) -> u64 {
+    let Event { bytes, extended, remote, .. } = *event;
+    let mut data = [0; 8];
+    // A longer frame is one of CAN FD, whose data go at a rate of their own: not counted.
+    let len = bytes.len().min(data.len());
+    data[..len].copy_from_slice(&bytes[..len]);
+    let id = id & 0x1FFF_FFFF;
+    bits::on_wire(&Frame { id, extended, remote, len: len as u8, data }).into()
+}
