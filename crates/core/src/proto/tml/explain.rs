@@ -287,6 +287,8 @@ fn answers(said: &Said, asked: &Said) -> bool {
         return false;
     };
     let back = match (said.to, request.reply_to()) {
+        // TechnoCAN has numbers for axis IDs: the host 255 is answered as 31.
+        (Some(to), Some(sender)) if said.class.is_some() => to.id % 32 == sender.id % 32,
         (Some(to), Some(sender)) => to.id == sender.id,
         _ => true,
     };
