@@ -273,6 +273,12 @@ impl Decoder {
         self.reader.tally()
     }
 
+    /// What is spoken, as it was stated or found.
+    #[must_use]
+    pub const fn rules(&self) -> &Rules {
+        &self.rules
+    }
+
     /// The form of the capture, once it is told.
     #[must_use]
     pub fn format(&self) -> Option<Format> {

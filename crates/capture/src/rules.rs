@@ -65,6 +65,22 @@ impl Rules {
     }
 }
 
+/// As [`Rules::parse`] takes them, but for an axis that was found on one link: of it the axis is said.
+impl core::fmt::Display for Rules {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        for (at, rule) in self.0.iter().enumerate() {
+            f.write_str(if at > 0 { "," } else { "" })?;
+            f.write_str(rule.dissector.name())?;
+            match &rule.scope {
+                Scope::Anywhere => {}
+                Scope::Link(link) => write!(f, "@{link}")?,
+                Scope::Axis(axis) | Scope::AxisOn(_, axis) => write!(f, "@{axis}")?,
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Rule {
     fn parse(text: &str) -> Result<Self, RuleError> {
         let (name, place) = text.split_once('@').map_or((text, None), |(n, p)| (n, Some(p)));

@@ -60,6 +60,18 @@ pub trait Sink {
 }
 
 impl Stated {
+    /// The word that names the drive; empty if there is none.
+    pub fn profile_word(&self) -> &str {
+        self.named_by.word()
+    }
+
+    /// What is stated, in one line: the same words make the same of a capture.
+    pub fn said(&self) -> String {
+        let rules = self.rules.as_deref().unwrap_or_default();
+        let form = self.from.map_or("", Format::name);
+        format!("as={rules} from={form} profile={}", self.profile_word())
+    }
+
     /// Understands what is stated, before anything is read or written.
     pub fn source(&self) -> Result<Source> {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();

@@ -3,17 +3,21 @@
 //! ```text
 //!   capture   events and what their conversations tell
 //!    └ Tables rows into batches of four tables       (Arrow; no file)
-//!       └ Store  batches into a file                 (Parquet, or Arrow's file format)
+//!       ├ Files  batches into four files             (Parquet, or Arrow's file format)
+//!       └ Parts  batches into a partitioned data set (Parquet)
 //! ```
 //! The tables' columns are described in `docs/reference/columns.md`; [`schema`] is where they are
 //! stated.
 #![forbid(unsafe_code)]
 
 mod column;
+mod parts;
 pub mod schema;
 mod store;
 mod tables;
 
+pub use arrow_array::RecordBatch;
+pub use parts::{Done, Parts, Site};
 pub use schema::{SCHEMA_ID, Table};
-pub use store::{DECODER, Provenance, Store, StoreError, Stored};
+pub use store::{DECODER, Files, Keep, Provenance, Store, StoreError, Stored, fingerprint};
 pub use tables::{Origin, ROWS_MAX, Tables};

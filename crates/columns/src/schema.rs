@@ -139,6 +139,8 @@ fn transactions() -> Vec<Field> {
         need("op", words()),
         need("outcome", words()),
         need("retries", DataType::Int16),
+        need("source", words()),
+        need("bus", words()),
     ]
 }
 

@@ -175,6 +175,17 @@ impl Store {
         Ok(())
     }
 
+    /// Writes what is gathered in memory.
+    ///
+    /// # Errors
+    /// [`StoreError`] when it cannot be written.
+    pub fn flush(&mut self) -> Result<(), StoreError> {
+        match &mut self.writer {
+            Writer::Parquet(writer) => Ok(writer.flush()?),
+            Writer::Arrow(_) => Ok(()),
+        }
+    }
+
     /// Ends the file and gives it its name.
     ///
     /// # Errors
@@ -200,6 +211,63 @@ impl Store {
         let file = file.into_inner().map_err(std::io::IntoInnerError::into_error)?;
         file.sync_all()?;
         Ok(std::fs::rename(temporary(&path), path)?)
+    }
+}
+
+/// The files of one decoded capture, a table each, in one folder: `frames.parquet` and so on.
+#[derive(Debug)]
+pub struct Files {
+    stores: Vec<(Table, Store)>,
+}
+
+impl Files {
+    /// Begins a file for each table, so that each is there even without a row.
+    ///
+    /// # Errors
+    /// [`StoreError`] when the folder or a file cannot be created.
+    pub fn create(folder: &Path, tables: &[Table], stored: Stored) -> Result<Self, StoreError> {
+        std::fs::create_dir_all(folder)?;
+        let store = |table: &Table| {
+            let path = folder.join(table.name()).with_extension(stored.ending());
+            Ok((*table, Store::create(&path, *table, stored)?))
+        };
+        Ok(Self { stores: tables.iter().map(store).collect::<Result<_, StoreError>>()? })
+    }
+}
+
+/// Takes the batches of one capture.
+pub trait Keep: Send {
+    /// Takes some rows of a table.
+    ///
+    /// # Errors
+    /// [`StoreError`] when they cannot be written.
+    fn batch(&mut self, table: Table, batch: &RecordBatch) -> Result<(), StoreError>;
+
+    /// Ends the files and gives them their names.
+    ///
+    /// # Errors
+    /// [`StoreError`] when they cannot be written.
+    fn close(self: Box<Self>, provenance: &Provenance) -> Result<(), StoreError>;
+}
+
+/// BLAKE3 of a file, hexadecimal.
+///
+/// # Errors
+/// Those of the operating system.
+pub fn fingerprint(path: &Path) -> std::io::Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    std::io::copy(&mut File::open(path)?, &mut hasher)?;
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+impl Keep for Files {
+    fn batch(&mut self, table: Table, batch: &RecordBatch) -> Result<(), StoreError> {
+        let mut stores = self.stores.iter_mut();
+        stores.find(|(of, _)| *of == table).map_or(Ok(()), |(_, store)| store.write(batch))
+    }
+
+    fn close(self: Box<Self>, provenance: &Provenance) -> Result<(), StoreError> {
+        self.stores.into_iter().try_for_each(|(_, store)| store.close(provenance))
     }
 }
 

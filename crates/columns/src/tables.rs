@@ -53,7 +53,7 @@ impl Tables {
             wanted: Table::ALL.map(|table| wanted.contains(&table)),
             frames: frames::Frames::new(origin),
             signals: signals::Signals::new(origin),
-            transactions: transactions::Transactions::default(),
+            transactions: transactions::Transactions::new(origin),
             events: events::Events::new(origin),
         }
     }
@@ -79,7 +79,7 @@ impl Tables {
                     self.signals.push(at, signal);
                 }
                 Notice::Exchange(exchange) if self.wants(Table::Transactions) => {
-                    self.transactions.push(exchange);
+                    self.transactions.push(at, exchange);
                 }
                 Notice::Change(change) if self.wants(Table::Events) => {
                     self.events.change(at, change);

@@ -1,7 +1,9 @@
-//! `polepair decode FILE|- [--as PROTO[@ID],…] [--from FORMAT] [--filter EXPR] [--format text|jsonl]
-//! [-o OUT]`
+//! `polepair decode FILE|-|DIR [--as PROTO[@ID],…] [--from FORMAT] [--filter EXPR]
+//! [--format text|jsonl|parquet|arrow] [--tables TABLE,…] [-o OUT]`
 
+mod columns;
 mod filtered;
+mod folder;
 mod lines;
 mod plot;
 
@@ -13,15 +15,22 @@ use polepair_capture::text::{Notices, Style};
 
 use crate::capture::{Sink, Stated, report};
 use crate::problem::{Problem, Result};
+use columns::Wanted;
 use filtered::Filtered;
+use folder::Folder;
 use lines::Lines;
 use plot::Drawing;
+use polepair_columns::{Site, Stored};
 
 /// Explains every frame of a capture.
 ///
 /// Reads candump and serial logs, pcap, pcapng, Vector ASC and BLF, PEAK TRC, python-can's CSV and its
 /// own JSONL, also as .gz and .zst, from a file or from stdin. Without --as the whole capture is weighed
 /// against every protocol, and the verdict goes to stderr.
+///
+/// Parquet and Arrow have four tables (frames, signals, transactions, events), a file each in the
+/// folder OUT. A folder of captures becomes a data set in the folder OUT, partitioned by site, date and
+/// bus; what is decoded already is passed over.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 A log has one line for each CAN frame, or for each run of serial bytes:
@@ -34,10 +43,12 @@ Examples:
   polepair decode machine.blf --filter 'axis = 2 and not ok'
   polepair decode bus.log --plot '*/Actual/Position' -o position.svg
   polepair decode bus.log --as canopen@2,thruster@11 --profile syntron-ts-canopen
+  polepair decode capture.log --format parquet --tables frames,signals -o columns
+  polepair decode captures --site plant-2 -o dataset
   tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
 pub struct Decode {
-    /// The capture; - for stdin
-    #[arg(value_name = "FILE|-")]
+    /// The capture, or a folder of captures; - for stdin
+    #[arg(value_name = "FILE|-|DIR")]
     source: PathBuf,
     #[command(flatten)]
     stated: Stated,
@@ -56,7 +67,16 @@ pub struct Decode {
     /// Draw signals instead of the frames: Actual/Position, '2/Setpoint/*'; with -o FILE.svg, there
     #[arg(long, value_name = "SIGNAL", num_args = 1.., conflicts_with = "format")]
     plot: Vec<String>,
-    /// Write to a file instead of stdout
+    /// Tables of columns, with commas [default: all]
+    #[arg(long, value_name = "TABLE,…")]
+    tables: Option<String>,
+    /// Who recorded it: the column source
+    #[arg(long, value_name = "NAME", default_value = "local")]
+    gateway: String,
+    /// Where it was recorded: the partition of a data set
+    #[arg(long, value_name = "NAME", default_value = "local")]
+    site: String,
+    /// Write to a file instead of stdout; columns, to this folder
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
 }
@@ -68,6 +88,10 @@ enum Format {
     Text,
     /// One JSON object a frame
     Jsonl,
+    /// Columns, compressed
+    Parquet,
+    /// Columns as they lie in memory
+    Arrow,
 }
 
 /// What is told of conversations.
@@ -83,6 +107,19 @@ enum Told {
 
 impl Decode {
     pub fn run(self) -> Result {
+        let columns = matches!(self.format(), Format::Parquet | Format::Arrow);
+        if self.filter.is_some() && (columns || self.source.is_dir()) {
+            let why = "Columns hold all frames; what reads them chooses.";
+            return Err(Problem::usage("E250", "columns are not filtered.").why(why));
+        }
+        if self.source.is_dir() {
+            return self.folder();
+        }
+        match self.format() {
+            Format::Parquet => return self.columns(Stored::Parquet),
+            Format::Arrow => return self.columns(Stored::Arrow),
+            Format::Text | Format::Jsonl => {}
+        }
         let source = self.stated.source()?;
         let filter = self.filter.as_deref().map(filter).transpose()?;
         let mut sink = self.sink(self.out.as_deref())?;
@@ -93,13 +130,48 @@ impl Decode {
         report(&decoder)
     }
 
+    fn columns(&self, stored: Stored) -> Result {
+        let (out, source) = (self.out()?, self.stated.source()?);
+        let tables = columns::tables(self.tables.as_deref())?;
+        let file = self.source.file_name().unwrap_or_default().to_string_lossy();
+        let wanted = Wanted {
+            tables: &tables,
+            recorder: &self.gateway,
+            file: &file,
+            blake3: columns::fingerprint(&self.source)?,
+            profile: self.stated.profile_word(),
+        };
+        report(&columns::decode(source, &self.source, out, stored, &wanted)?)
+    }
+
+    fn folder(&self) -> Result {
+        if !matches!(self.format, None | Some(Format::Parquet)) {
+            let why = "A folder of captures becomes a data set of Parquet files.";
+            return Err(Problem::usage("E250", "a folder has no such format.").why(why));
+        }
+        let site = Site { root: self.out()?.to_owned(), name: self.site.clone() };
+        let tables = columns::tables(self.tables.as_deref())?;
+        let (captures, stated) = (self.source.as_path(), &self.stated);
+        let recorder = self.gateway.as_str();
+        Folder { captures, stated, site, recorder, tables: &tables }.decode()
+    }
+
+    fn out(&self) -> Result<&Path> {
+        let missing = || {
+            Problem::usage("E250", "there is no folder for the columns.")
+                .why("Columns are several files, which do not go to stdout.")
+                .hint("-o FOLDER")
+        };
+        self.out.as_deref().ok_or_else(missing)
+    }
+
     fn sink(&self, out: Option<&Path>) -> Result<Box<dyn Sink>> {
         if !self.plot.is_empty() {
             return Ok(Box::new(Drawing::new(&self.plot, out)));
         }
         Ok(match self.format() {
-            Format::Text => Box::new(Lines::text(out, self.style())?),
             Format::Jsonl => Box::new(Lines::jsonl(out)?),
+            _ => Box::new(Lines::text(out, self.style())?),
         })
     }
 

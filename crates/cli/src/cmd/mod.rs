@@ -201,6 +201,11 @@ pub struct NamedBy {
 }
 
 impl NamedBy {
+    /// The word that names the drive; empty if there is none.
+    pub fn word(&self) -> &str {
+        self.drive.as_deref().unwrap_or_default()
+    }
+
     /// The drive's profile, if one is named.
     pub fn profile(&self) -> Result<Option<&'static Profile>> {
         let Some(word) = &self.drive else { return Ok(None) };

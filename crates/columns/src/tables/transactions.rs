@@ -7,11 +7,11 @@ use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::ArrowError;
 use polepair_capture::session::Exchange;
 
-use super::{count, in_order, ns};
-use crate::column::{Numbers, Words};
+use super::{At, Origin, count, in_order, ns};
+use crate::column::{Numbers, Same, Words};
 use crate::schema::Table;
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Transactions {
     asked: Numbers<Int64Type>,
     answered: Numbers<Int64Type>,
@@ -20,14 +20,30 @@ pub(super) struct Transactions {
     op: Words,
     outcome: Words,
     retries: Numbers<Int16Type>,
+    source: Same,
+    bus: Words,
 }
 
 impl Transactions {
+    pub fn new(origin: &Origin) -> Self {
+        Self {
+            asked: Numbers::default(),
+            answered: Numbers::default(),
+            latency: Numbers::default(),
+            axis: Numbers::default(),
+            op: Words::default(),
+            outcome: Words::default(),
+            retries: Numbers::default(),
+            source: Same::new(&origin.source),
+            bus: Words::default(),
+        }
+    }
+
     pub fn rows(&self) -> usize {
         self.retries.len()
     }
 
-    pub fn push(&mut self, exchange: &Exchange) {
+    pub fn push(&mut self, at: At<'_>, exchange: &Exchange) {
         self.asked.push_maybe(ns(exchange.asked.1));
         self.answered.push_maybe(exchange.answered.and_then(|(_, time)| ns(time)));
         self.latency.push_maybe(exchange.latency().map(|ns| count(ns / 1000)));
@@ -35,9 +51,11 @@ impl Transactions {
         self.op.push(exchange.op);
         self.outcome.push(exchange.outcome.word());
         self.retries.push(i16::try_from(exchange.retries).unwrap_or(i16::MAX));
+        self.bus.push(at.link);
     }
 
     pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {
+        let rows = self.rows();
         let asked = self.asked.take();
         let times = asked.values().clone();
         let columns: Vec<ArrayRef> = vec![
@@ -48,6 +66,8 @@ impl Transactions {
             self.op.take()?,
             self.outcome.take()?,
             Arc::new(self.retries.take()),
+            self.source.rows(rows)?,
+            self.bus.take()?,
         ];
         in_order(&times, RecordBatch::try_new(Table::Transactions.schema(), columns)?)
     }

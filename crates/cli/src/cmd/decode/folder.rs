@@ -1,0 +1,128 @@
+//! A folder of captures as one partitioned data set.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use polepair_capture::Format;
+use polepair_columns::{Done, Parts, Site, Table};
+
+use super::columns::{self, Wanted};
+use crate::capture::{Stated, report};
+use crate::problem::{self, Exit, Problem, Result};
+use crate::terminal::{colour_err, say};
+
+/// Captures that are decoded at once at most: each holds row groups in memory.
+const WORKERS_MAX: usize = 4;
+
+/// What becomes of a folder.
+pub struct Folder<'a> {
+    /// Where the captures are.
+    pub captures: &'a Path,
+    /// What is stated about all of them.
+    pub stated: &'a Stated,
+    /// Where they go.
+    pub site: Site,
+    /// The machine or gateway that recorded them.
+    pub recorder: &'a str,
+    /// The tables.
+    pub tables: &'a [Table],
+}
+
+/// What became of the captures.
+#[derive(Default)]
+struct Tally {
+    decoded: usize,
+    there: usize,
+    broken: usize,
+}
+
+impl Folder<'_> {
+    /// Decodes what is not decoded yet. A capture that cannot be read is told and passed over.
+    pub fn decode(&self) -> Result {
+        self.stated.source()?;
+        let mut captures = Vec::new();
+        self.gather(self.captures, &mut captures)?;
+        captures.sort();
+        if captures.is_empty() {
+            let what = format!("there is no capture in {}.", self.captures.display());
+            let endings = "Captures are known by their names' endings: log, pcap, blf and so on.";
+            return Err(Problem::usage("E250", what).why(endings));
+        }
+        let (next, tally) = (AtomicUsize::new(0), Mutex::new(Tally::default()));
+        let bar = bar(captures.len());
+        let workers = std::thread::available_parallelism().map_or(1, usize::from);
+        std::thread::scope(|scope| {
+            for _ in 0..workers.min(WORKERS_MAX).min(captures.len()) {
+                scope.spawn(|| {
+                    while let Some(path) = captures.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        let done = self.one(path);
+                        bar.suspend(|| count(&tally, path, done));
+                        bar.inc(1);
+                    }
+                });
+            }
+        });
+        bar.finish_and_clear();
+        let tally = tally.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let Tally { decoded, there, broken } = tally;
+        say(&format!("{decoded} decoded, {there} were there already, {broken} could not be read"));
+        Ok(if broken > 0 { Exit::Corrupt } else { Exit::Ok })
+    }
+
+    /// Captures in a folder and those in it, but for what is hidden and the data set itself.
+    fn gather(&self, folder: &Path, captures: &mut Vec<PathBuf>) -> Result<()> {
+        let failed = |error| problem::file(folder, "read", &error);
+        for entry in std::fs::read_dir(folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let (path, kind) = (entry.path(), entry.file_type().map_err(failed)?);
+            let hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
+            if hidden || path == self.site.root {
+                continue;
+            }
+            if kind.is_dir() {
+                self.gather(&path, captures)?;
+            } else if Format::of_path(&path).is_some() {
+                captures.push(path);
+            }
+        }
+        Ok(())
+    }
+
+    /// Decodes one capture; false if it is there already.
+    fn one(&self, path: &Path) -> Result<bool> {
+        let blake3 = columns::fingerprint(path)?;
+        let done = Done::new(&self.site, &blake3, &self.stated.said(), self.tables);
+        if done.is_there(&self.site) {
+            return Ok(false);
+        }
+        let file = path.strip_prefix(self.captures).unwrap_or(path).display().to_string();
+        let profile = self.stated.profile_word();
+        let (tables, recorder) = (self.tables, self.recorder);
+        let wanted = Wanted { tables, recorder, file: &file, blake3, profile };
+        let parts = Box::new(Parts::new(self.site.clone(), done));
+        let decoder = columns::into(self.stated.source()?, path, &self.site.root, parts, &wanted)?;
+        report(&decoder).map(|_| true)
+    }
+}
+
+fn count(tally: &Mutex<Tally>, path: &Path, done: Result<bool>) {
+    let mut tally = tally.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    match done {
+        Ok(true) => tally.decoded += 1,
+        Ok(false) => tally.there += 1,
+        Err(problem) => {
+            tally.broken += 1;
+            say(&format!("{}: left out", path.display()));
+            say(problem.render(colour_err()).trim_end());
+        }
+    }
+}
+
+/// How far it is, on a terminal.
+fn bar(captures: usize) -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:30} {pos} of {len} captures, {eta} left");
+    let bar = ProgressBar::new(captures as u64);
+    style.map_or(bar.clone(), |style| bar.with_style(style))
+}

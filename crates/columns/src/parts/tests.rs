@@ -1,0 +1,118 @@
+//! Data sets, written into a folder of the test's own.
+
+use std::path::{Path, PathBuf};
+
+use polepair_capture::{Decoder, Rules};
+
+use super::{Done, Parts, Site, date, escaped};
+use crate::schema::Table;
+use crate::store::{Keep, Provenance};
+use crate::tables::{Origin, Tables};
+
+/// A folder that goes with the test.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("polepair-{}-{name}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&path);
+        std::fs::create_dir_all(&path).expect("a folder");
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Two buses, two days, and a frame without a time.
+const CAPTURE: &str = "(1700006399.000000) can0 181#0102\n\
+                       (1700006400.000000) can0 181#0304\n\
+                       (1700006401.000000) vcan/1 181#05\n\
+                       can0 181#06\n";
+
+fn decode(site: &Site, stated: &str, tables: &[Table]) -> Done {
+    let done = Done::new(site, "0123456789abcdef0123", stated, tables);
+    let mut keep: Box<dyn Keep> = Box::new(Parts::new(site.clone(), done.clone()));
+    let origin = Origin { source: "s".to_owned(), file: "a.log".to_owned() };
+    let mut rows = Tables::new(tables, &origin);
+    let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
+    decoder.feed(CAPTURE.as_bytes(), &mut |event| rows.take(event));
+    decoder.finish(&mut |event| rows.take(event));
+    let each = &mut |table, batch| {
+        keep.batch(table, &batch).expect("written");
+        Ok(())
+    };
+    rows.flush(each).expect("batches");
+    let provenance = Provenance {
+        file: "a.log".to_owned(),
+        blake3: done.blake3.clone(),
+        rules: "canopen".to_owned(),
+        profile: String::new(),
+    };
+    keep.close(&provenance).expect("closed");
+    done
+}
+
+fn files(root: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for entry in
+        std::fs::read_dir(root).expect("a folder").map(|entry| entry.expect("entry").path())
+    {
+        match entry.is_dir() {
+            true => found.extend(files(&entry)),
+            false => found.push(entry.display().to_string()),
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn parts_by_table_site_date_and_bus() {
+    let folder = Folder::new("parts");
+    let site = Site { root: folder.0.clone(), name: "plant a".to_owned() };
+    let done = decode(&site, "as=canopen", &[Table::Frames]);
+    assert!(done.is_there(&site));
+    assert!(!Done::new(&site, &done.blake3, "as=tmcl", &[Table::Frames]).is_there(&site));
+    let part = "part-0123456789abcdef-0.parquet";
+    let frames = folder.0.join("frames").join("site=plant%20a");
+    let mut expected = [
+        format!("date=2023-11-14/bus=can0/{part}"),
+        format!("date=2023-11-15/bus=can0/{part}"),
+        format!("date=2023-11-15/bus=vcan%2F1/{part}"),
+        format!("date=__HIVE_DEFAULT_PARTITION__/bus=can0/{part}"),
+    ]
+    .map(|path| frames.join(path).display().to_string());
+    expected.sort();
+    assert_eq!(files(&folder.0.join("frames")), expected);
+}
+
+#[test]
+fn another_decode_replaces_the_first() {
+    let folder = Folder::new("again");
+    let site = Site { root: folder.0.clone(), name: "a".to_owned() };
+    let first = decode(&site, "as=canopen", &[Table::Frames]);
+    assert_eq!(files(&folder.0.join("frames")).len(), 4);
+    let second = decode(&site, "as=canopen", &[Table::Signals]);
+    assert_eq!(files(&folder.0.join("frames")).len(), 0);
+    assert!(second.is_there(&site) && !first.is_there(&site));
+    // A note that names what lies elsewhere takes nothing away.
+    let outside = folder.0.join("outside");
+    std::fs::write(&outside, "mine").expect("written");
+    let inner = Site { root: folder.0.join("set"), name: "a".to_owned() };
+    std::fs::create_dir_all(inner.root.join("_done")).expect("a folder");
+    let note = inner.root.join("_done").join(&second.blake3);
+    std::fs::write(note, "old\n../outside\n").expect("written");
+    decode(&inner, "as=canopen", &[Table::Frames]);
+    assert!(outside.exists());
+}
+
+#[test]
+fn dates_and_words_in_paths() {
+    let dates = [0, -1, 59, 19_723, 19_782].map(date);
+    assert_eq!(dates, ["1970-01-01", "1969-12-31", "1970-03-01", "2024-01-01", "2024-02-29"]);
+    assert_eq!(escaped("../x=ü"), "..%2Fx%3D%C3%BC");
+}
