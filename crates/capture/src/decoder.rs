@@ -140,6 +140,14 @@ impl Decoder {
         Self { judged: true, echoing, ..Self::new(rules) }
     }
 
+    /// Leaves out what frames say in words and fields: their texts stay empty. What they tell as
+    /// values, states and faults, and what is wrong with them, stays the same, and costs less.
+    #[must_use]
+    pub fn without_words(mut self) -> Self {
+        self.explained = Explained::bare();
+        self
+    }
+
     /// Names parameters as `profile` does.
     #[must_use]
     pub fn with_profile(mut self, profile: Option<&'static Profile>) -> Self {
@@ -520,7 +528,13 @@ fn explain_frame<'r>(
     explained: &mut Explained,
 ) -> Option<&'r Rule> {
     let raw = Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended };
+    let bare = explained.is_bare() && !frame.remote;
     let mut explain = |rule: &Rule, explained: &mut Explained| {
+        if let Some(axis) = rule.dissector.plain(&raw).filter(|_| bare) {
+            explained.clear();
+            explained.axis = Some(axis);
+            return;
+        }
         let asks = rule.dissector.asks(&raw);
         let request = if asks { None } else { conversation.request(rule.dissector, &raw) };
         let stated = spoken(context.profile, rule);

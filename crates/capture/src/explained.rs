@@ -27,8 +27,18 @@ pub struct Explained {
     items: Vec<Stored>,
     bytes: Vec<u8>,
     readings: Vec<Told>,
-    /// Only kind, axis and error are wanted.
-    brief: bool,
+    keeps: Keeps,
+}
+
+/// What is wanted of a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+enum Keeps {
+    #[default]
+    All,
+    /// Kind, axis, error, and the values that it carries.
+    Values,
+    /// Kind, axis and error.
+    Kind,
 }
 
 /// A value that the frame carries.
@@ -101,7 +111,17 @@ pub enum ItemValue<'a> {
 impl Explained {
     /// One that keeps kinds, axes and errors alone.
     pub(crate) fn brief() -> Self {
-        Self { brief: true, ..Self::default() }
+        Self { keeps: Keeps::Kind, ..Self::default() }
+    }
+
+    /// One that keeps no words and no fields, but what the frame carries.
+    pub(crate) fn bare() -> Self {
+        Self { keeps: Keeps::Values, ..Self::default() }
+    }
+
+    /// What the frame carries is wanted, and no words.
+    pub(crate) fn is_bare(&self) -> bool {
+        self.keeps == Keeps::Values
     }
 
     /// Forgets the frame before.
@@ -171,7 +191,7 @@ impl Sink for Explained {
     }
 
     fn field(&mut self, field: Field<'_>) {
-        if self.brief {
+        if self.keeps != Keeps::All {
             return;
         }
         let value = match field.value {
@@ -192,7 +212,7 @@ impl Sink for Explained {
     }
 
     fn text(&mut self, piece: &str) {
-        if !self.brief {
+        if self.keeps == Keeps::All {
             self.text.push_str(piece);
         }
     }
@@ -202,7 +222,7 @@ impl Sink for Explained {
     }
 
     fn reading(&mut self, reading: Reading<'_>) {
-        if self.brief {
+        if self.keeps == Keeps::Kind {
             return;
         }
         let Reading { what, raw, written, part } = reading;

@@ -11,6 +11,7 @@ mod asc;
 pub(crate) mod blf;
 mod candump;
 mod csv;
+mod digits;
 mod jsonl;
 mod lines;
 pub(crate) mod linktype;

@@ -169,3 +169,80 @@ fn a_line_that_is_too_long_is_damaged() {
         assert_eq!(frames, [vec![1], vec![2], vec![0; 10]]);
     }
 }
+
+/// A bus on which everything is said: mappings that change in the middle, identifiers that are moved,
+/// service data, states, faults, remote requests, strangers.
+fn mixed_bus(mut seed: u64) -> String {
+    use std::fmt::Write as _;
+    let mut random = |below: u64| {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) % below
+    };
+    let (mut log, mut time) = (String::new(), 1_700_000_000_000_000u64);
+    for _ in 0..3000 {
+        time += random(2000);
+        let _ = write!(log, "({:010}.{:06}) can{} ", time / 1_000_000, time % 1_000_000, random(2));
+        let node = 1 + random(3);
+        let objects = [0x6041_0010u32, 0x6064_0020, 0x606C_0020, 0x6077_0010, 0x0005_0008];
+        let _ = match random(12) {
+            0 => {
+                let (sub, raw) = (random(3) as u8, objects[random(5) as usize]);
+                let raw = if sub == 0 { random(3) as u32 } else { raw }.swap_bytes();
+                writeln!(log, "{:03X}#23{}{:02X}{sub:02X}{raw:08X}", 0x600 + node, "00", 0x1A)
+            }
+            1 => {
+                let id = (0x180 + random(64) as u32).swap_bytes();
+                writeln!(log, "{:03X}#2300180{}{id:08X}", 0x600 + node, 1)
+            }
+            2 => writeln!(log, "{:03X}#6000{:02X}{:02X}00000000", 0x580 + node, 0x1A, random(3)),
+            3 => {
+                writeln!(log, "{:03X}#{:02X}", 0x700 + node, [0, 4, 5, 0x7F, 9][random(5) as usize])
+            }
+            4 => writeln!(log, "{:03X}#{:04X}81AABBCCDDEE", 0x80 + node, random(0xFFFF)),
+            5 => writeln!(log, "{:03X}#R", 0x180 + node),
+            6 => writeln!(log, "{:08X}#01", random(0x1FFF_FFFF)),
+            7 => writeln!(log, "{:03X}#0102", random(0x7FF)),
+            8 => writeln!(log, "080#"),
+            _ => {
+                let id = [0x180, 0x200, 0x280, 0x380][random(4) as usize] + node;
+                let bytes: String =
+                    (0..random(9)).map(|_| format!("{:02X}", random(256))).collect();
+                writeln!(log, "{id:03X}#{bytes}")
+            }
+        };
+    }
+    log
+}
+
+/// Everything but words and fields, cut at random places.
+fn told(mut decoder: Decoder, log: &str, piece: usize) -> Vec<String> {
+    let mut all = Vec::new();
+    let mut keep = |event: &crate::Event<'_>| {
+        let explained = (event.explained.axis, event.explained.error);
+        let crate::Event { number, time, link, protocol, bytes, id, wrong, notices, at, .. } =
+            *event;
+        let frame = (number, time, link, protocol, bytes, id, event.remote, at);
+        all.push(format!("{frame:?} {explained:?} {wrong:?} {notices:?}"));
+    };
+    log.as_bytes().chunks(piece).for_each(|piece| decoder.feed(piece, &mut keep));
+    decoder.finish(&mut keep);
+    decoder.ending(&mut |link, notices| all.push(format!("{link} {notices:?}")));
+    all
+}
+
+#[test]
+fn without_words_the_rest_stays_the_same() {
+    for seed in 0..20 {
+        let log = mixed_bus(seed);
+        for rules in ["canopen", "canopen@2,tmcl", "thruster@1,canopen@can0"] {
+            let decoder = || Decoder::new(Rules::parse(rules).expect("rules"));
+            let whole = told(decoder(), &log, log.len());
+            let bare = told(decoder().without_words(), &log, 37 + 1000 * seed as usize);
+            assert!(whole.iter().any(|line| line.contains("Signal(")), "nothing is told: {seed}");
+            for (whole, bare) in whole.iter().zip(&bare) {
+                assert_eq!(whole, bare, "seed {seed}, {rules}");
+            }
+            assert_eq!(whole.len(), bare.len());
+        }
+    }
+}

@@ -214,6 +214,12 @@ pub trait Dissector: Sync {
     }
     /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink);
+    /// Whose a frame is that breaks nothing, whatever it holds: it needs no
+    /// [explanation](Self::explain) where words and fields are not wanted.
+    fn plain(&self, frame: &Raw<'_>) -> Option<u32> {
+        let _ = frame;
+        None
+    }
     /// Encodes text of the protocol's own language.
     ///
     /// # Errors

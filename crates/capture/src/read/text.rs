@@ -5,7 +5,7 @@ use polepair_core::medium::Frame;
 
 use super::lines::{LINE_MAX, Line};
 use super::seriallog::HEX;
-use super::{Bad, candump, seriallog};
+use super::{Bad, candump, digits, seriallog};
 use crate::record::{Data, Record, STANDARD_MAX};
 use crate::stamp::Stamp;
 
@@ -45,43 +45,36 @@ pub fn parse<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Option<Reco
 /// `None` for all others. This is the way that millions of lines go.
 fn logged(line: &[u8]) -> Option<Record<'_>> {
     let line = line.strip_suffix(b"\r").unwrap_or(line);
-    let [b'(', seconds @ .., b')', b' '] = line.first_chunk::<20>()? else { return None };
-    let [whole @ .., b'.', _, _, _, _, _, _] = seconds else { return None };
-    let micros = digits(&seconds[whole.len() + 1..])?;
-    let time = Stamp(digits(whole)? * 1_000_000_000 + micros * 1000);
-    let rest = &line[20..];
+    let (stamp, rest) = line.split_first_chunk::<20>()?;
+    let time = logged_time(stamp)?;
     let link = rest.iter().position(|c| *c == b' ')?;
     let (link, frame) = (std::str::from_utf8(&rest[..link]).ok()?, &rest[link + 1..]);
-    let (id, extended, data) = match frame {
+    let (id, extended, text) = match frame {
         [a, b, c, b'#', data @ ..] => (number(&[*a, *b, *c])?, false, data),
-        [a, b, c, d, e, f, g, h, b'#', data @ ..] => {
-            (number(&[*a, *b, *c, *d, *e, *f, *g, *h])?, true, data)
+        _ => {
+            let (id, data) = frame.split_first_chunk::<8>()?;
+            (digits::hexadecimal(*id)?, true, data.strip_prefix(b"#")?)
         }
-        _ => return None,
     };
     let limit = if extended { crate::record::ID_MASK } else { STANDARD_MAX };
-    if id > limit || data.len() > 16 || !data.len().is_multiple_of(2) || link.is_empty() {
+    if id > limit || link.is_empty() {
         return None;
     }
-    let mut frame = Frame { id, extended, len: (data.len() / 2) as u8, ..Frame::default() };
-    let mut bad = 0;
-    for (byte, pair) in frame.data.iter_mut().zip(data.as_chunks::<2>().0) {
-        let (high, low) = (HEX[usize::from(pair[0])], HEX[usize::from(pair[1])]);
-        bad |= high | low;
-        *byte = high << 4 | low;
-    }
-    let data = Data::Frame(frame);
-    (bad < 16).then_some(Record { time: Some(time), link, direction: None, data, at: 0 })
+    let mut data = [0; 8];
+    let len = digits::bytes(text, &mut data)?;
+    let frame = Frame { id, extended, remote: false, len, data };
+    Some(Record { time: Some(time), link, direction: None, data: Data::Frame(frame), at: 0 })
 }
 
-fn digits(text: &[u8]) -> Option<u64> {
-    let (mut sum, mut bad) = (0, false);
-    for c in text {
-        let digit = c.wrapping_sub(b'0');
-        bad |= digit > 9;
-        sum = sum * 10 + u64::from(digit & 0xF);
-    }
-    (!bad).then_some(sum)
+/// `(1700000000.000500) `.
+fn logged_time(stamp: &[u8; 20]) -> Option<Stamp> {
+    let [b'(', a, b, c, d, e, f, g, h, i, j, b'.', k, l, m, n, o, p, b')', b' '] = *stamp else {
+        return None;
+    };
+    let high = digits::decimal([a, b, c, d, e, f, g, h])?;
+    let low = digits::decimal([i, j, k, l, m, n, o, p])?;
+    // Ten digits of seconds and six of microseconds, split after the eighth.
+    Some(Stamp((high * 100_000_000 + low).checked_mul(1000)?))
 }
 
 fn number(text: &[u8]) -> Option<u32> {

@@ -134,6 +134,12 @@ pub(super) fn process(
     profile: Option<&'static Profile>,
     said: &mut Explained,
 ) {
+    if said.is_bare() {
+        if moved {
+            (said.error, said.axis) = (None, Some(pdo.node.into()));
+        }
+        return;
+    }
     let id = pdo.default_cob().map(|cob| u32::from(cob.id()));
     if moved {
         by_default(bytes, id, profile, said);

@@ -80,6 +80,13 @@ impl Dissector for CanopenDissector {
         }
     }
 
+    fn plain(&self, frame: &Raw<'_>) -> Option<u32> {
+        match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob) {
+            Some(Cob::Tpdo(_, node) | Cob::Rpdo(_, node)) => Some(node.into()),
+            _ => None,
+        }
+    }
+
     fn encode(
         &self,
         text: &str,
