@@ -188,7 +188,7 @@ fn mixed_bus(mut seed: u64) -> String {
             0 => {
                 let (sub, raw) = (random(3) as u8, objects[random(5) as usize]);
                 let raw = if sub == 0 { random(3) as u32 } else { raw }.swap_bytes();
-                writeln!(log, "{:03X}#23{}{:02X}{sub:02X}{raw:08X}", 0x600 + node, "00", 0x1A)
+                writeln!(log, "{:03X}#23001A{sub:02X}{raw:08X}", 0x600 + node)
             }
             1 => {
                 let id = (0x180 + random(64) as u32).swap_bytes();

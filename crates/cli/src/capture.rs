@@ -76,7 +76,7 @@ impl Stated {
     pub fn source(&self) -> Result<Source> {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
-        Ok(Source { rules, profile: self.named_by.profile()?, form: self.from })
+        Ok(Source { rules, profile: self.named_by.profile()?, form: self.from, words: true })
     }
 }
 
@@ -86,9 +86,15 @@ pub struct Source {
     /// The drive whose names are used.
     pub profile: Option<&'static Profile>,
     form: Option<Format>,
+    words: bool,
 }
 
 impl Source {
+    /// What frames say in words and fields is not wanted.
+    pub fn without_words(self) -> Self {
+        Self { words: false, ..self }
+    }
+
     /// Explains a capture, frame by frame. `-` is stdin, which is followed as it grows.
     pub fn read(self, path: &Path, sink: &mut dyn Sink) -> Result<Decoder> {
         let mut decoder = match path.as_os_str() == "-" {
@@ -102,13 +108,17 @@ impl Source {
     }
 
     fn decoder(&self, rules: Rules) -> Decoder {
-        Decoder::new(rules).with_profile(self.profile).with_format(self.form)
+        self.spare(Decoder::new(rules).with_profile(self.profile).with_format(self.form))
     }
 
     fn judged(&self, judge: Judge) -> Decoder {
         let (verdicts, decoder) = judge.decide();
         verdicts.iter().for_each(tell);
-        decoder.with_profile(self.profile)
+        self.spare(decoder.with_profile(self.profile))
+    }
+
+    fn spare(&self, decoder: Decoder) -> Decoder {
+        if self.words { decoder } else { decoder.without_words() }
     }
 
     /// Decodes a file: once through to judge it, once to explain it.

@@ -4,6 +4,10 @@ use super::seriallog::HEX;
 
 const ONES: u64 = 0x0101_0101_0101_0101;
 const HIGH: u64 = 0x80 * ONES;
+/// What makes digits of their characters.
+const LOW: u64 = 0x0F * ONES;
+/// What makes small letters of capitals.
+const SMALL: u64 = 0x20 * ONES;
 
 /// A byte's uppermost bit where `low <= byte <= high`, for bytes below 80h.
 const fn between(bytes: u64, low: u8, high: u8) -> u64 {
@@ -24,7 +28,7 @@ pub(super) const fn decimal(text: [u8; 8]) -> Option<u64> {
         return None;
     }
     // Neighbours are joined: digits to pairs, pairs to fours, fours to the number.
-    let pairs = (text & 0x0F * ONES).wrapping_mul(10 << 8 | 1) >> 8 & 0x00FF_00FF_00FF_00FF;
+    let pairs = (text & LOW).wrapping_mul(10 << 8 | 1) >> 8 & 0x00FF_00FF_00FF_00FF;
     let fours = pairs.wrapping_mul(100 << 16 | 1) >> 16 & 0x0000_FFFF_0000_FFFF;
     Some(fours.wrapping_mul(10_000 << 32 | 1) >> 32)
 }
@@ -33,12 +37,12 @@ pub(super) const fn decimal(text: [u8; 8]) -> Option<u64> {
 #[inline]
 pub(super) const fn hexadecimal(text: [u8; 8]) -> Option<u32> {
     let text = u64::from_le_bytes(text);
-    let lower = text & !HIGH | 0x20 * ONES;
+    let lower = (text & !HIGH) | SMALL;
     let digits = between(text & !HIGH, b'0', b'9') | between(lower, b'a', b'f');
     if digits & !text != HIGH {
         return None;
     }
-    let nibbles = (text & 0x0F * ONES) + (text >> 6 & ONES) * 9;
+    let nibbles = (text & LOW) + ((text >> 6) & ONES) * 9;
     let bytes = nibbles.swap_bytes();
     let bytes = (bytes | bytes >> 4) & 0x00FF_00FF_00FF_00FF;
     let words = (bytes | bytes >> 8) & 0x0000_FFFF_0000_FFFF;

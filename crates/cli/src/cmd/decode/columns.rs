@@ -51,7 +51,7 @@ pub fn into(
     wanted: &Wanted<'_>,
 ) -> Result<Decoder> {
     let mut columns = Columns::new(keep, out, wanted);
-    let decoder = source.read(path, &mut columns)?;
+    let decoder = source.without_words().read(path, &mut columns)?;
     let provenance = Provenance {
         file: wanted.file.to_owned(),
         blake3: wanted.blake3.clone(),
