@@ -50,6 +50,8 @@ impl From<io::Error> for WriteError {
 trait Sink: fmt::Debug + Send {
     /// Appends a record. Nothing is appended where it does not fit.
     fn record(&mut self, record: &Record<'_>, out: &mut Vec<u8>) -> Result<(), &'static str>;
+    /// Appends what is held back of the records so far.
+    fn settle(&mut self, _out: &mut Vec<u8>) {}
     /// Appends what stands at the end.
     fn finish(&mut self, _out: &mut Vec<u8>) {}
 }
@@ -107,6 +109,22 @@ impl<W: Write> Writer<W> {
     pub fn write(&mut self, record: &Record<'_>) -> Result<(), WriteError> {
         self.sink.record(record, &mut self.buffer).map_err(WriteError::Unfit)?;
         if self.buffer.len() >= GATHER { Ok(self.spill()?) } else { Ok(()) }
+    }
+
+    /// Passes on all records so far, so that a file which is never finished can be read to here.
+    /// Compressed files grow by it: once a second is often enough.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`].
+    pub fn flush(&mut self) -> Result<(), WriteError> {
+        self.sink.settle(&mut self.buffer);
+        self.spill()?;
+        match &mut self.out {
+            Out::Plain(out) => out.flush()?,
+            Out::Gzip(out) => out.flush()?,
+            Out::Zstd(out) => out.flush()?,
+        }
+        Ok(())
     }
 
     /// Passes on what was gathered, compressed or not.

@@ -6,7 +6,9 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair_capture::session::Notice;
-use polepair_capture::{Decoder, Event, Follow, Format, Judge, Next, Place, Rules, Tally, Verdict};
+use polepair_capture::{
+    Decoder, Event, Follow, Format, Judge, Next, Place, Rules, Tally, Verdict, WriteError,
+};
 use polepair_core::profile::Profile;
 
 use crate::cmd::{NamedBy, capture_format};
@@ -56,6 +58,24 @@ pub trait Sink {
     /// What conversations of a link leave open at the end.
     fn ending(&mut self, link: &str, notices: &[Notice]) {
         let _ = (link, notices);
+    }
+}
+
+impl<S: Sink + ?Sized> Sink for &mut S {
+    fn take(&mut self, event: &Event<'_>) {
+        (**self).take(event);
+    }
+
+    fn skip(&mut self, event: &Event<'_>) {
+        (**self).skip(event);
+    }
+
+    fn settle(&mut self, now: bool) -> Result<()> {
+        (**self).settle(now)
+    }
+
+    fn ending(&mut self, link: &str, notices: &[Notice]) {
+        (**self).ending(link, notices);
     }
 }
 
@@ -209,6 +229,24 @@ fn tell(verdict: &Verdict) {
     let doubt = verdict.protocol.is_some() && verdict.sure < 0.5;
     let advice = if doubt { " - a guess; --as PROTO states the protocol" } else { "" };
     say(&format!("{verdict}{advice}"));
+}
+
+/// The format that a capture is written in: as said, or as the file's name tells.
+pub fn written_format(said: Option<Format>, path: &Path) -> Result<Format> {
+    said.or_else(|| Format::of_path(path)).ok_or_else(|| {
+        Problem::usage("E248", "the format to write is not known.")
+            .why("The name of the file does not tell it.")
+            .hint(format!("--to says it: {}", Format::names().collect::<Vec<_>>().join(", ")))
+    })
+}
+
+/// Why a capture cannot be written.
+pub fn not_written(path: &Path, error: &WriteError) -> Problem {
+    match error {
+        WriteError::Io(error) => problem::file(path, "write", error),
+        other => Problem::usage("E248", format!("{other}."))
+            .hint("polepair decode FILE --format jsonl explains a capture"),
+    }
 }
 
 /// Tells what was left out of a capture that was read.

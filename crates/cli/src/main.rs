@@ -3,6 +3,7 @@
 
 mod capture;
 mod cmd;
+mod ears;
 mod interrupt;
 mod motion;
 mod outcome;

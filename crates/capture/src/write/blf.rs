@@ -44,6 +44,10 @@ impl Sink for Blf {
         Ok(())
     }
 
+    fn settle(&mut self, out: &mut Vec<u8>) {
+        self.pack(out);
+    }
+
     fn finish(&mut self, out: &mut Vec<u8>) {
         self.begin(Stamp(0), out);
         self.pack(out);

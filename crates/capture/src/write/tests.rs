@@ -1,5 +1,9 @@
 //! Every format written and read back, whole, in pieces, compressed, and damaged.
 
+use std::cell::RefCell;
+use std::io;
+use std::rc::Rc;
+
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
@@ -119,6 +123,40 @@ fn what_is_written_is_read_however_it_is_cut() {
                 assert_eq!(found.len(), expected.len(), "{format} {packing:?} in pieces of {size}");
                 for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
                     assert_eq!(found, expected, "{format} {packing:?} record {n}");
+                }
+            }
+        }
+    }
+}
+
+/// A file that others look at while it is written.
+#[derive(Clone, Default)]
+struct Open(Rc<RefCell<Vec<u8>>>);
+
+impl io::Write for Open {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.borrow_mut().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn what_was_flushed_is_read_from_a_file_that_nobody_finished() {
+    for format in FORMATS {
+        for packing in [None, Some(Packing::Gzip), Some(Packing::Zstd)] {
+            let file = Open::default();
+            let mut writer = Writer::new(format, packing, file.clone()).expect("a format to write");
+            for (n, (time, direction, frame)) in frames(300).into_iter().enumerate() {
+                let (time, data) = (Some(time), Data::Frame(frame));
+                writer.write(&Record { time, link: "can0", direction, data, at: 0 }).expect("fits");
+                if n % 100 == 99 {
+                    writer.flush().expect("written");
+                    let (found, _) = read(format, &file.0.borrow(), 4096);
+                    assert_eq!(found.len(), n + 1, "{format} {packing:?}");
                 }
             }
         }

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use polepair_capture::{Format, Packing, Reader, Record, WriteError, Writer};
 
-use crate::capture::{damage, pieces};
-use crate::problem::{self, Exit, Problem, Result};
+use crate::capture::{damage, not_written, pieces, written_format};
+use crate::problem::{self, Exit, Result};
 use crate::terminal::say;
 
 const PIECE: usize = 1 << 16;
@@ -47,18 +47,14 @@ type Unfit = Vec<(&'static str, u64)>;
 
 impl Convert {
     pub fn run(self) -> Result {
-        let to = self.to.or_else(|| Format::of_path(&self.out)).ok_or_else(|| {
-            Problem::new(Exit::Usage, "E248", "the format to write is not known.")
-                .why("The name of the file does not tell it.")
-                .hint(format!("--to says it: {}", Format::names().collect::<Vec<_>>().join(", ")))
-        })?;
+        let to = written_format(self.to, &self.out)?;
         let failed = |error| problem::file(&self.out, "write", &error);
         let file: Box<dyn Write> = match self.out.as_os_str() == "-" {
             true => Box::new(io::stdout().lock()),
             false => Box::new(BufWriter::new(File::create(&self.out).map_err(failed)?)),
         };
         let mut writer = Writer::new(to, Packing::of_path(&self.out), file)
-            .map_err(|error| self.refused(&error))?;
+            .map_err(|error| not_written(&self.out, &error))?;
         let (mut reader, mut unfit, mut wrong) = (Reader::new(self.from), Unfit::new(), None);
         let mut write = |record: &Record<'_>| match writer.write(record) {
             Ok(()) => {}
@@ -71,19 +67,11 @@ impl Convert {
         })?;
         reader.finish(&mut write);
         if let Some(error) = wrong {
-            return Err(self.refused(&error));
+            return Err(not_written(&self.out, &error));
         }
         let written = writer.finish().and_then(|mut file| Ok(file.flush()?));
-        written.map_err(|error| self.refused(&error))?;
+        written.map_err(|error| not_written(&self.out, &error))?;
         self.tell(&reader, to, &unfit)
-    }
-
-    fn refused(&self, error: &WriteError) -> Problem {
-        match error {
-            WriteError::Io(error) => problem::file(&self.out, "write", error),
-            other => Problem::new(Exit::Usage, "E248", format!("{other}."))
-                .hint("polepair decode FILE --format jsonl explains a capture"),
-        }
     }
 
     fn tell(&self, reader: &Reader, to: Format, unfit: &Unfit) -> Result {

@@ -2,6 +2,7 @@
 //! [--format text|jsonl|parquet|arrow] [--tables TABLE,…] [-o OUT]`
 
 mod columns;
+mod expect;
 mod filtered;
 mod folder;
 mod lines;
@@ -15,7 +16,9 @@ use polepair_capture::text::{Notices, Style};
 
 use crate::capture::{Sink, Stated, report};
 use crate::problem::{Problem, Result};
+use crate::value;
 use columns::Wanted;
+use expect::Expectation;
 use filtered::Filtered;
 use folder::Folder;
 use lines::Lines;
@@ -45,6 +48,7 @@ Examples:
   polepair decode bus.log --as canopen@2,thruster@11 --profile syntron-ts-canopen
   polepair decode capture.log --format parquet --tables frames,signals -o columns
   polepair decode captures --site plant-2 -o dataset
+  polepair decode capture.log --expect good.jsonl --within 5ms   # a capture as a test
   tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
 pub struct Decode {
     /// The capture, or a folder of captures; - for stdin
@@ -79,6 +83,13 @@ pub struct Decode {
     /// Write to a file instead of stdout; columns, to this folder
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
+    /// Compare with the lines of a file, in part or whole as --format jsonl writes them: differences
+    /// are shown, and the exit code is 1
+    #[arg(long, value_name = "EXPECTED", conflicts_with_all = ["format", "out", "changes", "plot"])]
+    expect: Option<PathBuf>,
+    /// Times that lines expect may differ by so much, counted from the first; else they do not matter
+    #[arg(long, value_name = "TIME", requires = "expect", value_parser = value::span)]
+    within: Option<f64>,
 }
 
 /// How frames are written.
@@ -122,6 +133,14 @@ impl Decode {
         }
         let source = self.stated.source()?;
         let filter = self.filter.as_deref().map(filter).transpose()?;
+        if let Some(path) = &self.expect {
+            return expect::run(
+                source,
+                &self.source,
+                filter,
+                Expectation::read(path, self.within)?,
+            );
+        }
         let mut sink = self.sink(self.out.as_deref())?;
         if let Some(filter) = filter {
             sink = Box::new(Filtered::new(filter, sink));

@@ -16,6 +16,7 @@ mod moves;
 mod params;
 mod ports;
 mod program;
+mod record;
 mod scan;
 mod set;
 mod sim;
@@ -112,6 +113,8 @@ pub enum Verb {
     Watch(watch::Watch),
     /// Show axes, frames and faults of a link, live
     Monitor(monitor::Options),
+    /// Keep what passes on a link as a capture, and send nothing
+    Record(record::Options),
     /// List the serial adapters, and why one cannot be used
     Ports(ports::Ports),
     /// Show what a drive has: units, ranges, defaults, manual sections
@@ -153,6 +156,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Sync(verb) => verb.run(),
         Verb::Watch(verb) => verb.run(),
         Verb::Monitor(verb) => verb.run(),
+        Verb::Record(verb) => verb.run(),
         Verb::Ports(verb) => verb.run(),
         Verb::Params(verb) => verb.run(),
         Verb::Sim(verb) => verb.run(),

@@ -2,7 +2,6 @@
 
 mod axes;
 mod draw;
-mod ears;
 mod keys;
 mod model;
 mod plain;
@@ -19,10 +18,10 @@ use clap::{Args, ValueEnum};
 use polepair_capture::Rules;
 use polepair_link::tap::Log;
 
+use crate::ears::Ears;
 use crate::outcome;
 use crate::problem::{self, Problem, Result};
 use crate::{terminal, value};
-use ears::Ears;
 use model::Monitor;
 
 /// Shows the axes of a link, their faults, and the frames that pass, live.

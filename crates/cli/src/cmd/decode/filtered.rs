@@ -7,19 +7,19 @@ use crate::capture::Sink;
 use crate::problem::Result;
 
 /// Passes on what its filter wants.
-pub struct Filtered {
+pub struct Filtered<'a> {
     filter: Filter,
-    inner: Box<dyn Sink>,
+    inner: Box<dyn Sink + 'a>,
 }
 
-impl Filtered {
+impl<'a> Filtered<'a> {
     /// In front of `inner`.
-    pub fn new(filter: Filter, inner: Box<dyn Sink>) -> Self {
+    pub fn new(filter: Filter, inner: Box<dyn Sink + 'a>) -> Self {
         Self { filter, inner }
     }
 }
 
-impl Sink for Filtered {
+impl Sink for Filtered<'_> {
     fn take(&mut self, event: &Event<'_>) {
         if self.filter.wants(event) {
             self.inner.take(event);

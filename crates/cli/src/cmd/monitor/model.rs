@@ -13,9 +13,9 @@ use polepair_core::time::Instant;
 use polepair_link::{LinkError, Losses, clock};
 
 use super::axes::Watched;
-use super::ears::Ears;
 use super::stopping::{Class, Stopping};
 use super::traffic::{Spoken, Traffic};
+use crate::ears::Ears;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::Session;

@@ -14,10 +14,10 @@ use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::axes::Doing;
 use super::draw::{Theme, draw};
-use super::ears::Ears;
 use super::keys::{Then, View};
 use super::model::Monitor;
 use super::stopping::{Class, Stopping};
+use crate::ears::Ears;
 
 const PERIOD: Duration = Duration::from_millis(100);
 

@@ -12,7 +12,7 @@ use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
 use polepair_link::{clock, tap};
 
-use super::ears::{Heard, Unit};
+use crate::ears::{Heard, Unit, short};
 
 /// Frames that can be scrolled back to.
 pub const FRAMES_MAX: usize = 20_000;
@@ -277,10 +277,4 @@ fn key(wire: usize, event: &Event<'_>) -> Key {
 fn said(event: &Event<'_>) -> String {
     let said = meaning(event);
     if event.echo { format!("echo: {said}") } else { said.to_owned() }
-}
-
-/// The last part of a link's address, as captures name links.
-fn short(name: &str) -> String {
-    let name = name.strip_prefix("sim:").unwrap_or(name);
-    name.rsplit('/').find(|part| !part.is_empty()).unwrap_or(name).to_owned()
 }

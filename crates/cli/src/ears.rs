@@ -104,3 +104,9 @@ impl Tap<Can> for Ear {
         self.ears.lock().keep(Heard { wire: self.wire, at, direction, unit });
     }
 }
+
+/// The last part of a link's address, as captures name links.
+pub fn short(name: &str) -> String {
+    let name = name.strip_prefix("sim:").unwrap_or(name);
+    name.rsplit('/').find(|part| !part.is_empty()).unwrap_or(name).to_owned()
+}

@@ -1,0 +1,209 @@
+//! `polepair record URL -o FILE [--to FORMAT] [--for TIME] [--rotate SIZE|TIME] [-v]`
+
+mod files;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use polepair::listen::Listening;
+use polepair_capture::{Data, Decoder, Format, Record, Rules, Stamp, text};
+use polepair_core::time::Instant;
+use polepair_link::{Losses, clock};
+
+use crate::capture::written_format;
+use crate::ears::{Ears, Heard, Unit, short};
+use crate::problem::{self, Exit, Result};
+use crate::terminal::{self, Output, say};
+use crate::{interrupt, outcome, value};
+use files::{Files, Rotation};
+
+/// How often is looked for what was heard.
+const LOOK_MS: u32 = 20;
+/// How often the file is brought up to date: a crash loses no more than this.
+const FLUSH: Duration = Duration::from_millis(500);
+
+/// Keeps what passes on a link as a capture, until Ctrl-C. Nothing is sent.
+///
+/// Each frame is kept with its time; frames that the system or the adapter dropped are counted and
+/// told. A name that ends in .gz or .zst is compressed. A crash loses at most the last half second.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+On CAN the controller acknowledges what it hears, as every node does, unless it is set to
+listen only: ip link set can0 type can listen-only on.
+
+Examples:
+  polepair record canopen+socketcan://can0 -o machine.log
+  polepair record tmcl+serial:///dev/ttyUSB0:9600 -o night.pcapng.zst --rotate 1h
+  polepair record canopen+slcan:///dev/ttyACM0 -o bus.blf --for 10min -v --as canopen")]
+pub struct Options {
+    /// The link: canopen+socketcan://can0, tmcl+serial:///dev/ttyUSB0:9600, @name
+    #[arg(value_name = "URL")]
+    url: String,
+    /// The capture
+    #[arg(short, long = "out", value_name = "FILE")]
+    out: PathBuf,
+    /// How it is written [default: told by FILE's name]
+    #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
+    to: Option<Format>,
+    /// End after this time
+    #[arg(long = "for", value_name = "TIME", value_parser = value::span)]
+    seconds: Option<f64>,
+    /// Begin another file, with a number in its name, after so much: 100MB, 1h
+    #[arg(long, value_name = "SIZE|TIME", value_parser = Rotation::parse)]
+    rotate: Option<Rotation>,
+    /// Show the frames, explained, as decode does
+    #[arg(short = 'v', long)]
+    show: bool,
+    /// Protocol of what is shown, or @ an axis number; several with commas
+    #[arg(long = "as", value_name = "PROTO[@ID],…", requires = "show")]
+    rules: Option<String>,
+    #[command(flatten)]
+    profiles: super::ProfileFile,
+}
+
+impl Options {
+    pub fn run(self) -> Result {
+        let format = written_format(self.to, &self.out)?;
+        let rules = self.rules.as_deref().map(Rules::parse).transpose();
+        let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
+        let ears = Ears::default();
+        let taps = ears.clone();
+        let connector = self.profiles.connector()?.with_taps(move |wire| taps.on(wire));
+        let listening = connector.listen(&self.url).map_err(outcome::error)?;
+        interrupt::listen(|| ());
+        let files = Files::create(&self.out, format, self.rotate)?;
+        let show = self.show.then(|| Shown::new(rules, &listening));
+        let names = listening.wires().iter().map(|wire| short(&wire.name)).collect();
+        let mut recorder = Recorder { listening, ears, names, files, show, overrun: 0, odd: 0 };
+        say(&format!("recording to {}; Ctrl-C ends", self.out.display()));
+        let begun = clock::now();
+        let ended = recorder.until(self.seconds.map(|seconds| begun + secs(seconds)));
+        let told = recorder.finish(clock::now().since(begun));
+        ended.and(told)
+    }
+}
+
+fn secs(seconds: f64) -> Duration {
+    Duration::from_secs_f64(seconds)
+}
+
+struct Recorder {
+    listening: Listening,
+    ears: Ears,
+    /// Of each wire.
+    names: Vec<String>,
+    files: Files,
+    show: Option<Shown>,
+    /// Units that were dropped before they got here, and what was no unit that captures keep.
+    overrun: u64,
+    odd: u64,
+}
+
+impl Recorder {
+    fn until(&mut self, end: Option<Instant>) -> Result<()> {
+        let mut flushed = clock::now();
+        loop {
+            self.take()?;
+            let now = clock::now();
+            if now.since(flushed) >= FLUSH {
+                flushed = now;
+                self.files.flush()?;
+            }
+            if let Some(gone) = self.listening.trouble() {
+                return Err(outcome::link_error(&gone));
+            }
+            if interrupt::came() || end.is_some_and(|end| now >= end) {
+                return Ok(());
+            }
+            let next = now.plus_ms(LOOK_MS);
+            clock::sleep_until(end.map_or(next, |end| next.min(end)));
+        }
+    }
+
+    /// Keeps what was heard since.
+    fn take(&mut self) -> Result<()> {
+        let (heard, lost) = self.ears.take();
+        for Heard { wire, at, unit, .. } in &heard {
+            let record = Record {
+                at: 0,
+                time: Some(Stamp(clock::wall_ns(*at))),
+                link: self.names.get(*wire).map_or("-", String::as_str),
+                // Who spoke is not known.
+                direction: None,
+                data: match unit {
+                    Unit::Bytes(bytes) => Data::Bytes(bytes),
+                    Unit::Frame(frame) => Data::Frame(*frame),
+                },
+            };
+            self.files.write(&record)?;
+            if let Some(shown) = &mut self.show {
+                shown.take(&record);
+            }
+        }
+        self.notice(lost);
+        match &mut self.show {
+            Some(shown) if !heard.is_empty() => shown.out.flush(),
+            _ => Ok(()),
+        }
+    }
+
+    /// Tells at once what was dropped.
+    fn notice(&mut self, lost: u64) {
+        let wires = 0..self.names.len();
+        let sum = |which: fn(&Losses) -> u64| -> u64 {
+            wires.clone().map(|wire| which(&self.listening.losses(wire))).sum()
+        };
+        let (dropped, odd) = (sum(|losses| losses.overrun), sum(|losses| losses.malformed));
+        let fresh = dropped.saturating_sub(self.overrun) + lost;
+        if fresh > 0 {
+            say(&format!("{fresh} dropped: they came faster than the system handed them over"));
+        }
+        (self.overrun, self.odd) = (dropped.max(self.overrun) + lost, odd);
+    }
+
+    /// Completes the file and tells what is in it.
+    fn finish(mut self, took: Duration) -> Result {
+        // What came meanwhile still counts.
+        let last = self.take();
+        let (count, files) = self.files.finish()?;
+        last?;
+        let (what, seconds) = (plural(count, "record"), took.as_secs_f64());
+        let files = if files > 1 { format!(" in {files} files") } else { String::new() };
+        let odd = match self.odd {
+            0 => String::new(),
+            odd => format!("; {odd} were no frames of classic CAN and are not kept"),
+        };
+        say(&format!("{what}{files} in {seconds:.1} s, {} dropped{odd}", self.overrun));
+        Ok(if self.overrun > 0 { Exit::Partial } else { Exit::Ok })
+    }
+}
+
+fn plural(count: u64, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+/// The lines that are shown.
+struct Shown {
+    decoder: Decoder,
+    lines: text::Text,
+    out: Output,
+}
+
+impl Shown {
+    fn new(rules: Option<Rules>, listening: &Listening) -> Self {
+        // What the connection string says of the protocol is the rule, unless another is stated.
+        let spoken = || {
+            let words = listening.wires().iter().flat_map(|wire| wire.protocols.iter().copied());
+            Rules::parse(&words.take(1).collect::<String>()).unwrap_or_default()
+        };
+        let style = text::Style { colour: terminal::colour_out(), ..text::Style::default() };
+        let decoder = Decoder::new(rules.unwrap_or_else(spoken));
+        Self { decoder, lines: text::Text::new(style), out: Output::stdout() }
+    }
+
+    fn take(&mut self, record: &Record<'_>) {
+        let (lines, out) = (&mut self.lines, &mut self.out);
+        self.decoder.record(record, &mut |event| lines.write(event, out.buffer()));
+    }
+}

@@ -1,0 +1,172 @@
+//! The files of a recording: one, or one after the other.
+
+use std::cell::Cell;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::time::Duration;
+
+use polepair_capture::{Format, Packing, Record, WriteError, Writer};
+use polepair_core::time::Instant;
+use polepair_link::clock;
+
+use crate::capture::not_written;
+use crate::problem::{self, Result};
+use crate::value;
+
+/// After how much another file begins.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Rotation {
+    /// Bytes on the disk.
+    Size(u64),
+    /// So long.
+    Time(Duration),
+}
+
+impl Rotation {
+    /// Reads `100MB`, `2GB`, `500kB`, or a span of time.
+    ///
+    /// # Errors
+    /// What is wrong with it, in words.
+    pub fn parse(text: &str) -> std::result::Result<Self, String> {
+        const UNITS: [(&str, f64); 3] = [("kB", 1e3), ("MB", 1e6), ("GB", 1e9)];
+        let size = UNITS.iter().find_map(|(unit, bytes)| {
+            Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * bytes)
+        });
+        match size {
+            Some(bytes) if bytes >= 1e3 => Ok(Self::Size(bytes as u64)),
+            Some(_) => Err("less than 1 kB".to_owned()),
+            None => match value::span(text) {
+                Ok(seconds) if seconds >= 1.0 => Ok(Self::Time(Duration::from_secs_f64(seconds))),
+                Ok(_) => Err("less than 1 s".to_owned()),
+                Err(_) => Err("100MB, 2GB, 30min, 1h".to_owned()),
+            },
+        }
+    }
+}
+
+/// Where records go.
+pub struct Files {
+    path: PathBuf,
+    format: Format,
+    rotation: Option<Rotation>,
+    current: Open,
+    /// The number of the current file, from 1.
+    number: u32,
+    records: u64,
+}
+
+/// The file that is written.
+struct Open {
+    path: PathBuf,
+    writer: Writer<Counted>,
+    bytes: Rc<Cell<u64>>,
+    since: Instant,
+}
+
+impl Files {
+    /// Begins the first file.
+    pub fn create(path: &Path, format: Format, rotation: Option<Rotation>) -> Result<Self> {
+        let first = if rotation.is_some() { numbered(path, 1) } else { path.to_owned() };
+        let current = Open::create(first, format)?;
+        Ok(Self { path: path.to_owned(), format, rotation, current, number: 1, records: 0 })
+    }
+
+    /// Keeps a record.
+    pub fn write(&mut self, record: &Record<'_>) -> Result<()> {
+        if self.is_due() {
+            self.next()?;
+        }
+        self.records += 1;
+        let written = self.current.writer.write(record);
+        written.map_err(|error| not_written(&self.current.path, &error))
+    }
+
+    /// Brings the file up to date.
+    pub fn flush(&mut self) -> Result<()> {
+        self.current.writer.flush().map_err(|error| not_written(&self.current.path, &error))
+    }
+
+    /// Completes the last file. Returns how many records there are, and how many files.
+    pub fn finish(self) -> Result<(u64, u32)> {
+        self.current.finish()?;
+        Ok((self.records, self.number))
+    }
+
+    fn is_due(&self) -> bool {
+        match self.rotation {
+            None => false,
+            Some(Rotation::Size(bytes)) => self.current.bytes.get() >= bytes,
+            Some(Rotation::Time(span)) => clock::now().since(self.current.since) >= span,
+        }
+    }
+
+    fn next(&mut self) -> Result<()> {
+        let next = Open::create(numbered(&self.path, self.number + 1), self.format)?;
+        self.number += 1;
+        std::mem::replace(&mut self.current, next).finish()
+    }
+}
+
+impl Open {
+    fn create(path: PathBuf, format: Format) -> Result<Self> {
+        let file = File::create(&path).map_err(|error| problem::file(&path, "write", &error))?;
+        let bytes = Rc::new(Cell::new(0));
+        let counted = Counted { file, bytes: Rc::clone(&bytes) };
+        let writer = Writer::new(format, Packing::of_path(&path), counted);
+        let writer = writer.map_err(|error| not_written(&path, &error))?;
+        Ok(Self { path, writer, bytes, since: clock::now() })
+    }
+
+    fn finish(self) -> Result<()> {
+        let written = self.writer.finish().and_then(|mut file| Ok(file.flush()?));
+        written.map_err(|error: WriteError| not_written(&self.path, &error))
+    }
+}
+
+/// `bus-0002.log.zst` for `bus.log.zst`.
+fn numbered(path: &Path, number: u32) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let (stem, ends) = name.split_at(name.find('.').unwrap_or(name.len()));
+    path.with_file_name(format!("{stem}-{number:04}{ends}"))
+}
+
+/// A file whose bytes are counted.
+struct Counted {
+    file: File,
+    bytes: Rc<Cell<u64>>,
+}
+
+impl Write for Counted {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.file.write(bytes)?;
+        self.bytes.set(self.bytes.get() + count as u64);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Rotation, numbered};
+    use std::time::Duration;
+
+    #[test]
+    fn sizes_and_times() {
+        assert_eq!(Rotation::parse("1.5MB"), Ok(Rotation::Size(1_500_000)));
+        assert_eq!(Rotation::parse("2min"), Ok(Rotation::Time(Duration::from_secs(120))));
+        assert!(Rotation::parse("5").is_ok() && Rotation::parse("10 rpm").is_err());
+        assert!(Rotation::parse("0.1kB").is_err() && Rotation::parse("1ms").is_err());
+    }
+
+    #[test]
+    fn numbers_stand_before_the_ends_of_a_name() {
+        let name = |path: &str| numbered(path.as_ref(), 12).display().to_string();
+        assert_eq!(name("/tmp/a.b/bus.log.zst"), "/tmp/a.b/bus-0012.log.zst");
+        assert_eq!(name("bus"), "bus-0012");
+    }
+}
