@@ -147,7 +147,10 @@ impl Summary {
         link.load.take(event);
         *link.protocols.entry(event.protocol.unwrap_or("?")).or_default() += 1;
         let protocol = event.protocol.unwrap_or("");
-        let who = Who { link: self.link, protocol, axis: event.explained.axis };
+        // What stands where an address should be in a damaged serial frame is nobody.
+        let damaged = event.id.is_none() && event.wrong.is_some();
+        let axis = event.explained.axis.filter(|_| !damaged);
+        let who = Who { link: self.link, protocol, axis };
         self.count(who, event);
         let place = Place { link: self.link, protocol, number: event.number, time: event.time };
         event.notices.iter().for_each(|notice| self.notice(notice, place));

@@ -279,7 +279,7 @@ impl core::fmt::Display for Told<'_> {
                 write!(f, "- axis {axis} fault 0x{code:X} is gone: {text}")
             }
             Notice::Fault(Fault { axis, code, text, remedy, .. }) => {
-                write!(f, "! axis {axis} fault 0x{code:X}: {text}")?;
+                write!(f, "! axis {axis} fault 0x{code:X}: {}", text.trim_end_matches('.'))?;
                 if remedy.is_empty() { Ok(()) } else { write!(f, "; try: {remedy}") }
             }
             Notice::Odd(Odd { kind, axis, text, .. }) => {

@@ -103,7 +103,7 @@ impl Exchanges {
     ) {
         let short = matches!(wrong, Wrong::Wire(WireError::Short { .. }));
         let (kind, axis, text) = match heard.stray {
-            true => (Oddity::Stray, None, Wrong::Stray(heard.raw.bytes.len()).to_string()),
+            true => (Oddity::Stray, None, stray(heard.raw.bytes.len())),
             false => (sort(wrong), said.axis, wrong.to_string()),
         };
         let odd = Odd { kind, axis, time: None, text };
@@ -147,6 +147,13 @@ impl Exchanges {
             let kind = Oddity::Sequence;
             notices.push(Notice::Odd(Odd { kind, axis: Some(axis), time: None, text }));
         }
+    }
+}
+
+fn stray(count: usize) -> String {
+    match count {
+        1 => "1 byte that belongs to no frame".to_owned(),
+        _ => format!("{count} bytes that belong to no frame"),
     }
 }
 
