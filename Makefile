@@ -39,7 +39,7 @@ python: $(VENV)/ready
 	$(CARGO) build --release --locked --quiet -p polepair-cli
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(VENV)/bin/maturin develop --release --quiet --manifest-path crates/python/Cargo.toml
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy
-	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub
+	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub --mypy-config-file pyproject.toml
 	cd crates/python && $(CURDIR)/$(PYTHON) -m pytest
 
 $(VENV)/ready: interop/requirements.txt interop/debian-packages.txt

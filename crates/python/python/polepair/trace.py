@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    import matplotlib.axes
-    import numpy
+from typing import Any
 
 __all__ = ["Step", "Trace"]
 
@@ -67,15 +63,15 @@ class Trace:
         over = round(max(0.0, max(shares) - 1.0), 12)
         return Step(crossed(0.9) - crossed(0.1), over, settled, values[-1])
 
-    def to_numpy(self) -> dict[str, numpy.ndarray[Any, Any]]:
+    def to_numpy(self) -> dict[str, Any]:
         """`time` and every signal as an array of float64."""
         import numpy as np
 
         arrays = {"time": np.asarray(self.times)}
         return arrays | {name: np.asarray(values) for name, values in self.columns.items()}
 
-    def plot(self, axes: matplotlib.axes.Axes | None = None) -> matplotlib.axes.Axes:
-        """Draws every signal over time; needs `polepair[plot]`."""
+    def plot(self, axes: Any = None) -> Any:
+        """Draws every signal over time, into `axes` if given; needs `polepair[plot]`."""
         import matplotlib.pyplot as plt
 
         drawn = axes if axes is not None else plt.subplots()[1]
