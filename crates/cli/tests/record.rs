@@ -44,6 +44,25 @@ fn what_passes_is_kept_while_it_passes_and_whole_at_the_end() {
     drive.end();
 }
 
+#[cfg(unix)]
+#[test]
+fn a_pager_that_stands_still_holds_up_no_recording() {
+    let drive = run::Served::with(&["canopen:2", "--udp", "239.74.163.20:43121"]);
+    let file = scratch("paged.log").display().to_string();
+    let recorder = run::command(&["record", drive.link(), "-o", &file, "-v"]).spawn();
+    let recorder = recorder.expect("starts");
+    // More lines than a pipe holds (64 KiB), and nobody reads it.
+    let kept = || std::fs::read_to_string(&file).map_or(0, |text| text.lines().count());
+    while kept() < 3000 {
+        ok(&["get", &drive.url, "velocity demand"]);
+    }
+    run::signal("INT", recorder.id());
+    let output = run::ran(recorder.wait_with_output().expect("ends"));
+    assert_eq!(output.code, 0, "{}", output.err);
+    assert!(output.err.contains(" 0 dropped") && output.out.lines().count() >= 3000);
+    drive.end();
+}
+
 #[test]
 fn what_cannot_be_recorded_so_is_refused_before_anything_is_opened() {
     let code = |arguments: &[&str]| polepair(&[&["record", "sim:tmcl"], arguments].concat()).code;

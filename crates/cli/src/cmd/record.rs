@@ -1,22 +1,24 @@
 //! `polepair record URL -o FILE [--to FORMAT] [--for TIME] [--rotate SIZE|TIME] [-v]`
 
 mod files;
+mod shown;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
 use polepair::listen::Listening;
-use polepair_capture::{Data, Decoder, Format, Record, Rules, Stamp, text};
+use polepair_capture::{Data, Format, Record, Rules, Stamp};
 use polepair_core::time::Instant;
 use polepair_link::{Losses, clock};
 
 use crate::capture::written_format;
 use crate::ears::{Ears, Heard, Unit, short};
 use crate::problem::{self, Exit, Result};
-use crate::terminal::{self, Output, say};
+use crate::terminal::say;
 use crate::{interrupt, outcome, value};
 use files::{Files, Rotation};
+use shown::Shown;
 
 /// How often is looked for what was heard.
 const LOOK_MS: u32 = 20;
@@ -142,10 +144,7 @@ impl Recorder {
             }
         }
         self.notice(lost);
-        match &mut self.show {
-            Some(shown) if !heard.is_empty() => shown.out.flush(),
-            _ => Ok(()),
-        }
+        self.show.as_mut().map_or(Ok(()), Shown::hand_over)
     }
 
     /// Tells at once what was dropped.
@@ -175,35 +174,15 @@ impl Recorder {
             odd => format!("; {odd} were no frames of classic CAN and are not kept"),
         };
         say(&format!("{what}{files} in {seconds:.1} s, {} dropped{odd}", self.overrun));
+        // The file is whole: now stdout may take its time.
+        let skipped = self.show.map_or(Ok(0), Shown::finish)?;
+        if skipped > 0 {
+            say(&format!("{} kept but not shown: nobody read stdout", plural(skipped, "record")));
+        }
         Ok(if self.overrun > 0 { Exit::Partial } else { Exit::Ok })
     }
 }
 
 fn plural(count: u64, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
-}
-
-/// The lines that are shown.
-struct Shown {
-    decoder: Decoder,
-    lines: text::Text,
-    out: Output,
-}
-
-impl Shown {
-    fn new(rules: Option<Rules>, listening: &Listening) -> Self {
-        // What the connection string says of the protocol is the rule, unless another is stated.
-        let spoken = || {
-            let words = listening.wires().iter().flat_map(|wire| wire.protocols.iter().copied());
-            Rules::parse(&words.take(1).collect::<String>()).unwrap_or_default()
-        };
-        let style = text::Style { colour: terminal::colour_out(), ..text::Style::default() };
-        let decoder = Decoder::new(rules.unwrap_or_else(spoken));
-        Self { decoder, lines: text::Text::new(style), out: Output::stdout() }
-    }
-
-    fn take(&mut self, record: &Record<'_>) {
-        let (lines, out) = (&mut self.lines, &mut self.out);
-        self.decoder.record(record, &mut |event| lines.write(event, out.buffer()));
-    }
 }

@@ -3,6 +3,7 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::process::{Child, ChildStderr, Command, Output, Stdio};
+use std::thread::JoinHandle;
 
 /// What a run printed, and how it ended.
 #[derive(Debug)]
@@ -98,7 +99,7 @@ impl Served {
     }
 }
 
-fn signal(name: &str, pid: u32) {
+pub fn signal(name: &str, pid: u32) {
     let pid = pid.to_string();
     Command::new("kill").args([&format!("-{name}"), pid.as_str()]).status().expect("kill");
 }
@@ -106,6 +107,8 @@ fn signal(name: &str, pid: u32) {
 /// A run that lasts until it is interrupted.
 pub struct Held {
     child: Child,
+    /// What it prints is read as it comes: a full pipe would hold it up.
+    stdout: JoinHandle<Vec<u8>>,
     stderr: BufReader<ChildStderr>,
     said: String,
 }
@@ -119,7 +122,13 @@ impl Held {
         while said.lines().last() != Some(line) {
             assert!(stderr.read_line(&mut said).expect("text") > 0, "{arguments:?}: {said}");
         }
-        Self { child, stderr, said }
+        let mut pipe = child.stdout.take().expect("a pipe");
+        let stdout = std::thread::spawn(move || {
+            let mut printed = Vec::new();
+            pipe.read_to_end(&mut printed).expect("bytes");
+            printed
+        });
+        Self { child, stdout, stderr, said }
     }
 
     pub fn id(&self) -> u32 {
@@ -135,7 +144,8 @@ impl Held {
     /// Waits for its own end.
     pub fn ended(mut self) -> Ran {
         self.stderr.read_to_string(&mut self.said).expect("text");
-        let output = self.child.wait_with_output().expect("ends");
-        Ran { err: self.said, ..ran(output) }
+        let status = self.child.wait().expect("ends");
+        let stdout = self.stdout.join().expect("what it printed");
+        ran(Output { status, stdout, stderr: self.said.into_bytes() })
     }
 }

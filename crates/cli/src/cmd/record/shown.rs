@@ -1,0 +1,106 @@
+//! What is shown while it is recorded, printed on a thread of its own: a pager that stands still
+//! must not hold up the recording.
+
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+
+use polepair::listen::Listening;
+use polepair_capture::{Decoder, Record, Rules, text};
+
+use crate::problem::Result;
+use crate::terminal::{self, Output};
+
+/// Lines that wait for stdout, in bytes; what comes when there are more is not shown.
+const WAITING_MAX: usize = 1 << 20;
+/// Batches on their way to the thread.
+const BATCHES: usize = 4;
+
+/// The lines that are shown.
+pub struct Shown {
+    decoder: Decoder,
+    lines: text::Text,
+    waiting: Vec<u8>,
+    skipped: u64,
+    printer: Option<Printer>,
+}
+
+struct Printer {
+    batches: SyncSender<Vec<u8>>,
+    thread: JoinHandle<Result<()>>,
+}
+
+impl Shown {
+    /// Shows in these protocols, else in the one that the connection string states.
+    pub fn new(rules: Option<Rules>, listening: &Listening) -> Self {
+        let spoken = || {
+            let words = listening.wires().iter().flat_map(|wire| wire.protocols.iter().copied());
+            Rules::parse(&words.take(1).collect::<String>()).unwrap_or_default()
+        };
+        let style = text::Style { colour: terminal::colour_out(), ..text::Style::default() };
+        let (batches, receiver) = sync_channel(BATCHES);
+        let thread = std::thread::spawn(|| print(receiver));
+        Self {
+            decoder: Decoder::new(rules.unwrap_or_else(spoken)),
+            lines: text::Text::new(style),
+            waiting: Vec::new(),
+            skipped: 0,
+            printer: Some(Printer { batches, thread }),
+        }
+    }
+
+    /// Explains a record.
+    pub fn take(&mut self, record: &Record<'_>) {
+        if self.waiting.len() >= WAITING_MAX {
+            self.skipped += 1;
+            return;
+        }
+        let (lines, waiting) = (&mut self.lines, &mut self.waiting);
+        self.decoder.record(record, &mut |event| lines.write(event, waiting));
+    }
+
+    /// Hands over what was explained, if the thread can take it.
+    ///
+    /// # Errors
+    /// What ended the thread: stdout was closed.
+    pub fn hand_over(&mut self) -> Result<()> {
+        let Some(printer) = self.printer.as_ref().filter(|_| !self.waiting.is_empty()) else {
+            return Ok(());
+        };
+        match printer.batches.try_send(std::mem::take(&mut self.waiting)) {
+            Ok(()) => Ok(()),
+            Err(TrySendError::Full(waiting)) => {
+                self.waiting = waiting;
+                Ok(())
+            }
+            Err(TrySendError::Disconnected(_)) => self.join(),
+        }
+    }
+
+    /// Waits until all is printed. Returns how many records were not.
+    ///
+    /// # Errors
+    /// stdout was closed.
+    pub fn finish(mut self) -> Result<u64> {
+        if let Some(printer) = &self.printer {
+            // One that is gone is met by the join.
+            let _ = printer.batches.send(std::mem::take(&mut self.waiting));
+        }
+        self.join()?;
+        Ok(self.skipped)
+    }
+
+    fn join(&mut self) -> Result<()> {
+        let Some(Printer { batches, thread }) = self.printer.take() else { return Ok(()) };
+        drop(batches);
+        thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
+
+fn print(batches: Receiver<Vec<u8>>) -> Result<()> {
+    let mut out = Output::stdout();
+    for batch in batches {
+        *out.buffer() = batch;
+        out.flush()?;
+    }
+    Ok(())
+}
