@@ -100,6 +100,17 @@ impl Config {
         self.all_profiles().find(|profile| profile.name == name)
     }
 
+    /// The profile that a word means: that of a name, or a file.
+    ///
+    /// # Errors
+    /// [`Error::File`] with file, line, column and reason.
+    pub fn profile_of(&self, word: &str) -> Result<&'static Profile, Error> {
+        match self.profile(word) {
+            Some(known) => Ok(known),
+            None => Ok(profile::load(word.as_ref())?),
+        }
+    }
+
     /// Every profile, the user's own first.
     pub fn all_profiles(&self) -> impl Iterator<Item = &'static Profile> {
         self.profiles.iter().chain(polepair_core::drives::profiles()).copied()

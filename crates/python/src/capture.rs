@@ -5,6 +5,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use polepair::config::Config;
 use polepair_capture::session::Notice;
 use polepair_capture::{Decoder as Inner, Event as Found, Format, ItemValue, Judge, Rules};
 use polepair_core::explain::{Addressing, Direction, EncodeError, Via};
@@ -16,7 +17,7 @@ use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::errors::usage;
+use crate::errors::{raised, usage};
 
 /// Bytes of a file that are read at once.
 const PIECE: usize = 1 << 18;
@@ -278,16 +279,10 @@ fn known_rules(py: Python<'_>, text: &str) -> PyResult<Rules> {
     })
 }
 
+/// A product by name, the user's own among them, or a profile's file.
 fn known_profile(py: Python<'_>, word: &str) -> PyResult<&'static Profile> {
-    let known = drives::profiles().iter().find(|profile| profile.name == word);
-    known.copied().ok_or_else(|| {
-        usage(
-            py,
-            "E214",
-            &format!("there is no product `{word}`"),
-            "polepair.profiles() lists them",
-        )
-    })
+    let named = Config::discover().and_then(|config| config.profile_of(word));
+    named.map_err(|error| raised(py, &error))
 }
 
 /// The bytes of a text in a protocol's own language: bytes, and CAN identifier with its width.

@@ -32,8 +32,8 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use polepair::Connector;
+use polepair::config::Config;
 use polepair_capture::Format;
-use polepair_core::drives::profiles;
 use polepair_core::profile::Profile;
 
 use crate::outcome;
@@ -213,11 +213,7 @@ impl NamedBy {
     /// The drive's profile, if one is named.
     pub fn profile(&self) -> Result<Option<&'static Profile>> {
         let Some(word) = &self.drive else { return Ok(None) };
-        if let Some(known) = profiles().iter().find(|profile| profile.name == word) {
-            return Ok(Some(known));
-        }
-        let connector = Connector::discover().map_err(outcome::error)?;
-        let connector = connector.with_profile(word.as_ref()).map_err(outcome::error)?;
-        Ok(connector.config.all_profiles().next())
+        let named = Config::discover().and_then(|config| config.profile_of(word));
+        named.map(Some).map_err(outcome::error)
     }
 }
