@@ -4,6 +4,7 @@
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::process::{Child, ChildStderr, Command, Output, Stdio};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 /// What a run printed, and how it ended.
 #[derive(Debug)]
@@ -68,9 +69,29 @@ pub fn ok(arguments: &[&str]) -> String {
     ran.out
 }
 
+/// Acts until something is so; a test that never gets there fails instead of standing still.
+pub fn until(is_so: impl Fn() -> bool, mut act: impl FnMut()) {
+    let end = Instant::now() + Duration::from_secs(120);
+    while !is_so() {
+        assert!(Instant::now() < end, "it never came to be so");
+        act();
+    }
+}
+
+/// A process that does not outlive its test, however that ends.
+struct Ours(Child);
+
+impl Drop for Ours {
+    fn drop(&mut self) {
+        // One that was waited for is gone already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// A served drive, ended with SIGTERM as a supervisor would.
 pub struct Served {
-    child: Child,
+    child: Ours,
     pub url: String,
 }
 
@@ -85,7 +106,7 @@ impl Served {
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
         let line = lines.next().expect("a line").expect("text");
         let url = line.strip_prefix("ready ").expect("ready").to_owned();
-        Self { child, url }
+        Self { child: Ours(child), url }
     }
 
     /// Its URL without axes.
@@ -94,8 +115,8 @@ impl Served {
     }
 
     pub fn end(mut self) {
-        signal("TERM", self.child.id());
-        assert_eq!(self.child.wait().expect("ends").code(), Some(0));
+        signal("TERM", self.child.0.id());
+        assert_eq!(self.child.0.wait().expect("ends").code(), Some(0));
     }
 }
 
@@ -106,7 +127,7 @@ pub fn signal(name: &str, pid: u32) {
 
 /// A run that lasts until it is interrupted.
 pub struct Held {
-    child: Child,
+    child: Ours,
     /// What it prints is read as it comes: a full pipe would hold it up.
     stdout: JoinHandle<Vec<u8>>,
     stderr: BufReader<ChildStderr>,
@@ -128,23 +149,23 @@ impl Held {
             pipe.read_to_end(&mut printed).expect("bytes");
             printed
         });
-        Self { child, stdout, stderr, said }
+        Self { child: Ours(child), stdout, stderr, said }
     }
 
     pub fn id(&self) -> u32 {
-        self.child.id()
+        self.child.0.id()
     }
 
     /// Ctrl-C.
     pub fn interrupt(self) -> Ran {
-        signal("INT", self.child.id());
+        signal("INT", self.child.0.id());
         self.ended()
     }
 
     /// Waits for its own end.
     pub fn ended(mut self) -> Ran {
         self.stderr.read_to_string(&mut self.said).expect("text");
-        let status = self.child.wait().expect("ends");
+        let status = self.child.0.wait().expect("ends");
         let stdout = self.stdout.join().expect("what it printed");
         ran(Output { status, stdout, stderr: self.said.into_bytes() })
     }
