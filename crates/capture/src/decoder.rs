@@ -72,9 +72,24 @@ impl fmt::Display for Wrong {
         match self {
             Self::Wire(error) => error.fmt(f),
             Self::Broken => f.write_str("frame: its check fails"),
-            Self::Stray(1) => f.write_str("stray: 1 byte that belongs to no frame"),
-            Self::Stray(count) => write!(f, "stray: {count} bytes that belong to no frame"),
+            Self::Stray(count) => write!(f, "stray: {}", strays(*count)),
         }
+    }
+}
+
+impl Wrong {
+    /// Whether a check over its bytes fails.
+    #[must_use]
+    pub const fn is_check(self) -> bool {
+        matches!(self, Self::Broken | Self::Wire(WireError::Checksum { .. }))
+    }
+}
+
+/// Bytes that are no frame, in words.
+pub(crate) fn strays(count: usize) -> String {
+    match count {
+        1 => "1 byte that belongs to no frame".to_owned(),
+        _ => format!("{count} bytes that belong to no frame"),
     }
 }
 

@@ -7,9 +7,9 @@ use polepair_core::profile::Parameter;
 use crate::session::{Name, name};
 
 /// The kind of a CAN FD frame.
-pub(crate) const CAN_FD: &str = "can-fd";
+pub const CAN_FD: &str = "can-fd";
 /// The kind of what a CAN controller reports.
-pub(crate) const ERROR_FRAME: &str = "error-frame";
+pub const ERROR_FRAME: &str = "error-frame";
 /// What is said of a remote request that no protocol explains.
 pub(crate) const REMOTE_REQUEST: &str = "remote request";
 

@@ -51,7 +51,7 @@ mod write;
 
 pub use changes::{Changes, about, meaning};
 pub use decoder::{Decoder, Event, Wrong};
-pub use explained::{Explained, Item, ItemValue};
+pub use explained::{CAN_FD, ERROR_FRAME, Explained, Item, ItemValue};
 pub use filter::{Filter, FilterError, Glob};
 pub use follow::{Follow, Next};
 pub use format::{Format, Packing};

@@ -250,8 +250,6 @@ oddities! {
     BusOff = "bus-off", 9;
     /// Something that comes at a steady rate came much too early or too late.
     Jitter = "jitter", 3;
-    /// One identifier takes most of the bus.
-    Babbling = "babbling", 8;
 }
 
 /// A frame as a follower hears it.

@@ -74,6 +74,10 @@ impl<S: Sink + ?Sized> Sink for &mut S {
         (**self).settle(now)
     }
 
+    fn finish(&mut self) -> Result<()> {
+        (**self).finish()
+    }
+
     fn ending(&mut self, link: &str, notices: &[Notice]) {
         (**self).ending(link, notices);
     }

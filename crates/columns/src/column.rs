@@ -119,7 +119,7 @@ fn dictionary(keys: Int32Array, words: &Dictionary) -> Result<ArrayRef, ArrowErr
 }
 
 /// A column that says the same in every row.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Same {
     word: String,
     zeros: Buffer,
@@ -127,7 +127,7 @@ pub(crate) struct Same {
 
 impl Same {
     pub fn new(word: &str) -> Self {
-        Self { word: word.to_owned(), zeros: Buffer::from_vec(Vec::<i32>::new()) }
+        Self { word: word.to_owned(), ..Self::default() }
     }
 
     pub fn rows(&mut self, rows: usize) -> Result<ArrayRef, ArrowError> {

@@ -16,7 +16,7 @@ use polepair_core::error::WireError;
 use polepair_core::explain::{Direction, Place, Talk, Turn};
 
 use super::{Follower, Heard, Notice, Odd, Oddity, Quality};
-use crate::decoder::Wrong;
+use crate::decoder::{Wrong, strays};
 use crate::explained::Explained;
 use crate::stamp::Stamp;
 use pairing::Pairing;
@@ -103,7 +103,7 @@ impl Exchanges {
     ) {
         let short = matches!(wrong, Wrong::Wire(WireError::Short { .. }));
         let (kind, axis, text) = match heard.stray {
-            true => (Oddity::Stray, None, stray(heard.raw.bytes.len())),
+            true => (Oddity::Stray, None, strays(heard.raw.bytes.len())),
             false => (sort(wrong), said.axis, wrong.to_string()),
         };
         let odd = Odd { kind, axis, time: None, text };
@@ -150,18 +150,11 @@ impl Exchanges {
     }
 }
 
-fn stray(count: usize) -> String {
-    match count {
-        1 => "1 byte that belongs to no frame".to_owned(),
-        _ => format!("{count} bytes that belong to no frame"),
-    }
-}
-
 fn sort(wrong: Wrong) -> Oddity {
     match wrong {
         Wrong::Stray(_) => Oddity::Stray,
-        Wrong::Broken | Wrong::Wire(WireError::Checksum { .. }) => Oddity::BadCheck,
-        Wrong::Wire(_) => Oddity::Malformed,
+        wrong if wrong.is_check() => Oddity::BadCheck,
+        Wrong::Broken | Wrong::Wire(_) => Oddity::Malformed,
     }
 }
 

@@ -11,7 +11,7 @@ use super::{At, Origin, count, in_order, ns};
 use crate::column::{Bytes, Numbers, Same, Words, micros};
 use crate::schema::Table;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Events {
     t_ns: Numbers<Int64Type>,
     source: Same,
@@ -39,19 +39,7 @@ struct Row<'a> {
 
 impl Events {
     pub fn new(origin: &Origin) -> Self {
-        Self {
-            t_ns: Numbers::default(),
-            source: Same::new(&origin.source),
-            bus: Words::default(),
-            axis: Numbers::default(),
-            event: Words::default(),
-            name: Words::default(),
-            code: Numbers::default(),
-            text: Bytes::default(),
-            cause: Words::default(),
-            remedy: Words::default(),
-            frame: Numbers::default(),
-        }
+        Self { source: Same::new(&origin.source), ..Self::default() }
     }
 
     pub fn rows(&self) -> usize {

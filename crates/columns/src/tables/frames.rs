@@ -6,8 +6,7 @@ use arrow_array::RecordBatch;
 use arrow_array::types::{Int8Type, Int32Type, Int64Type};
 use arrow_schema::ArrowError;
 use polepair_capture::session::{Notice, Oddity};
-use polepair_capture::{Event, Wrong};
-use polepair_core::error::WireError;
+use polepair_capture::{CAN_FD, ERROR_FRAME, Event, Wrong};
 use polepair_core::explain::Direction;
 
 use super::{Origin, count, in_order, ns};
@@ -36,7 +35,7 @@ pub mod flags {
     pub const WRONG: i32 = 1 << 8;
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Frames {
     t_ns: Numbers<Int64Type>,
     source: Same,
@@ -53,19 +52,8 @@ pub(super) struct Frames {
 
 impl Frames {
     pub fn new(origin: &Origin) -> Self {
-        Self {
-            t_ns: Numbers::default(),
-            source: Same::new(&origin.source),
-            bus: Words::default(),
-            dir: Numbers::default(),
-            protocol: Words::default(),
-            can_id: Numbers::default(),
-            flags: Numbers::default(),
-            data: Bytes::default(),
-            file: Same::new(&origin.file),
-            file_pos: Numbers::default(),
-            seq: Numbers::default(),
-        }
+        let (source, file) = (Same::new(&origin.source), Same::new(&origin.file));
+        Self { source, file, ..Self::default() }
     }
 
     pub fn rows(&self) -> usize {
@@ -122,21 +110,17 @@ fn word(name: &'static str) -> &'static str {
 fn flags_of(event: &Event<'_>) -> i32 {
     let said = |kind: &str| event.protocol.is_none() && event.explained.kind == kind;
     let again = |notice: &Notice| matches!(notice, Notice::Odd(odd) if odd.kind == Oddity::Retry);
-    let error = said("error-frame");
+    let error = said(ERROR_FRAME);
     let bits = [
         (event.extended && !error, flags::EXTENDED),
         (event.remote, flags::REMOTE),
         (error, flags::ERROR),
         (event.echo, flags::ECHO),
         (event.notices.iter().any(again), flags::RETRY),
-        (event.wrong.is_some_and(is_check), flags::BAD_CHECK),
+        (event.wrong.is_some_and(Wrong::is_check), flags::BAD_CHECK),
         (event.stray, flags::STRAY),
-        (said("can-fd"), flags::FD),
+        (said(CAN_FD), flags::FD),
         (event.wrong.is_some(), flags::WRONG),
     ];
     bits.into_iter().filter(|(set, _)| *set).map(|(_, bit)| bit).sum()
-}
-
-fn is_check(wrong: Wrong) -> bool {
-    matches!(wrong, Wrong::Broken | Wrong::Wire(WireError::Checksum { .. }))
 }

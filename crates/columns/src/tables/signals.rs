@@ -11,7 +11,7 @@ use super::{At, Origin, count, in_order, ns};
 use crate::column::{Numbers, Same, Words, micros};
 use crate::schema::Table;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Signals {
     t_ns: Numbers<Int64Type>,
     source: Same,
@@ -28,19 +28,7 @@ pub(super) struct Signals {
 
 impl Signals {
     pub fn new(origin: &Origin) -> Self {
-        Self {
-            t_ns: Numbers::default(),
-            source: Same::new(&origin.source),
-            bus: Words::default(),
-            axis: Numbers::default(),
-            signal: Words::default(),
-            value: Numbers::default(),
-            exact: Numbers::default(),
-            unit: Words::default(),
-            quality: Numbers::default(),
-            request: Numbers::default(),
-            frame: Numbers::default(),
-        }
+        Self { source: Same::new(&origin.source), ..Self::default() }
     }
 
     pub fn rows(&self) -> usize {

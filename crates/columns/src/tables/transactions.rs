@@ -11,7 +11,7 @@ use super::{At, Origin, count, in_order, ns};
 use crate::column::{Numbers, Same, Words};
 use crate::schema::Table;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Transactions {
     asked: Numbers<Int64Type>,
     answered: Numbers<Int64Type>,
@@ -26,17 +26,7 @@ pub(super) struct Transactions {
 
 impl Transactions {
     pub fn new(origin: &Origin) -> Self {
-        Self {
-            asked: Numbers::default(),
-            answered: Numbers::default(),
-            latency: Numbers::default(),
-            axis: Numbers::default(),
-            op: Words::default(),
-            outcome: Words::default(),
-            retries: Numbers::default(),
-            source: Same::new(&origin.source),
-            bus: Words::default(),
-        }
+        Self { source: Same::new(&origin.source), ..Self::default() }
     }
 
     pub fn rows(&self) -> usize {

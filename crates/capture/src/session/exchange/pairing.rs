@@ -195,17 +195,15 @@ impl Pairing {
 
     /// The same bytes again, before their answer.
     fn repeats(&mut self, heard: &Heard<'_>, axis: Option<u32>, notices: &mut Vec<Notice>) -> bool {
-        let same = |request: &&mut Request| {
+        let same = |request: &Request| {
             request.state == State::Open && request.sure() && request.frame.raw() == heard.raw
         };
-        let Some(request) = self.requests.iter_mut().rev().find(same) else { return false };
-        if request.told.retries == RETRIES_MAX {
-            let at = self.requests.iter().rposition(|request| {
-                request.state == State::Open && request.frame.raw() == heard.raw
-            });
-            at.into_iter().for_each(|at| self.give_up(at, heard.time, notices));
+        let Some(at) = self.requests.iter().rposition(same) else { return false };
+        if self.requests[at].told.retries == RETRIES_MAX {
+            self.give_up(at, heard.time, notices);
             return false;
         }
+        let request = &mut self.requests[at];
         request.told.retries = request.told.retries.saturating_add(1);
         request.last = heard.time;
         let text = format!(
