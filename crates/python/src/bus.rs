@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use polepair::{AnyLink, Connector};
 use polepair_core::medium::{Can, Frame};
+use polepair_core::time::Instant;
 use polepair_link::{Link, LinkError, Received};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
@@ -60,8 +61,18 @@ impl CanWire {
         py.detach(|| self.0.send(&frame)).map_err(|error| lost(&error))
     }
 
-    /// The next frame, or `None` after so many seconds.
-    fn receive<'py>(&self, py: Python<'py>, timeout: f64) -> PyResult<Option<Heard<'py>>> {
+    /// Seconds on the wire's clock.
+    fn now(&self, py: Python<'_>) -> f64 {
+        py.detach(|| self.0.now()).since(Instant::ZERO).as_secs_f64()
+    }
+
+    /// Ends a `receive` of another thread.
+    fn wake(&self) {
+        self.0.waker().wake();
+    }
+
+    /// The next frame, if one came before it was woken or so many seconds passed; whether they did.
+    fn receive<'py>(&self, py: Python<'py>, timeout: f64) -> PyResult<(Option<Heard<'py>>, bool)> {
         let span = Duration::try_from_secs_f64(timeout).unwrap_or(Duration::MAX);
         let ends = py.detach(|| self.0.now()) + span;
         loop {
@@ -72,15 +83,19 @@ impl CanWire {
                 Ok((received, frame, self.0.now()))
             });
             let (received, frame, now) = heard.map_err(|error: LinkError| lost(&error))?;
-            if let Received::Bytes { at, .. } = received {
-                let bytes = if frame.remote { &[] } else { frame.bytes() };
-                let seconds = at.since(polepair_core::time::Instant::ZERO).as_secs_f64();
-                let Frame { id, extended, remote, len, .. } = frame;
-                let bytes = PyBytes::new(py, bytes);
-                return Ok(Some((seconds, id, extended, remote, len, bytes)));
+            match received {
+                Received::Bytes { at, .. } => {
+                    let bytes = if frame.remote { &[] } else { frame.bytes() };
+                    let seconds = at.since(Instant::ZERO).as_secs_f64();
+                    let Frame { id, extended, remote, len, .. } = frame;
+                    let bytes = PyBytes::new(py, bytes);
+                    return Ok((Some((seconds, id, extended, remote, len, bytes)), false));
+                }
+                Received::Woken => return Ok((None, false)),
+                Received::Line { .. } | Received::TimedOut => {}
             }
             if now >= ends {
-                return Ok(None);
+                return Ok((None, true));
             }
             py.check_signals()?;
         }

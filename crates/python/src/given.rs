@@ -1,14 +1,14 @@
 //! Adapters that Python opened: any bus of python-can, any port as pyserial has them.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use polepair::AnyLink;
 use polepair_core::medium::{Can, CanLine, Frame, Medium, MediumKind, SerialLine, Stream};
 use polepair_core::time::Instant;
-use polepair_link::{Link, LinkError, Received, Waker, clock};
+use polepair_link::{Link, LinkError, Losses, Received, Waker, clock};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -32,6 +32,8 @@ struct Given<M: Translated> {
 struct Arrived<M: Translated> {
     units: Mutex<VecDeque<(Instant, M::Owned)>>,
     waker: Waker,
+    /// Units that nobody took in time.
+    overrun: AtomicU64,
     lost: AtomicBool,
     ended: AtomicBool,
 }
@@ -110,6 +112,7 @@ impl<M: Translated> Given<M> {
         let arrived = Arc::new(Arrived::<M> {
             units: Mutex::default(),
             waker: Waker::new()?,
+            overrun: AtomicU64::new(0),
             lost: AtomicBool::new(false),
             ended: AtomicBool::new(false),
         });
@@ -134,6 +137,8 @@ impl<M: Translated> Arrived<M> {
                     let mut units = self.units.lock().unwrap_or_else(PoisonError::into_inner);
                     if units.len() < WAITING_MAX {
                         units.push_back((clock::now(), unit));
+                    } else {
+                        self.overrun.fetch_add(1, Ordering::Relaxed);
                     }
                     drop(units);
                     self.waker.wake();
@@ -199,6 +204,11 @@ impl<M: Translated> Link<M> for Given<M> {
 
     fn describe(&self) -> String {
         self.name.clone()
+    }
+
+    fn losses(&self) -> Losses {
+        let overrun = self.arrived.overrun.load(Ordering::Relaxed);
+        Losses { overrun, ..Losses::default() }
     }
 }
 

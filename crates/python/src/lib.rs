@@ -40,5 +40,6 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(link::connect_over, module)?)?;
     module.add_function(wrap_pyfunction!(link::scan, module)?)?;
     module.add_function(wrap_pyfunction!(link::profiles, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::rack_of_word, module)?)?;
     module.add_function(wrap_pyfunction!(capture::encode, module)?)
 }

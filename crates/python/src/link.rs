@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use polepair::{Connector, Link as Inner, scan as library};
 use polepair_core::drives;
 use polepair_core::medium::MediumKind;
+use polepair_link::Connection;
 use pyo3::prelude::*;
 
 use crate::axis::Axis;
@@ -104,6 +105,9 @@ pub fn scan(
 /// Address, product, title, how it was identified, clash.
 type Found = (u32, &'static str, &'static str, String, Option<String>);
 
+/// Wire, overrun, malformed, errors, refused.
+type Losses = (String, u64, u64, u64, u64);
+
 fn row(found: library::Found) -> Found {
     let profile = found.profile;
     (found.number, profile.name, profile.title, found.identified.to_string(), found.clash)
@@ -155,6 +159,24 @@ impl Link {
     #[getter]
     fn simulation(&self) -> Option<Simulation> {
         self.inner.simulation().cloned().map(Simulation::from)
+    }
+
+    /// What its wires noticed and could not hand on: of each its name, units that nobody took in
+    /// time, what was none, errors that the controller reported, units that were not sent.
+    fn losses(&self, py: Python<'_>) -> Vec<Losses> {
+        py.detach(|| {
+            let mut seen: Vec<&Connection> = Vec::new();
+            for axis in self.inner.axes() {
+                if seen.iter().all(|other| !other.is(axis.connection())) {
+                    seen.push(axis.connection());
+                }
+            }
+            let row = |wire: &Connection| {
+                let lost = wire.losses();
+                (wire.describe(), lost.overrun, lost.malformed, lost.errors, lost.refused)
+            };
+            seen.into_iter().map(row).collect()
+        })
     }
 
     /// The last units on its wires, as the lines of a capture; `None` unless it was asked for.

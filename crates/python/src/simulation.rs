@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
-use polepair::simulate::Simulation as Inner;
+use polepair::simulate::{Simulation as Inner, rack_of_words};
 use polepair_core::drives::bench::Act;
+use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
 
-use crate::errors::usage;
+use crate::errors::{raised, usage};
 use crate::outside::Outside;
 
 /// The simulation behind a `sim:` link.
@@ -46,6 +47,19 @@ pub struct Truth {
 /// The word that Python uses for something done from outside.
 const ACTS: &str = "load, jam, supply, ambient, home_switch, positive_switch, negative_switch, \
     encoder_broken, hall_broken, fault, power_cycle, pulses";
+
+/// The one link that a word such as `cia402:1,2` means: whether it is a bus, its protocol's word, and
+/// of each drive the product's name and the address.
+#[pyfunction]
+pub fn rack_of_word(py: Python<'_>, word: &str) -> PyResult<Rack> {
+    let described = rack_of_words(&[word], 0).map_err(|error| raised(py, &error))?;
+    let link = &described.rack.links[0];
+    let drives = link.drives.iter().map(|drive| (drive.profile.name, drive.address)).collect();
+    Ok((link.wire.medium() == MediumKind::Can, described.wires[0].protocol, drives))
+}
+
+/// A bus or a line, protocol, and of each drive product and address.
+type Rack = (bool, &'static str, Vec<(&'static str, Option<u32>)>);
 
 #[pymethods]
 impl Simulation {

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import can
 import canopen
 import polepair
 import pytest
+from polepair.can import WAITING_MAX
 
 
 def test_python_can_speaks_with_a_simulated_module() -> None:
@@ -62,6 +64,83 @@ def test_filters_and_own_messages() -> None:
         bus.send(can.Message(arbitration_id=1))
 
 
+@pytest.mark.parametrize("channel", ["test", None, 7, "sim:tmcl+can"])
+def test_buses_of_a_channel_share_it(channel: object) -> None:
+    frame = can.Message(arbitration_id=0x321, data=b"\x01\x02", is_extended_id=False)
+    with (
+        can.Bus(interface="polepair", channel=channel) as one,
+        can.Bus(interface="polepair", channel=channel, receive_own_messages=True) as two,
+        can.Bus(interface="polepair", channel="elsewhere") as stranger,
+    ):
+        before = time.time()
+        two.send(frame)
+        heard, own = one.recv(2.0), two.recv(2.0)
+        assert heard is not None and own is not None
+        assert (heard.is_rx, own.is_rx, heard.channel) == (True, False, channel)
+        assert heard.equals(frame, timestamp_delta=None, check_channel=False)
+        assert before <= heard.timestamp <= time.time() and heard.timestamp == own.timestamp
+        heard.data[0] = 99
+        assert own.data[0] == 1
+        one.send(frame)
+        assert one.recv(0.01) is None
+        assert two.recv(2.0) is not None
+        assert stranger.recv(0) is None
+        with pytest.raises(can.CanOperationError, match="FD"):
+            one.send(can.Message(arbitration_id=1, is_fd=True))
+
+
+def test_programs_on_one_simulated_bus_hear_what_it_answers() -> None:
+    ask = can.Message(arbitration_id=1, data=[6, 1, 0, 0, 0, 0, 0], is_extended_id=False)
+    with (
+        can.Bus(interface="polepair", channel="sim:tmcl+can") as host,
+        can.Bus(interface="polepair", channel="sim:tmcl+can") as ear,
+    ):
+        heard: list[can.Message] = []
+        # The ear waits first, and so reads for both.
+        with_ear = threading.Thread(
+            target=lambda: heard.extend(m for m in (ear.recv(20.0), ear.recv(20.0)) if m)
+        )
+        with_ear.start()
+        host.send(ask)
+        answer = host.recv(20.0)
+        with_ear.join()
+        assert answer is not None
+        assert [m.arbitration_id for m in heard] == [1, 2]
+        assert answer.data == heard[1].data and answer.timestamp == heard[1].timestamp
+
+
+@pytest.mark.parametrize("channel", ["test", "sim:tmcl+can"])
+def test_a_bus_that_is_shut_down_keeps_nobody_waiting_for_ever(channel: str) -> None:
+    bus = can.Bus(interface="polepair", channel=channel)
+    told: list[str] = []
+
+    def wait() -> None:
+        try:
+            bus.recv()
+        except can.CanOperationError as error:
+            told.append(str(error))
+
+    waits = threading.Thread(target=wait)
+    waits.start()
+    time.sleep(0.05)
+    bus.shutdown()
+    waits.join(timeout=60)
+    assert told == ["this bus is shut down"]
+    with pytest.raises(can.CanOperationError):
+        bus.recv(0)
+
+
+def test_what_nobody_reads_is_bounded_and_counted() -> None:
+    frame = can.Message(arbitration_id=1, data=bytes(8), is_extended_id=False)
+    with (
+        can.Bus(interface="polepair", channel="full") as speaks,
+        can.Bus(interface="polepair", channel="full") as sleeps,
+    ):
+        for _ in range(WAITING_MAX + 5):
+            speaks.send(frame)
+        assert sleeps.lost == 5 and len(sleeps.waiting) == WAITING_MAX
+
+
 def test_any_bus_of_python_can_is_a_link() -> None:
     # python-can's own bus in the middle: our simulated module behind one end, our host at the other.
     with (
@@ -75,6 +154,20 @@ def test_any_bus_of_python_can_is_a_link() -> None:
         with axis.armed():
             axis.move(0.5, velocity=(120, "rpm")).wait()
         assert axis.read("position")["position"] == pytest.approx(0.5, abs=0.02)
+
+
+def test_what_an_adapter_delivers_and_nobody_takes_is_counted() -> None:
+    with (
+        can.Bus(interface="polepair", channel="sim:tmcl+can:3") as bus,
+        can.Bus(interface="polepair", channel="sim:tmcl+can:3") as babbler,
+        polepair.connect(bus, protocol="tmcl", axes=[3]) as link,
+    ):
+        assert [lost.overrun for lost in link.losses()] == [0]
+        frame = can.Message(arbitration_id=0x7F0, data=bytes(8), is_extended_id=False)
+        deadline = time.monotonic() + 60
+        while not link.losses()[0].overrun and time.monotonic() < deadline:
+            babbler.send(frame)
+        assert link.losses()[0].overrun > 0
 
 
 def test_what_is_no_adapter_is_told() -> None:

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from . import _polepair as _native
 from ._adapters import SerialPort, adapter
 from ._axis import Fault
+from ._link import Losses, Simulation
 from ._polepair import Event, Parameter, Truth, __version__
-from ._sync import Armed, Axis, Link, Motion, Parameters, RawParameters, Simulation
+from ._sync import Armed, Axis, Link, Motion, Parameters, RawParameters
 from .captures import Capture, decode
 from .errors import DriveFault, NoReply, PolepairError, ProtocolError, Refused, Unsupported
 from .quantity import Amount, Quantity
@@ -38,6 +39,7 @@ __all__ = [
     "Fault",
     "Found",
     "Link",
+    "Losses",
     "Motion",
     "NoReply",
     "Parameter",

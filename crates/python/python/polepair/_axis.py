@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from . import _polepair as native
 from ._steps import Call, Steps, Wait
@@ -55,6 +53,11 @@ class AxisSteps:
         return self._native.name
 
     @property
+    def label(self) -> str:
+        """How messages name it."""
+        return self._native.label
+
+    @property
     def protocol(self) -> str:
         """The protocol's word in connection strings."""
         return self._native.protocol
@@ -85,7 +88,7 @@ class AxisSteps:
         return self._native.verbs()
 
     def __repr__(self) -> str:
-        return f"<Axis {self._native.label}: {self.title}>"
+        return f"<Axis {self.label}: {self.title}>"
 
     def _run(self, verb: str, **arguments: float | str | None) -> Steps[None]:
         started = yield from self._begin(verb, **arguments)
@@ -142,7 +145,7 @@ class AxisSteps:
         """Finds the reference position, and waits for it, at most `timeout` seconds."""
         started = yield from self._begin("home", velocity=given(velocity))
         if (yield Wait(started, timeout)) is None:
-            what = f"{self._native.label}: homing did not end within {timeout:g} s"
+            what = f"{self.label}: homing did not end within {timeout:g} s"
             raise PolepairError(what, "E101", False, "it goes on until a stop; look at the switch")
 
     def _reached(self, timeout: float = TIMEOUT) -> Steps[bool]:
@@ -162,7 +165,7 @@ class AxisSteps:
     def _arrive(self, timeout: float = TIMEOUT) -> Steps[None]:
         """Waits until the last move has arrived; raises `PolepairError` E101 if it has not."""
         if not (yield from self._reached(timeout)):
-            what = f"{self._native.label}: the move has not arrived within {timeout:g} s"
+            what = f"{self.label}: the move has not arrived within {timeout:g} s"
             hint = "look for a limit, a fault or a load; the axis goes on until it is stopped"
             raise PolepairError(what, "E101", False, hint)
 
@@ -228,7 +231,7 @@ class AxisSteps:
         if kind == "fixed" and fixed is not None and fixed <= seconds:
             return None
         if parameter is None:
-            what = f"{self._native.label} has no watchdog that stops it within {seconds:g} s"
+            what = f"{self.label} has no watchdog that stops it within {seconds:g} s"
             hint = "leave watchdog out, and have something else that stops the motor"
             raise Unsupported(what, "E218", False, hint)
         info = self._native.parameters()[self._native.find(parameter)]
@@ -250,13 +253,3 @@ class AxisSteps:
             yield from self._set_raw(str(self._native.watchdog[2]), before)
         if failed is not None:
             raise failed
-
-
-def parameters(axis: native.Axis) -> Iterator[native.Parameter]:
-    """What a drive has, in the order of its profile."""
-    return iter(axis.parameters())
-
-
-def label(axis: Any) -> str:
-    """How messages name an axis."""
-    return axis._native.label  # type: ignore[no-any-return]

@@ -6,13 +6,14 @@ from collections.abc import Iterator, Mapping, MutableMapping
 from types import TracebackType
 
 from . import _polepair as native
-from ._axis import TIMEOUT, AxisSteps, Fault, label, parameters
+from ._axis import TIMEOUT, AxisSteps, Fault
+from ._link import ArmedOf, LinkOf, ParametersOf
 from ._steps import blocking, run
 from .errors import PolepairError
 from .quantity import Amount, Quantity
 from .trace import Trace
 
-__all__ = ["Armed", "Axis", "Link", "Motion", "Parameters", "RawParameters", "Simulation"]
+__all__ = ["Armed", "Axis", "Link", "Motion", "Parameters", "RawParameters"]
 
 
 class Axis(AxisSteps):
@@ -106,7 +107,7 @@ class Axis(AxisSteps):
         """
         rows = list(self.watch(*signals, period=1.0 / rate, seconds=seconds))
         times = [time for time, _ in rows]
-        return Trace(label(self), times, {s: [row[s] for _, row in rows] for s in signals})
+        return Trace(self.label, times, {s: [row[s] for _, row in rows] for s in signals})
 
 
 class Motion:
@@ -130,18 +131,13 @@ class Motion:
         self._axis.stop()
 
     def __repr__(self) -> str:
-        return f"<Motion of {label(self._axis)}>"
+        return f"<Motion of {self._axis.label}>"
 
 
-class Armed:
+class Armed(ArmedOf[Axis]):
     """An axis that may move, for as long as a `with` block lasts."""
 
-    __slots__ = ("_axis", "_before", "_watchdog")
-
-    def __init__(self, axis: Axis, watchdog: float | None) -> None:
-        self._axis = axis
-        self._watchdog = watchdog
-        self._before: int | None = None
+    __slots__ = ()
 
     def __enter__(self) -> Axis:
         self._before = run(self._axis._arm(self._watchdog))
@@ -156,20 +152,13 @@ class Armed:
         try:
             run(self._axis._release(self._before))
         except PolepairError as failed:
-            if error is None:
-                raise
-            # What went wrong first is what the caller wants to see.
-            notes = getattr(error, "__notes__", [])
-            error.__notes__ = [*notes, f"And the axis could not be stopped: {failed}"]
+            self._not_stopped(failed, error)
 
 
-class Parameters(MutableMapping[str, Quantity]):
+class Parameters(ParametersOf[Axis], MutableMapping[str, Quantity]):
     """A drive's settings and readings by name, in their units."""
 
-    __slots__ = ("_axis",)
-
-    def __init__(self, axis: Axis) -> None:
-        self._axis = axis
+    __slots__ = ()
 
     @property
     def raw(self) -> RawParameters:
@@ -186,36 +175,14 @@ class Parameters(MutableMapping[str, Quantity]):
         """Writes a parameter, and has the drive keep it over power-off."""
         run(self._axis._set(name, amount, keep=True))
 
-    def info(self, name: str) -> native.Parameter:
-        """What the profile says of it: unit, range, default, words, manual section."""
-        return self._axis._native.parameters()[self._axis._native.find(name)]
-
     def __delitem__(self, name: str) -> None:
         raise TypeError("a drive's parameters cannot be deleted")
 
-    def __iter__(self) -> Iterator[str]:
-        return (parameter.name for parameter in parameters(self._axis._native))
 
-    def __len__(self) -> int:
-        return len(self._axis._native.parameters())
-
-    def __contains__(self, name: object) -> bool:
-        try:
-            return isinstance(name, str) and self._axis._native.find(name) >= 0
-        except PolepairError:
-            return False
-
-    def __repr__(self) -> str:
-        return f"<{len(self)} parameters of {label(self._axis)}>"
-
-
-class RawParameters(Mapping[str, int]):
+class RawParameters(ParametersOf[Axis], Mapping[str, int]):
     """A drive's settings and readings by name, as they lie in the drive."""
 
-    __slots__ = ("_axis",)
-
-    def __init__(self, axis: Axis) -> None:
-        self._axis = axis
+    __slots__ = ()
 
     def __getitem__(self, name: str) -> int:
         return run(self._axis._get_raw(name))
@@ -223,109 +190,23 @@ class RawParameters(Mapping[str, int]):
     def __setitem__(self, name: str, raw: int) -> None:
         run(self._axis._set_raw(name, raw))
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(Parameters(self._axis))
 
-    def __len__(self) -> int:
-        return len(Parameters(self._axis))
-
-
-class Simulation:
-    """Simulated drives, seen and touched from outside the wire.
-
-    >>> import polepair
-    >>> with polepair.connect("sim:tmcl?time=virtual") as link:
-    ...     link.simulation.act("load", 0.05)
-    ...     link.simulation.truth().enabled
-    False
-    """
-
-    __slots__ = ("_native",)
-
-    def __init__(self, simulation: native.Simulation) -> None:
-        self._native = simulation
-
-    @property
-    def now(self) -> float:
-        """Seconds since it began."""
-        return self._native.now
-
-    def run(self, seconds: float) -> None:
-        """Lets time pass: at once in virtual time."""
-        self._native.run(seconds)
-
-    def act(self, what: str, value: float = 1.0, *, link: int = 0, drive: int = 0) -> None:
-        """Does something to a drive: `load` (N·m), `jam`, `supply` (V), `ambient` (degC), `fault`
-        (its code), `power_cycle`, `home_switch` (rad) and others, which an error lists.
-        """
-        if not self._native.act(link, drive, what, value):
-            raise ValueError(f"drive {drive} on link {link} has no {what}")
-
-    def truth(self, *, link: int = 0, drive: int = 0) -> native.Truth:
-        """What is true of a motor, whatever its drive reports."""
-        return self._native.truth(link, drive)
-
-
-class Link:
+class Link(LinkOf[Axis]):
     """An open link and its axes; a `with` block closes it."""
 
-    __slots__ = ("_axes", "_native")
+    __slots__ = ()
 
-    def __init__(self, link: native.Link) -> None:
-        self._native: native.Link | None = link
-        self._axes = [Axis(axis) for axis in link.axes()]
-
-    @property
-    def axes(self) -> list[Axis]:
-        """Every axis, in order."""
-        self._open()
-        return list(self._axes)
-
-    @property
-    def url(self) -> str:
-        """What it was opened by."""
-        return self._open().url
-
-    @property
-    def simulation(self) -> Simulation:
-        """The simulation behind a `sim:` link."""
-        simulation = self._open().simulation
-        if simulation is None:
-            raise ValueError(f"{self.url} is no simulation")
-        return Simulation(simulation)
-
-    def axis(self, which: int | str) -> Axis:
-        """The axis of that number, or the one that a rack file calls so."""
-        link = self._open()
-        return Axis(link.axis(which) if isinstance(which, int) else link.named(which))
-
-    __getitem__ = axis
+    def _axis(self, axis: native.Axis) -> Axis:
+        return Axis(axis)
 
     def stop(self) -> None:
         """Stops every axis: all stops are sent before the first is waited for."""
         self._open().stop_all()
 
-    def trace(self) -> list[str]:
-        """The last frames on its wires, as the lines of a capture that `decode` reads.
-
-        Empty unless it was opened with `connect(url, trace=True)`.
-        """
-        return self._open().trace() or []
-
     def sleep(self, seconds: float) -> None:
         """Waits on the link's own clock: in virtual time it is over at once."""
         self._open()
         self._axes[0]._native.sleep(seconds)
-
-    def close(self) -> None:
-        """Closes it. Axes that are still held keep it open."""
-        self._native = None
-        self._axes = []
-
-    def _open(self) -> native.Link:
-        if self._native is None:
-            raise ValueError("this link is closed")
-        return self._native
 
     def __enter__(self) -> Link:
         self._open()
@@ -333,8 +214,3 @@ class Link:
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-    def __repr__(self) -> str:
-        if self._native is None:
-            return "<Link, closed>"
-        return f"<Link {self.url}: {', '.join(label(axis) for axis in self._axes)}>"

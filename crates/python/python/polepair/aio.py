@@ -16,15 +16,15 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Generator
 from os import PathLike
 from types import TracebackType
 from typing import Concatenate, ParamSpec, TypeVar
 
 from . import _polepair as native
-from ._axis import TIMEOUT, AxisSteps, Fault, label, parameters
+from ._axis import TIMEOUT, AxisSteps, Fault
+from ._link import ArmedOf, LinkOf, ParametersOf
 from ._steps import Steps, Wait
-from ._sync import Simulation
 from .errors import PolepairError
 from .quantity import Amount, Quantity
 
@@ -189,18 +189,13 @@ class Motion:
         await self._axis.stop()
 
     def __repr__(self) -> str:
-        return f"<Motion of {label(self._axis)}>"
+        return f"<Motion of {self._axis.label}>"
 
 
-class Armed:
+class Armed(ArmedOf[Axis]):
     """An axis that may move, for as long as an `async with` block lasts."""
 
-    __slots__ = ("_axis", "_before", "_watchdog")
-
-    def __init__(self, axis: Axis, watchdog: float | None) -> None:
-        self._axis = axis
-        self._watchdog = watchdog
-        self._before: int | None = None
+    __slots__ = ()
 
     async def __aenter__(self) -> Axis:
         self._before = await arun(self._axis._arm(self._watchdog))
@@ -220,19 +215,13 @@ class Armed:
             await release
             raise
         except PolepairError as failed:
-            if error is None:
-                raise
-            notes = getattr(error, "__notes__", [])
-            error.__notes__ = [*notes, f"And the axis could not be stopped: {failed}"]
+            self._not_stopped(failed, error)
 
 
-class Parameters:
+class Parameters(ParametersOf[Axis]):
     """A drive's settings and readings by name, in their units."""
 
-    __slots__ = ("_axis",)
-
-    def __init__(self, axis: Axis) -> None:
-        self._axis = axis
+    __slots__ = ()
 
     async def get(self, name: str) -> Quantity:
         """Reads a parameter, in its unit."""
@@ -250,58 +239,23 @@ class Parameters:
         """Writes a parameter as it lies in the drive."""
         await self._axis._in_turn(self._axis._set_raw(name, raw, keep=keep))
 
-    def info(self, name: str) -> native.Parameter:
-        """What the profile says of it."""
-        return self._axis._native.parameters()[self._axis._native.find(name)]
 
-    def __iter__(self) -> Iterator[str]:
-        return (parameter.name for parameter in parameters(self._axis._native))
-
-
-class Link:
+class Link(LinkOf[Axis]):
     """An open link and its axes; an `async with` block closes it."""
 
-    __slots__ = ("_axes", "_native", "_turns")
+    __slots__ = ("_turns",)
 
     def __init__(self, link: native.Link) -> None:
-        self._native: native.Link | None = link
         self._turns = asyncio.Semaphore(TURNS)
-        self._axes = [Axis(axis, self._turns) for axis in link.axes()]
+        super().__init__(link)
 
-    @property
-    def axes(self) -> list[Axis]:
-        """Every axis, in order."""
-        self._open()
-        return list(self._axes)
-
-    @property
-    def simulation(self) -> Simulation:
-        """The simulation behind a `sim:` link."""
-        simulation = self._open().simulation
-        if simulation is None:
-            raise ValueError("this link is no simulation")
-        return Simulation(simulation)
-
-    def axis(self, which: int | str) -> Axis:
-        """The axis of that number, or the one that a rack file calls so."""
-        link = self._open()
-        found = link.axis(which) if isinstance(which, int) else link.named(which)
-        return Axis(found, self._turns)
+    def _axis(self, axis: native.Axis) -> Axis:
+        return Axis(axis, self._turns)
 
     async def stop(self) -> None:
         """Stops every axis: all stops are sent before the first is waited for."""
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(None, self._open().stop_all)
-
-    def close(self) -> None:
-        """Closes it. Axes that are still held keep it open."""
-        self._native = None
-        self._axes = []
-
-    def _open(self) -> native.Link:
-        if self._native is None:
-            raise ValueError("this link is closed")
-        return self._native
 
     async def __aenter__(self) -> Link:
         self._open()

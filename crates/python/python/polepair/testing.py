@@ -11,20 +11,22 @@ are shown, explained.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import polepair
+
+from . import _polepair as native
 
 __all__ = ["polepair_drives"]
 
 SHOWN = 40
 """Frames that are shown of each link when a test fails."""
 
-
+LINKS = pytest.StashKey[list[polepair.Link]]()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -34,14 +36,10 @@ def pytest_runtest_makereport(
     """Shows the last frames of a test that failed."""
     report = yield
     if report.when == "call" and report.failed:
-        links: list[polepair.Link] = item.stash.get(LINKS, [])
-        for link in links:
-            if lines := _explained(link, item):
+        for link in item.stash.get(LINKS, []):
+            if lines := _explained(link):
                 report.sections.append((f"Last frames of {link.url}", "\n".join(lines)))
     return report
-
-
-LINKS = pytest.StashKey[list[polepair.Link]]()
 
 
 @pytest.fixture
@@ -66,7 +64,9 @@ def polepair_drives(
         **keys: object,
     ) -> polepair.Link:
         if faults is not None:
-            what = _rack(tmp_path, len(opened), what, faults)
+            rack = tmp_path / f"rack{len(opened)}.toml"
+            rack.write_text(_rack(what, faults))
+            what = str(rack)
         options = {"time": "virtual", "seed": seed, **keys}
         text = "&".join(f"{key}={value}" for key, value in options.items())
         link = polepair.connect(f"sim:{what}?{text}", trace=True)
@@ -78,47 +78,39 @@ def polepair_drives(
         link.close()
 
 
-def _rack(folder: Path, number: int, what: str, faults: Mapping[str, float]) -> str:
-    """A rack file of one line with drives on it, and with trouble."""
-    word, _, addresses = what.partition(":")
-    can = word.endswith("+can") or word in {
-        "canopen", "cia402", "thruster", "thruster-servo", "thruster-actuator", "tmlcan",
-        "technocan", "syntron-ts-canopen",
-    }
-    lines = ["[[link]]", 'name = "line"', f'kind = "{"can" if can else "serial"}"']
-    named = {name: title for name, title, _ in polepair.profiles()}
-    protocol = word.removesuffix("+can")
-    if protocol not in named:
-        lines.append(f'protocol = "{protocol}"')
-    lines.append("faults = { " + ", ".join(f"{k} = {v}" for k, v in faults.items()) + " }")
-    for address in addresses.split(",") if addresses else [""]:
-        lines.append("[[link.drive]]")
-        if protocol in named:
-            lines.append(f'profile = "{protocol}"')
-        if address:
+def _rack(word: str, faults: Mapping[str, float]) -> str:
+    """A rack file of one line with the drives that a word means, and with trouble."""
+    can, protocol, drives = native.rack_of_word(word)
+    lines = [
+        "[[link]]",
+        'name = "line"',
+        f'kind = "{"can" if can else "serial"}"',
+        f'protocol = "{protocol}"',
+        "faults = { " + ", ".join(f"{key} = {chance}" for key, chance in faults.items()) + " }",
+    ]
+    for profile, address in drives:
+        lines += ["[[link.drive]]", f'profile = "{profile}"']
+        if address is not None:
             lines.append(f"address = {address}")
-    file = folder / f"rack{number}.toml"
-    file.write_text("\n".join(lines) + "\n")
-    return str(file)
+    return "\n".join(lines) + "\n"
 
 
-def _explained(link: polepair.Link, item: pytest.Item) -> list[str]:
+def _explained(link: polepair.Link) -> list[str]:
     """The last frames, one a line."""
     try:
         lines = link.trace()[-SHOWN:]
-        axis = link.axes[0]
+        protocol = link.axes[0].protocol
     except (ValueError, IndexError):
+        # The test has closed it.
         return []
-    file = Path(str(item.config.rootpath)) / ".polepair-trace.log"
-    try:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "trace.log"
         file.write_text("\n".join(lines) + "\n")
-        events: list[Any] = list(polepair.decode(file, protocols=axis.protocol))
-    finally:
-        file.unlink(missing_ok=True)
-    times = [event.time_ns or 0 for event in events]
-    first = times[0] if times else 0
+        events = list(polepair.decode(file, protocols=protocol))
+    first = next((event.time_ns for event in events if event.time_ns is not None), 0)
     return [
-        f"{(time - first) / 1e9:10.6f} {'>' if event.direction == 'tx' else '<'} "
+        f"{((event.time_ns or first) - first) / 1e9:10.6f} "
+        f"{'>' if event.direction == 'tx' else '<'} "
         f"{event.bytes.hex(' '):24} {event.text}{' ! ' + event.error if event.error else ''}"
-        for time, event in zip(times, events, strict=True)
+        for event in events
     ]

@@ -1,0 +1,175 @@
+"""What links, axes and parameters of threads and of event loops have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Generic, NamedTuple, TypeVar
+
+from . import _polepair as native
+from ._axis import AxisSteps
+from .errors import PolepairError
+
+A = TypeVar("A", bound=AxisSteps)
+
+
+class Losses(NamedTuple):
+    """What a wire noticed and could not hand on, since it was opened."""
+
+    wire: str
+    """Its name."""
+    overrun: int
+    """Frames or bytes that arrived and were thrown away because nobody took them in time."""
+    malformed: int
+    """What arrived and was no frame."""
+    errors: int
+    """Errors on the wire that a CAN controller reported."""
+    refused: int
+    """What the adapter would not send."""
+
+
+class LinkOf(Generic[A]):
+    """An open link and its axes."""
+
+    __slots__ = ("_axes", "_native")
+
+    def __init__(self, link: native.Link) -> None:
+        self._native: native.Link | None = link
+        self._axes = [self._axis(axis) for axis in link.axes()]
+
+    def _axis(self, axis: native.Axis) -> A:
+        raise NotImplementedError
+
+    @property
+    def axes(self) -> list[A]:
+        """Every axis, in order."""
+        self._open()
+        return list(self._axes)
+
+    @property
+    def url(self) -> str:
+        """What it was opened by."""
+        return self._open().url
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation behind a `sim:` link."""
+        simulation = self._open().simulation
+        if simulation is None:
+            raise ValueError(f"{self.url} is no simulation")
+        return Simulation(simulation)
+
+    def axis(self, which: int | str) -> A:
+        """The axis of that number, or the one that a rack file calls so."""
+        link = self._open()
+        return self._axis(link.axis(which) if isinstance(which, int) else link.named(which))
+
+    __getitem__ = axis
+
+    def losses(self) -> list[Losses]:
+        """What each of its wires noticed and could not hand on."""
+        return [Losses(*row) for row in self._open().losses()]
+
+    def trace(self) -> list[str]:
+        """The last frames on its wires, as the lines of a capture that `decode` reads.
+
+        Empty unless it was opened with `connect(url, trace=True)`.
+        """
+        return self._open().trace() or []
+
+    def close(self) -> None:
+        """Closes it. Axes that are still held keep it open."""
+        self._native = None
+        self._axes = []
+
+    def _open(self) -> native.Link:
+        if self._native is None:
+            raise ValueError("this link is closed")
+        return self._native
+
+    def __repr__(self) -> str:
+        if self._native is None:
+            return "<Link, closed>"
+        return f"<Link {self.url}: {', '.join(axis.label for axis in self._axes)}>"
+
+
+class ParametersOf(Generic[A]):
+    """A drive's settings and readings by name: what is known of them without asking."""
+
+    __slots__ = ("_axis",)
+
+    def __init__(self, axis: A) -> None:
+        self._axis = axis
+
+    def info(self, name: str) -> native.Parameter:
+        """What the profile says of it: unit, range, default, words, manual section."""
+        return self._axis._native.parameters()[self._axis._native.find(name)]
+
+    def __iter__(self) -> Iterator[str]:
+        return (parameter.name for parameter in self._axis._native.parameters())
+
+    def __len__(self) -> int:
+        return len(self._axis._native.parameters())
+
+    def __contains__(self, name: object) -> bool:
+        try:
+            return isinstance(name, str) and self._axis._native.find(name) >= 0
+        except PolepairError:
+            return False
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} parameters of {self._axis.label}>"
+
+
+class ArmedOf(Generic[A]):
+    """An axis that may move, for as long as a block lasts."""
+
+    __slots__ = ("_axis", "_before", "_watchdog")
+
+    def __init__(self, axis: A, watchdog: float | None) -> None:
+        self._axis = axis
+        self._watchdog = watchdog
+        self._before: int | None = None
+
+    @staticmethod
+    def _not_stopped(failed: PolepairError, error: BaseException | None) -> None:
+        """What went wrong first is what the caller wants to see."""
+        if error is None:
+            raise failed
+        notes = getattr(error, "__notes__", [])
+        error.__notes__ = [*notes, f"And the axis could not be stopped: {failed}"]
+
+
+class Simulation:
+    """Simulated drives, seen and touched from outside the wire.
+
+    >>> import polepair
+    >>> with polepair.connect("sim:tmcl?time=virtual") as link:
+    ...     link.simulation.act("load", 0.05)
+    ...     link.simulation.truth().enabled
+    False
+    """
+
+    __slots__ = ("_native",)
+
+    def __init__(self, simulation: native.Simulation) -> None:
+        self._native = simulation
+
+    @property
+    def now(self) -> float:
+        """Seconds since it began."""
+        return self._native.now
+
+    def run(self, seconds: float) -> None:
+        """Lets time pass: at once in virtual time."""
+        self._native.run(seconds)
+
+    def act(self, what: str, value: float = 1.0, *, link: int = 0, drive: int = 0) -> None:
+        """Does something to a drive: `load` (N·m), `jam`, `supply` (V), `ambient` (degC), `fault`
+        (its code), `power_cycle`, `home_switch` (rad) and others, which an error lists.
+        """
+        if not self._native.act(link, drive, what, value):
+            raise ValueError(f"drive {drive} on link {link} has no {what}")
+
+    def truth(self, *, link: int = 0, drive: int = 0) -> native.Truth:
+        """What is true of a motor, whatever its drive reports."""
+        return self._native.truth(link, drive)
