@@ -3,7 +3,7 @@ CARGO ?= cargo
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 
-.PHONY: demo test check interop python swarm soak bench clean
+.PHONY: demo test check interop package python swarm soak bench clean
 
 ## demo: the main job on simulated drives; HEADLESS=1 ends by itself
 demo:
@@ -29,16 +29,19 @@ check:
 	POLEPAIR_READER_SECONDS=1 $(CARGO) test --locked --quiet -p polepair-capture --test readers
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
-interop: $(VENV)/ready
+interop: package
 	$(CARGO) build --release --locked --quiet -p polepair-cli
 	$(CARGO) build --release --locked --quiet -p polepair -p polepair-link --examples
 	$(PYTHON) -m pytest interop
 
-## python: the package, built and tried: its surface, its types, its guide
-python: $(VENV)/ready
-	$(CARGO) build --release --locked --quiet -p polepair-cli
+package: $(VENV)/ready
 	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(VENV)/bin/maturin develop --release --quiet --manifest-path crates/python/Cargo.toml
+
+## python: the package, built and tried: its surface, its types, its guide, examples and notebooks
+python: package
+	$(CARGO) build --release --locked --quiet -p polepair-cli
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy
+	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy --strict --config-file pyproject.toml ../../examples/python/*.py
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub --mypy-config-file pyproject.toml
 	cd crates/python && $(CURDIR)/$(PYTHON) -m pytest
 

@@ -55,6 +55,8 @@ impl Axis {
     fn refusal(&self, code: u32) -> (String, String) {
         let dissector = polepair_core::proto::dissector(self.protocol);
         let meaning = dissector.and_then(|dissector| dissector.code(code));
+        // Long ones are never written otherwise, as abort codes of CANopen.
+        let code = if code > 0xFFFF { format!("0x{code:08X}") } else { code.to_string() };
         let reason = match meaning {
             Some(meaning) => format!("the drive refused: {meaning} (code {code})"),
             None => format!("the drive refused with code {code}"),
