@@ -412,6 +412,7 @@ impl Decoder {
                 echo,
                 wrong,
                 stray: piece.shape == Shape::Junk,
+                left: false,
                 dissector: rule.dissector,
                 profile,
                 stated: stated.is_some(),
@@ -449,9 +450,10 @@ impl Decoder {
             ..Context::default()
         };
         self.explained.clear();
-        let rule =
-            explain_frame(rules, self.judged, frame, &context, conversation, &mut self.explained)
-                .or_else(|| claimant(rules, session, frame));
+        let mut teller = Teller { judged: self.judged, follows: self.follows, left: false };
+        let rule = teller
+            .explain(rules, frame, &context, conversation, &mut self.explained)
+            .or_else(|| claimant(rules, session, frame));
         let wrong = self.explained.error.map(Wrong::Wire);
         self.notices.clear();
         if let Some(rule) = rule.filter(|_| self.follows) {
@@ -465,6 +467,7 @@ impl Decoder {
                 echo: false,
                 wrong,
                 stray: false,
+                left: teller.left,
                 dissector: rule.dissector,
                 profile: stated.or_else(|| drives::assumed(rule.dissector)),
                 stated: stated.is_some(),
@@ -533,23 +536,65 @@ fn claimant<'r>(rules: &'r [Rule], session: &Session, frame: &Frame) -> Option<&
     rules.iter().find(|rule| rule.dissector.name() == name)
 }
 
-/// Lets the first rule that holds for the frame explain it, as what it asks or answers.
-fn explain_frame<'r>(
-    rules: &'r [Rule],
+/// Lets rules explain a frame.
+struct Teller {
     judged: bool,
-    frame: &Frame,
-    context: &Context<'_>,
-    conversation: &mut Conversation,
-    explained: &mut Explained,
-) -> Option<&'r Rule> {
-    let raw = Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended };
-    let bare = explained.is_bare() && !frame.remote;
-    let mut explain = |rule: &Rule, explained: &mut Explained| {
-        if let Some(axis) = rule.dissector.plain(&raw).filter(|_| bare) {
-            explained.clear();
-            explained.axis = Some(axis);
+    /// Conversations are followed.
+    follows: bool,
+    /// The frame was left to its conversation to explain.
+    left: bool,
+}
+
+impl Teller {
+    /// Lets the first rule that holds for the frame explain it, as what it asks or answers.
+    fn explain<'r>(
+        &mut self,
+        rules: &'r [Rule],
+        frame: &Frame,
+        context: &Context<'_>,
+        conversation: &mut Conversation,
+        explained: &mut Explained,
+    ) -> Option<&'r Rule> {
+        let claims = |rule: &&Rule| match frame.remote {
+            true => rule.dissector.claims_remote(frame.id, frame.extended),
+            false => rule.dissector.claims(frame.id, frame.extended),
+        };
+        for rule in rules.iter().filter(claims) {
+            self.by(rule, frame, context, conversation, explained);
+            // What is said to everybody is said to each axis.
+            let meant = |axis| explained.axis.is_none_or(|found| found == axis);
+            let shared = || rule.dissector.shares(frame.id, frame.extended);
+            match rule.scope {
+                Scope::Axis(axis) | Scope::AxisOn(_, axis) if !meant(axis) => {}
+                Scope::Link(_) if self.judged && shared() => {}
+                _ => return Some(rule),
+            }
+        }
+        explained.clear();
+        self.left = false;
+        let whole = |rule: &Rule| !matches!(rule.scope, Scope::Axis(_) | Scope::AxisOn(..));
+        let stated = |rule: &&Rule| !self.judged && !frame.remote && whole(rule);
+        let rule = rules.iter().find(stated)?;
+        self.by(rule, frame, context, conversation, explained);
+        Some(rule)
+    }
+
+    fn by(
+        &mut self,
+        rule: &Rule,
+        frame: &Frame,
+        context: &Context<'_>,
+        conversation: &mut Conversation,
+        explained: &mut Explained,
+    ) {
+        let raw = Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended };
+        explained.clear();
+        let tells = self.follows && !frame.remote;
+        if let Some(axis) = rule.dissector.plain(&raw).filter(|_| tells) {
+            (explained.axis, self.left) = (Some(axis), true);
             return;
         }
+        self.left = false;
         let asks = rule.dissector.asks(&raw);
         let request = if asks { None } else { conversation.request(rule.dissector, &raw) };
         let stated = spoken(context.profile, rule);
@@ -560,30 +605,9 @@ fn explain_frame<'r>(
             assumed: stated.is_none(),
             ..*context
         };
-        explained.clear();
         rule.dissector.explain(frame.bytes(), &context, explained);
         if asks {
             conversation.ask(&raw);
         }
-    };
-    let claims = |rule: &&Rule| match frame.remote {
-        true => rule.dissector.claims_remote(frame.id, frame.extended),
-        false => rule.dissector.claims(frame.id, frame.extended),
-    };
-    for rule in rules.iter().filter(claims) {
-        explain(rule, explained);
-        // What is said to everybody is said to each axis.
-        let meant = |axis| explained.axis.is_none_or(|found| found == axis);
-        match rule.scope {
-            Scope::Axis(axis) | Scope::AxisOn(_, axis) if !meant(axis) => {}
-            Scope::Link(_) if judged && rule.dissector.shares(frame.id, frame.extended) => {}
-            _ => return Some(rule),
-        }
     }
-    explained.clear();
-    let whole = |rule: &Rule| !matches!(rule.scope, Scope::Axis(_) | Scope::AxisOn(..));
-    let stated = |rule: &&Rule| !judged && !frame.remote && whole(rule);
-    let rule = rules.iter().find(stated)?;
-    explain(rule, explained);
-    Some(rule)
 }

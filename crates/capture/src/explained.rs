@@ -140,12 +140,6 @@ impl Explained {
         &self.readings
     }
 
-    /// Forgets the fields: somebody knows better what the bytes are.
-    pub(crate) fn forget_fields(&mut self) {
-        self.items.clear();
-        self.bytes.clear();
-    }
-
     /// Says what belongs to no protocol.
     pub(crate) fn say(&mut self, kind: &str, text: core::fmt::Arguments<'_>) {
         self.clear();

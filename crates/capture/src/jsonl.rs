@@ -1,12 +1,12 @@
 //! One JSON object a frame, fields always in the same order.
 
-use std::io::Write as _;
-
 use polepair_core::explain::Direction;
 
 use crate::decoder::Event;
 use crate::explained::{Explained, Item, ItemValue, REMOTE_REQUEST};
+use crate::put;
 use crate::session::{Fault, Notice};
+use crate::stamp::Stamp;
 
 /// Appends one line: `{"time":…,"link":…,"direction":…,"protocol":…,"bytes":…,"id":…,"extended":…,
 /// "kind":…,"axis":…,"fields":{…},"text":…,"ok":…,"error":…,"number":…}`, and `"notices":[…]` where
@@ -16,7 +16,7 @@ use crate::session::{Fault, Notice};
 /// times in a frame is an array.
 pub fn write(event: &Event<'_>, out: &mut Vec<u8>) {
     out.extend_from_slice(b"{\"time\":");
-    number_or_null(out, event.time);
+    maybe(out, event.time, stamp);
     key(out, "link");
     string(out, event.link);
     key(out, "direction");
@@ -32,12 +32,12 @@ pub fn write(event: &Event<'_>, out: &mut Vec<u8>) {
     hex(out, event.bytes);
     out.push(b'"');
     key(out, "id");
-    number_or_null(out, event.id);
+    maybe(out, event.id, unsigned);
     key(out, "extended");
-    number_or_null(out, event.id.map(|_| event.extended));
+    maybe(out, event.id.map(|_| event.extended), flag);
     meaning(event, out);
     key(out, "number");
-    number(out, event.number);
+    unsigned(out, event.number);
     if !event.notices.is_empty() {
         key(out, "notices");
         list(out, event.notices.iter(), notice);
@@ -51,7 +51,7 @@ pub fn notice(out: &mut Vec<u8>, notice: &Notice) {
         out.extend_from_slice(b"{\"notice\":");
         string(out, word);
         key(out, "axis");
-        number_or_null(out, axis);
+        maybe(out, axis, unsigned);
     };
     match notice {
         Notice::Signal(signal) => {
@@ -60,23 +60,22 @@ pub fn notice(out: &mut Vec<u8>, notice: &Notice) {
             key(out, "value");
             real(out, signal.value);
             key(out, "exact");
-            number_or_null(out, signal.exact);
+            maybe(out, signal.exact, |out, exact| put::signed(exact, out));
             words(out, &[("unit", signal.unit), ("quality", signal.quality.word())]);
             key(out, "request");
-            number_or_null(out, signal.request);
+            maybe(out, signal.request, unsigned);
         }
         Notice::Exchange(exchange) => {
             begin(out, "exchange", exchange.axis);
             words(out, &[("op", exchange.op), ("outcome", exchange.outcome.word())]);
             key(out, "asked");
-            number(out, exchange.asked.0);
+            unsigned(out, exchange.asked.0);
             key(out, "answered");
-            number_or_null(out, exchange.answered.map(|(number, _)| number));
+            maybe(out, exchange.answered.map(|(number, _)| number), unsigned);
             key(out, "latency");
-            let latency = exchange.latency().map(|ns| ns as f64 / 1e9);
-            number_or_null(out, latency);
+            maybe(out, exchange.latency().map(|ns| ns as f64 / 1e9), real);
             key(out, "retries");
-            number(out, exchange.retries);
+            unsigned(out, exchange.retries);
         }
         Notice::Change(change) => {
             begin(out, "change", change.axis);
@@ -85,17 +84,17 @@ pub fn notice(out: &mut Vec<u8>, notice: &Notice) {
         Notice::Fault(fault) => {
             begin(out, "fault", Some(fault.axis));
             key(out, "code");
-            number(out, fault.code);
+            unsigned(out, fault.code);
             let Fault { text, cause, remedy, gone, .. } = fault;
             words(out, &[("text", text), ("cause", cause), ("remedy", remedy)]);
             key(out, "gone");
-            number(out, gone);
+            flag(out, *gone);
         }
         Notice::Odd(odd) => {
             begin(out, "odd", odd.axis);
             words(out, &[("kind", odd.kind.word()), ("text", &odd.text)]);
             key(out, "time");
-            number_or_null(out, odd.time);
+            maybe(out, odd.time, stamp);
         }
     }
     out.push(b'}');
@@ -113,7 +112,7 @@ fn meaning(event: &Event<'_>, out: &mut Vec<u8>) {
     key(out, "kind");
     string_or_null(out, Some(explained.kind.as_str()).filter(|kind| !kind.is_empty()));
     key(out, "axis");
-    number_or_null(out, explained.axis);
+    maybe(out, explained.axis, unsigned);
     key(out, "fields");
     fields(out, explained);
     key(out, "text");
@@ -127,7 +126,7 @@ fn meaning(event: &Event<'_>, out: &mut Vec<u8>) {
     escaped(out, &explained.text);
     out.push(b'"');
     key(out, "ok");
-    out.extend_from_slice(if event.wrong.is_none() { b"true" } else { b"false" });
+    flag(out, event.wrong.is_none());
     key(out, "error");
     match event.wrong {
         None => out.extend_from_slice(b"null"),
@@ -160,14 +159,14 @@ pub fn fields(out: &mut Vec<u8>, explained: &Explained) {
 
 fn value(out: &mut Vec<u8>, item: &ItemValue<'_>) {
     match *item {
-        ItemValue::Int(value) => number(out, value),
-        ItemValue::Hex(value, _) => number(out, value),
+        ItemValue::Int(value) => put::signed(value, out),
+        ItemValue::Hex(value, _) => put::unsigned(value, out),
         ItemValue::Real(value) => real(out, value),
         ItemValue::Text(text) => string(out, text),
         ItemValue::Words(words) => {
             let words =
                 words.chunks(2).map(|w| w.iter().fold(0, |sum, b| sum << 8 | u32::from(*b)));
-            list(out, words, number);
+            list(out, words, unsigned);
         }
     }
 }
@@ -189,16 +188,30 @@ fn key(out: &mut Vec<u8>, name: &str) {
     out.extend_from_slice(b"\":");
 }
 
-fn number(out: &mut Vec<u8>, value: impl core::fmt::Display) {
-    // Writing into a Vec cannot fail.
-    let _ = write!(out, "{value}");
-}
-
-fn number_or_null(out: &mut Vec<u8>, value: Option<impl core::fmt::Display>) {
+fn maybe<T>(out: &mut Vec<u8>, value: Option<T>, write: impl Fn(&mut Vec<u8>, T)) {
     match value {
-        Some(value) => number(out, value),
+        Some(value) => write(out, value),
         None => out.extend_from_slice(b"null"),
     }
+}
+
+fn unsigned(out: &mut Vec<u8>, value: impl Into<u64>) {
+    put::unsigned(value.into(), out);
+}
+
+fn flag(out: &mut Vec<u8>, value: bool) {
+    out.extend_from_slice(if value { b"true" } else { b"false" });
+}
+
+/// Seconds, as [`Stamp`] shows them.
+fn stamp(out: &mut Vec<u8>, time: Stamp) {
+    const NS: u64 = 1_000_000_000;
+    put::unsigned(time.0 / NS, out);
+    out.push(b'.');
+    put::filled(time.0 % NS, 9, b'0', out);
+    // One decimal stays at least.
+    let zeros = out.iter().rev().take(8).take_while(|digit| **digit == b'0').count();
+    out.truncate(out.len() - zeros);
 }
 
 fn string_or_null(out: &mut Vec<u8>, text: Option<&str>) {
@@ -210,7 +223,7 @@ fn string_or_null(out: &mut Vec<u8>, text: Option<&str>) {
 
 /// Appends a real number; JSON knows none that are not finite, which become `null`.
 pub fn real(out: &mut Vec<u8>, value: f64) {
-    number_or_null(out, Some(value).filter(|value| value.is_finite()));
+    maybe(out, Some(value).filter(|value| value.is_finite()), |out, value| put::real(value, out));
 }
 
 /// Appends a quoted JSON string.
@@ -221,24 +234,27 @@ pub fn string(out: &mut Vec<u8>, text: &str) {
 }
 
 fn escaped(out: &mut Vec<u8>, text: &str) {
-    for byte in text.bytes() {
-        match byte {
+    let mut rest = text.as_bytes();
+    let odd = |byte: &u8| matches!(byte, b'"' | b'\\' | 0..0x20);
+    while let Some(at) = rest.iter().position(odd) {
+        out.extend_from_slice(&rest[..at]);
+        match rest[at] {
             b'"' => out.extend_from_slice(b"\\\""),
             b'\\' => out.extend_from_slice(b"\\\\"),
             b'\n' => out.extend_from_slice(b"\\n"),
             b'\r' => out.extend_from_slice(b"\\r"),
             b'\t' => out.extend_from_slice(b"\\t"),
-            0..0x20 => number(out, format_args!("\\u{byte:04x}")),
-            _ => out.push(byte),
+            byte => {
+                let [high, low] = put::hex(byte).map(|digit| digit.to_ascii_lowercase());
+                out.extend_from_slice(&[b'\\', b'u', b'0', b'0', high, low]);
+            }
         }
+        rest = &rest[at + 1..];
     }
+    out.extend_from_slice(rest);
 }
 
 /// Appends bytes as hexadecimal digits without spaces.
 pub fn hex(out: &mut Vec<u8>, bytes: &[u8]) {
-    const DIGITS: &[u8; 16] = b"0123456789ABCDEF";
-    for byte in bytes {
-        out.push(DIGITS[usize::from(byte >> 4)]);
-        out.push(DIGITS[usize::from(byte & 0xF)]);
-    }
+    bytes.iter().for_each(|byte| out.extend_from_slice(&put::hex(*byte)));
 }

@@ -39,6 +39,7 @@ mod judge;
 #[cfg(test)]
 mod made;
 pub mod plot;
+mod put;
 mod read;
 mod record;
 mod rules;

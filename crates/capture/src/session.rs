@@ -271,6 +271,8 @@ pub(crate) struct Heard<'a> {
     pub wrong: Option<Wrong>,
     /// These bytes have not the shape of a frame.
     pub stray: bool,
+    /// Nobody explained it yet: its [`plain`](Dissector::plain) dissector left that to the follower.
+    pub left: bool,
     /// Who explained it.
     pub dissector: &'static dyn Dissector,
     /// The drive whose names are used.

@@ -6,6 +6,7 @@ use polepair_core::explain::Direction;
 
 use crate::changes::{Changes, meaning};
 use crate::decoder::Event;
+use crate::put;
 use crate::session::{Change, Exchange, Fault, Notice, Odd, Outcome, Signal, is_of_frame};
 use crate::stamp::Stamp;
 
@@ -101,9 +102,9 @@ impl Text {
         let Some(time) = time else { return };
         let since = time.since(*self.first.get_or_insert(time));
         self.open(DIM, out);
-        decimal(since / 1_000_000_000, 4, b' ', out);
+        put::filled(since / 1_000_000_000, 4, b' ', out);
         out.push(b'.');
-        decimal(since % 1_000_000_000 / 1000, 6, b'0', out);
+        put::filled(since % 1_000_000_000 / 1000, 6, b'0', out);
         self.close(out);
         out.extend_from_slice(b"  ");
     }
@@ -129,7 +130,8 @@ impl Text {
         if let Some(id) = event.id {
             let digits = if event.extended { 8 } else { 3 };
             for digit in (0..digits).rev() {
-                out.push(HEX[(id >> (4 * digit)) as usize & 15]);
+                let [_, low] = put::hex((id >> (4 * digit)) as u8);
+                out.push(low);
             }
             out.extend_from_slice(if event.remote { b"#R" } else { b"#" });
         }
@@ -138,20 +140,21 @@ impl Text {
         let mut hidden = 0;
         for (at, byte) in event.bytes.iter().enumerate() {
             let changed = at < 64 && mask >> at & 1 == 1;
-            let pair = [HEX[usize::from(byte >> 4)], HEX[usize::from(byte & 15)]];
+            let [high, low] = put::hex(*byte);
             if changed && colour {
                 out.extend_from_slice(b"\x1b[4m");
-                out.extend_from_slice(&pair);
+                out.extend_from_slice(&[high, low]);
                 out.extend_from_slice(OFF);
+                out.push(b' ');
                 hidden += 8;
             } else {
-                out.extend_from_slice(&pair);
+                let behind = if changed { b'\'' } else { b' ' };
+                out.extend_from_slice(&[high, low, behind]);
             }
-            if changed && !colour {
-                out.push(b'\'');
-            } else if at + 1 < event.bytes.len() {
-                out.push(b' ');
-            }
+        }
+        // Behind the last byte nothing but a mark stands.
+        if !event.bytes.is_empty() && out.ends_with(b" ") {
+            out.pop();
         }
         let width = out.len() - start - hidden;
         out.resize(out.len() + BYTES_WIDTH.saturating_sub(width) + 2, b' ');
@@ -217,7 +220,6 @@ impl Text {
 
 /// Columns of a time and what is behind it.
 const TIME_WIDTH: usize = 13;
-const HEX: &[u8; 16] = b"0123456789ABCDEF";
 
 /// Nanoseconds as a person reads them: `812 us`, `2.10 ms`, `1.50 s`.
 #[derive(Clone, Copy, Debug)]
@@ -296,22 +298,6 @@ fn of(axis: Option<u32>) -> String {
 fn padded(text: &str, width: usize, out: &mut Vec<u8>) {
     out.extend_from_slice(text.as_bytes());
     out.resize(out.len() + width.saturating_sub(text.len()), b' ');
-}
-
-/// Appends a number with at least so many characters.
-fn decimal(mut value: u64, width: usize, fill: u8, out: &mut Vec<u8>) {
-    const DIGITS_MAX: usize = 20;
-    let mut digits = [fill; DIGITS_MAX];
-    let mut at = DIGITS_MAX;
-    loop {
-        at -= 1;
-        digits[at] = b'0' + (value % 10) as u8;
-        value /= 10;
-        if value == 0 {
-            break;
-        }
-    }
-    out.extend_from_slice(&digits[at.min(DIGITS_MAX - width)..]);
 }
 
 /// Appends bytes as `01 0A FF`.

@@ -214,8 +214,8 @@ pub trait Dissector: Sync {
     }
     /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink);
-    /// Whose a frame is that breaks nothing, whatever it holds: it needs no
-    /// [explanation](Self::explain) where words and fields are not wanted.
+    /// Whose a frame is that breaks nothing, whatever it holds, and neither asks nor answers: what
+    /// it says is its conversation's to tell, and [`explain`](Self::explain) knows less of it.
     fn plain(&self, frame: &Raw<'_>) -> Option<u32> {
         let _ = frame;
         None

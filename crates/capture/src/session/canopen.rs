@@ -4,7 +4,7 @@
 //! ```text
 //!   services   whose an identifier is: by default, or as the capture moved it
 //!    ├ sdo     transfers, one at a time on each channel
-//!    ├ pdo     what PDOs carry; mapping, where each value lies; meaning, what it is
+//!    ├ pdo     what PDOs carry; mapping, where each value lies; meaning, what it is; wording
 //!    ├ node    NMT state and presence, by beat (heartbeat) and guard; who shares a number
 //!    ├ emcy    faults
 //!    ├ power   the states of a CiA 402 drive
@@ -28,6 +28,7 @@ mod services;
 mod sync;
 #[cfg(test)]
 mod tests;
+mod wording;
 
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::NODE_MAX;
@@ -113,6 +114,9 @@ impl Follower for Canopen {
         let service = self.services.of(id, heard.raw.extended, &mut self.pdos);
         if self.is_masters(service) {
             self.commanded = heard.time.max(self.commanded);
+        }
+        if heard.left && !matches!(service, Service::Pdo(_)) && !said.is_bare() {
+            say::by_default(bytes, heard.raw.id, self.profile, said);
         }
         match service {
             Service::Pdo(_) if heard.remote => {}
@@ -345,8 +349,7 @@ impl Canopen {
         let book = Book { profile, values: &node.values };
         pdo.mapping(len, &Beside { book, drive: node.drive });
         pdo.measure(len, notices);
-        let usual = pdo.default_cob().is_some_and(|cob| heard.raw.id == Some(cob.id().into()));
-        say::process(pdo, bytes, !usual, profile, said);
+        say::process(pdo, bytes, heard.raw.id, profile, said);
         let Some(mapping) = pdo.last_mapping().filter(|map| len >= map.bytes()) else { return };
         let (axis, quality) = (u32::from(id), mapping.quality());
         let watched = told && mapping.is_watched();

@@ -108,7 +108,9 @@ pub fn usual(dissector: &dyn Dissector) -> Option<&'static Profile> {
 /// so what is explained by it should say so.
 #[must_use]
 pub fn assumed(dissector: &dyn Dissector) -> Option<&'static Profile> {
+    if !dissector.assumes_names() {
+        return None;
+    }
     let language = dissector.language();
-    let speaks = |profile: &&&Profile| language.starts_with(profile.protocol);
-    profiles().iter().filter(|_| dissector.assumes_names()).find(speaks).copied()
+    profiles().iter().find(|profile| language.starts_with(profile.protocol)).copied()
 }

@@ -12,6 +12,8 @@ use polepair_core::proto::canopen::sdo::Object;
 
 use super::mapping::{ENTRIES_MAX, Mapping};
 use super::meaning::Book;
+use super::wording::Wording;
+use crate::explained::Explained;
 use crate::session::{Notice, Oddity, Quality};
 
 /// PDOs of one link that are known; a capture with more is hostile.
@@ -42,6 +44,8 @@ pub(super) struct Pdo {
 #[derive(Debug)]
 struct Laid {
     mapping: Option<Mapping>,
+    /// The mapping in words, once they are wanted.
+    wording: Option<Wording>,
     /// The length that it was concluded from, where it was.
     by_len: Option<u8>,
 }
@@ -73,6 +77,28 @@ impl Pdo {
     /// The mapping by which the last frame was read.
     pub fn last_mapping(&self) -> Option<&Mapping> {
         self.laid.as_ref()?.mapping.as_ref()
+    }
+
+    /// Says what bytes are by the mapping. False where there is none, or they are too few for it.
+    pub fn say(
+        &mut self,
+        bytes: &[u8],
+        profile: Option<&'static Profile>,
+        said: &mut Explained,
+    ) -> bool {
+        let mut name = String::new();
+        if self.laid.as_ref().is_some_and(|laid| laid.wording.is_none()) {
+            self.named(&mut name);
+        }
+        let Some(Laid { mapping: Some(mapping), wording, .. }) = &mut self.laid else {
+            return false;
+        };
+        let long = bytes.len() >= mapping.bytes().into();
+        if long {
+            let wording = wording.get_or_insert_with(|| Wording::new(name, mapping, profile));
+            wording.say(mapping, bytes, said);
+        }
+        long
     }
 
     /// Puts down what it is called: `TPDO1`.
@@ -114,14 +140,16 @@ impl Pdo {
     fn lay(&self, len: u8, beside: &Beside<'_>) -> Laid {
         let book = &beside.book;
         if let Some((entries, quality)) = self.stated(book.profile) {
-            return Laid { mapping: Mapping::new(&entries, book, quality), by_len: None };
+            let mapping = Mapping::new(&entries, book, quality);
+            return Laid { mapping, wording: None, by_len: None };
         }
         let usual = || usual_mapping(self.default_cob().filter(|_| beside.drive)?, len);
         let known = self.count.is_some() || self.entries.iter().any(Option::is_some);
         let usual = if known { None } else { usual() };
         let entries: Vec<Entry> =
             usual.iter().flat_map(|map| map.fields()).map(|(e, _)| e).collect();
-        Laid { mapping: Mapping::new(&entries, book, Quality::Inferred), by_len: Some(len) }
+        let mapping = Mapping::new(&entries, book, Quality::Inferred);
+        Laid { mapping, wording: None, by_len: Some(len) }
     }
 
     /// Its entries, of the capture where that has them, else as the profile says they are at first.

@@ -1,8 +1,8 @@
 //! Words for what frames mean in their conversation, behind what they say by themselves.
 
-use core::fmt::{self, Write as _};
+use core::fmt::Write as _;
 
-use polepair_core::explain::{Context, Dissector as _, Field, Sink as _, Value};
+use polepair_core::explain::{Context, Dissector as _, Sink as _};
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::CanopenDissector;
 use polepair_core::proto::canopen::cob::{SDO_REPLY, SDO_REQUEST};
@@ -12,8 +12,8 @@ use polepair_core::proto::canopen::sdo::Object;
 use super::emcy::Words;
 use super::pdo::Pdo;
 use super::sdo::{Channel, Part};
+use super::wording::Clean;
 use crate::explained::Explained;
-use crate::session::Quality;
 
 /// Bytes of a long value that are shown.
 const SHOWN: usize = 16;
@@ -125,63 +125,33 @@ pub(super) fn inferred(words: &Words, said: &mut Explained) {
     remark(&format!("inferred: {}", words.text.trim_end_matches('.')), said);
 }
 
-/// Says what process data are, object by object. `moved` tells that the identifier is not the usual
-/// one.
+/// Says what process data are, object by object; `id` is the identifier that they came with.
 pub(super) fn process(
-    pdo: &Pdo,
+    pdo: &mut Pdo,
     bytes: &[u8],
-    moved: bool,
+    id: Option<u32>,
     profile: Option<&'static Profile>,
     said: &mut Explained,
 ) {
     if said.is_bare() {
-        if moved {
-            (said.error, said.axis) = (None, Some(pdo.node.into()));
-        }
+        (said.error, said.axis) = (None, Some(pdo.node.into()));
         return;
     }
-    let id = pdo.default_cob().map(|cob| u32::from(cob.id()));
-    if moved {
-        by_default(bytes, id, profile, said);
+    said.clear();
+    said.axis(pdo.node.into());
+    if pdo.say(bytes, profile, said) {
+        return;
+    }
+    let usual = pdo.default_cob().map(|cob| u32::from(cob.id()));
+    by_default(bytes, usual, profile, said);
+    if usual.is_none() || usual != id {
         said.error = None;
         said.axis(pdo.node.into());
         pdo.named(&mut said.kind);
-        if id.is_none() {
-            further(pdo, bytes, said);
-        }
     }
-    let Some(mapping) = pdo.last_mapping().filter(|map| bytes.len() >= map.bytes().into()) else {
-        return;
-    };
-    said.text.truncate(said.text.find(" (").unwrap_or(said.text.len()));
-    said.forget_fields();
-    said.field(Field {
-        name: "data",
-        start: 0,
-        end: bytes.len() as u16,
-        value: Value::Words(bytes),
-        meaning: "",
-    });
-    let usual = if mapping.quality() == Quality::Good { "" } else { "if mapped as usual: " };
-    let _ = write!(said.text, " ({usual}");
-    let data = super::word(bytes);
-    for (at, (entry, field, place, raw)) in mapping.values(data).enumerate() {
-        let mut clean = Clean(&mut said.text);
-        let _ = clean.write_str(if at > 0 { " | " } else { "" });
-        if say::name(entry.object, profile).is_empty() {
-            let _ = write!(clean, "{} = ", place.name);
-        }
-        let _ = say::value(entry.object, raw, profile, &mut clean);
-        let (start, end) = (u16::from(field.at), u16::from(field.at + field.bits));
-        said.field(Field {
-            name: place.name,
-            start: start / 8,
-            end: end.div_ceil(8),
-            value: Value::Int(raw),
-            meaning: "",
-        });
+    if usual.is_none() {
+        further(pdo, bytes, said);
     }
-    said.text.push(')');
 }
 
 /// A PDO beyond those of the predefined set, which has no words of its own.
@@ -191,15 +161,4 @@ fn further(pdo: &Pdo, bytes: &[u8], said: &mut Explained) {
     bytes.iter().for_each(|byte| {
         let _ = write!(said.text, " {byte:02X}");
     });
-}
-
-/// Keeps out what would end a remark or an instruction.
-struct Clean<'a>(&'a mut String);
-
-impl fmt::Write for Clean<'_> {
-    fn write_str(&mut self, piece: &str) -> fmt::Result {
-        let kept = piece.chars().filter(|c| !matches!(c, '(' | ')'));
-        self.0.extend(kept.map(|c| if c == ';' { ',' } else { c }));
-        Ok(())
-    }
 }

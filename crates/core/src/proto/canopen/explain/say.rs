@@ -74,17 +74,41 @@ pub fn value(
     profile: Option<&'static Profile>,
     out: &mut dyn Write,
 ) -> fmt::Result {
-    let known = parameter(object, profile);
-    let name = name(object, profile);
-    let symbol = known.map_or("", |parameter| parameter.symbol);
+    label(object, profile, out)?;
+    write!(out, "{raw}")?;
+    meaning(object, raw, profile, out)
+}
+
+/// What stands in front of an object's number.
+///
+/// # Errors
+/// Those of `out`.
+pub fn label(
+    object: Object,
+    profile: Option<&'static Profile>,
+    out: &mut dyn Write,
+) -> fmt::Result {
+    let symbol = parameter(object, profile).map_or("", |parameter| parameter.symbol);
     if symbol.starts_with(|c: char| c.is_ascii_alphabetic()) {
         write!(out, "{symbol} ")?;
     }
-    if name.is_empty() {
-        write!(out, "{raw}")?;
-    } else {
-        write!(out, "{name} = {raw}")?;
+    match name(object, profile) {
+        "" => Ok(()),
+        name => write!(out, "{name} = "),
     }
+}
+
+/// What stands behind an object's number.
+///
+/// # Errors
+/// Those of `out`.
+pub fn meaning(
+    object: Object,
+    raw: i64,
+    profile: Option<&'static Profile>,
+    out: &mut dyn Write,
+) -> fmt::Result {
+    let known = parameter(object, profile);
     if let Some((_, word)) = known.and_then(|p| p.values.iter().find(|(value, _)| *value == raw)) {
         return write!(out, ", {word}");
     }
@@ -94,10 +118,23 @@ pub fn value(
     standard(object, raw, profile, out)
 }
 
-/// The value in its unit, where that is not the number itself or hangs on other parameters.
+/// Whether the same stands behind an object's number whatever the number is.
+#[must_use]
+pub fn is_steady(object: Object, profile: Option<&'static Profile>) -> bool {
+    let steady = |p: &Parameter| p.values.is_empty() && (p.scale.factor == 1.0 || !is_shown(p));
+    sort(object).is_none() && parameter(object, profile).is_none_or(steady)
+}
+
+/// Whether a value is told in its unit: not where that hangs on other parameters.
+fn is_shown(parameter: &Parameter) -> bool {
+    let scale = &parameter.scale;
+    !parameter.unit.symbol().is_empty() && scale.times.is_none() && scale.over.is_none()
+}
+
+/// The value in its unit, where that is not the number itself.
 fn scaled(parameter: &Parameter, raw: i64, out: &mut dyn Write) -> fmt::Result {
     let (scale, unit) = (&parameter.scale, parameter.unit.symbol());
-    if unit.is_empty() || scale.times.is_some() || scale.over.is_some() {
+    if !is_shown(parameter) {
         return Ok(());
     }
     if scale.factor == 1.0 {
@@ -107,6 +144,34 @@ fn scaled(parameter: &Parameter, raw: i64, out: &mut dyn Write) -> fmt::Result {
     write!(out, ", {value} {unit}")
 }
 
+/// Objects whose numbers the standards have words for.
+enum Sort {
+    Controlword,
+    Statusword,
+    Mode,
+    Fault,
+    Save,
+    Load,
+    Identifier,
+    Transmission,
+    Mapping,
+}
+
+const fn sort(object: Object) -> Option<Sort> {
+    Some(match (object.index, object.sub) {
+        (0x6040, 0) => Sort::Controlword,
+        (0x6041, 0) => Sort::Statusword,
+        (0x6060 | 0x6061, 0) => Sort::Mode,
+        (0x603F, 0) => Sort::Fault,
+        (0x1010, 1..) => Sort::Save,
+        (0x1011, 1..) => Sort::Load,
+        (0x1005 | 0x1012 | 0x1014, 0) | (0x1400..=0x15FF | 0x1800..=0x19FF, 1) => Sort::Identifier,
+        (0x1400..=0x15FF | 0x1800..=0x19FF, 2) => Sort::Transmission,
+        (0x1600..=0x17FF | 0x1A00..=0x1BFF, 1..) => Sort::Mapping,
+        _ => return None,
+    })
+}
+
 /// What the standards say of a value.
 fn standard(
     object: Object,
@@ -114,24 +179,25 @@ fn standard(
     profile: Option<&'static Profile>,
     out: &mut dyn Write,
 ) -> fmt::Result {
-    match (object.index, object.sub) {
-        (0x6040, 0) => write!(out, ", ").and_then(|()| controlword(raw as u16, out)),
-        (0x6041, 0) => write!(out, ", ").and_then(|()| statusword(raw as u16, out)),
-        (0x6060 | 0x6061, 0) => write!(out, ", {}", mode(Mode::from(raw as i8))),
-        (0x603F, 0) => write!(out, ", {}", fault(raw as u16, profile)),
-        (0x1010, 1..) if raw == 0x6576_6173 => out.write_str(", the word save"),
-        (0x1011, 1..) if raw == 0x6461_6F6C => out.write_str(", the word load"),
-        (0x1005 | 0x1012 | 0x1014, 0) | (0x1400..=0x15FF | 0x1800..=0x19FF, 1) => {
+    let Some(sort) = sort(object) else { return Ok(()) };
+    match sort {
+        Sort::Controlword => write!(out, ", ").and_then(|()| controlword(raw as u16, out)),
+        Sort::Statusword => write!(out, ", ").and_then(|()| statusword(raw as u16, out)),
+        Sort::Mode => write!(out, ", {}", mode(Mode::from(raw as i8))),
+        Sort::Fault => write!(out, ", {}", fault(raw as u16, profile)),
+        Sort::Save if raw == 0x6576_6173 => out.write_str(", the word save"),
+        Sort::Load if raw == 0x6461_6F6C => out.write_str(", the word load"),
+        Sort::Save | Sort::Load => Ok(()),
+        Sort::Identifier => {
             let cob = CobId(raw as u32);
             let off = if cob.is_valid() { "" } else { ", switched off" };
             write!(out, ", identifier {:03X}{off}", cob.id())
         }
-        (0x1400..=0x15FF | 0x1800..=0x19FF, 2) => {
+        Sort::Transmission => {
             out.write_str(", ")?;
             transmission(Transmission::from(raw as u8), out)
         }
-        (0x1600..=0x17FF | 0x1A00..=0x1BFF, 1..) => mapping(Entry::from(raw as u32), profile, out),
-        _ => Ok(()),
+        Sort::Mapping => mapping(Entry::from(raw as u32), profile, out),
     }
 }
 

@@ -1,0 +1,133 @@
+//! Process data in words: what does not hang on their bytes is put together once, when the mapping
+//! is learnt, so that a frame's text is copied pieces and its numbers.
+
+use core::fmt::{self, Write as _};
+
+use polepair_core::explain::{Field, Sink as _, Value};
+use polepair_core::profile::Profile;
+use polepair_core::proto::canopen::explain::say;
+use polepair_core::proto::canopen::sdo::Object;
+
+use super::mapping::Mapping;
+use crate::explained::Explained;
+use crate::put;
+use crate::session::{Name, Quality};
+
+/// The words of one PDO.
+#[derive(Debug)]
+pub(super) struct Wording {
+    /// `TPDO1`.
+    kind: String,
+    /// `tpdo1`.
+    verb: String,
+    open: &'static str,
+    words: Vec<Word>,
+    profile: Option<&'static Profile>,
+}
+
+/// The words of one value.
+#[derive(Debug)]
+struct Word {
+    object: Object,
+    name: Name,
+    bytes: (u16, u16),
+    /// What stands in front of the number.
+    label: String,
+    /// What stands behind it, and of which number.
+    behind: String,
+    of: i64,
+    /// It stands behind all numbers.
+    steady: bool,
+}
+
+impl Wording {
+    /// Words for `mapping` of the PDO of that name.
+    pub fn new(name: String, mapping: &Mapping, profile: Option<&'static Profile>) -> Self {
+        let good = mapping.quality() == Quality::Good;
+        let words = mapping.values(0).map(|(entry, field, place, _)| {
+            let (start, end) = (u16::from(field.at), u16::from(field.at + field.bits));
+            Word::new(entry.object, place.name, (start / 8, end.div_ceil(8)), profile)
+        });
+        Self {
+            verb: name.to_lowercase(),
+            kind: name,
+            open: if good { " (" } else { " (if mapped as usual: " },
+            words: words.collect(),
+            profile,
+        }
+    }
+
+    /// Says what the bytes of a frame are.
+    pub fn say(&mut self, mapping: &Mapping, bytes: &[u8], said: &mut Explained) {
+        said.kind.push_str(&self.kind);
+        said.field(field("data", (0, bytes.len() as u16), Value::Words(bytes)));
+        let mut text = core::mem::take(&mut said.text).into_bytes();
+        text.extend_from_slice(self.verb.as_bytes());
+        for byte in bytes {
+            let [high, low] = put::hex(*byte);
+            text.extend_from_slice(&[b' ', high, low]);
+        }
+        text.extend_from_slice(self.open.as_bytes());
+        let mut join = "";
+        for (word, (.., raw)) in self.words.iter_mut().zip(mapping.values(super::word(bytes))) {
+            text.extend_from_slice(join.as_bytes());
+            word.say(raw, self.profile, &mut text);
+            said.field(field(word.name, word.bytes, Value::Int(raw)));
+            join = " | ";
+        }
+        text.push(b')');
+        // Names are text, and so is all between them.
+        said.text = String::from_utf8(text).unwrap_or_default();
+    }
+}
+
+const fn field(name: Name, (start, end): (u16, u16), value: Value<'_>) -> Field<'_> {
+    Field { name, start, end, value, meaning: "" }
+}
+
+impl Word {
+    fn new(
+        object: Object,
+        name: Name,
+        bytes: (u16, u16),
+        profile: Option<&'static Profile>,
+    ) -> Self {
+        let steady = say::is_steady(object, profile);
+        let mut label = String::new();
+        let mut clean = Clean(&mut label);
+        if say::name(object, profile).is_empty() {
+            let _ = write!(clean, "{name} = ");
+        }
+        let _ = say::label(object, profile, &mut clean);
+        let mut word = Self { object, name, bytes, label, behind: String::new(), of: 0, steady };
+        word.mean(0, profile);
+        word
+    }
+
+    /// Puts together what stands behind a number.
+    fn mean(&mut self, raw: i64, profile: Option<&'static Profile>) {
+        self.behind.clear();
+        let _ = say::meaning(self.object, raw, profile, &mut Clean(&mut self.behind));
+        self.of = raw;
+    }
+
+    fn say(&mut self, raw: i64, profile: Option<&'static Profile>, text: &mut Vec<u8>) {
+        if !self.steady && self.of != raw {
+            self.mean(raw, profile);
+        }
+        text.extend_from_slice(self.label.as_bytes());
+        put::signed(raw, text);
+        text.extend_from_slice(self.behind.as_bytes());
+    }
+}
+
+/// Keeps out what would end a remark or an instruction.
+pub(super) struct Clean<'a>(pub &'a mut String);
+
+impl fmt::Write for Clean<'_> {
+    fn write_str(&mut self, piece: &str) -> fmt::Result {
+        let kept = piece.chars().filter(|c| !matches!(c, '(' | ')'));
+        self.0.extend(kept.map(|c| if c == ';' { ',' } else { c }));
+        Ok(())
+    }
+}
