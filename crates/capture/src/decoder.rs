@@ -1,5 +1,7 @@
 //! Records in, explained frames out.
 
+mod lane;
+
 use core::fmt;
 
 use polepair_core::drives;
@@ -13,10 +15,11 @@ use crate::explained::{CAN_FD, ERROR_FRAME, Explained};
 use crate::format::Format;
 use crate::read::{Reader, Tally};
 use crate::record::{Data, ERROR_FLAG, Record};
-use crate::rules::{Rule, Rules, Scope};
+use crate::rules::{Rule, Rules};
 use crate::session::{Heard, Notice, Session, reported};
 use crate::stamp::Stamp;
 use crate::stream::{Flow, Origin, Piece, Shape};
+use lane::{Lane, Lanes, Teller, claimant, spoken};
 
 /// Links that a capture may name; records of further ones are damaged.
 pub const LINKS_MAX: usize = 256;
@@ -118,6 +121,7 @@ pub struct Decoder {
 struct Wire {
     name: String,
     rules: Vec<Rule>,
+    lanes: Lanes,
     flows: [Flow; 3],
     conversation: Conversation,
     session: Session,
@@ -173,6 +177,7 @@ impl Decoder {
     /// Names parameters as `profile` does from now on: who speaks may be learnt on the way.
     pub fn name_by(&mut self, profile: &'static Profile) {
         self.profile = Some(profile);
+        self.wires.iter_mut().for_each(|wire| wire.lanes = Lanes::default());
     }
 
     /// Reads the capture as that format, or tells it by the first bytes.
@@ -328,6 +333,7 @@ impl Decoder {
             self.wires.push(Wire {
                 name: name.to_owned(),
                 rules: self.rules.on(name),
+                lanes: Lanes::default(),
                 flows: Default::default(),
                 conversation: Conversation::with_echo(echoes),
                 session: Session::default(),
@@ -440,24 +446,37 @@ impl Decoder {
 
     fn take_frame(&mut self, at: usize, record: &Record<'_>, frame: &Frame, out: Out<'_>) {
         self.count += 1;
-        let Wire { name, rules, conversation, session, .. } = &mut self.wires[at];
-        let context = Context {
-            direction: record.direction,
-            profile: self.profile,
-            id: Some(frame.id),
-            extended: frame.extended,
-            remote: frame.remote,
-            ..Context::default()
-        };
+        let Wire { name, rules, lanes, conversation, session, .. } = &mut self.wires[at];
         self.explained.clear();
-        let mut teller = Teller { judged: self.judged, follows: self.follows, left: false };
-        let rule = teller
-            .explain(rules, frame, &context, conversation, &mut self.explained)
-            .or_else(|| claimant(rules, session, frame));
-        let wrong = self.explained.error.map(Wrong::Wire);
         self.notices.clear();
-        if let Some(rule) = rule.filter(|_| self.follows) {
-            let stated = spoken(self.profile, rule);
+        let known = lanes.of(frame).filter(|_| self.follows);
+        let lane = known.or_else(|| {
+            let context = Context {
+                direction: record.direction,
+                profile: self.profile,
+                id: Some(frame.id),
+                extended: frame.extended,
+                remote: frame.remote,
+                ..Context::default()
+            };
+            let (judged, follows) = (self.judged, self.follows);
+            let mut teller = Teller { judged, follows, left: None, tried: 0 };
+            let rule = teller
+                .explain(rules, frame, &context, conversation, &mut self.explained)
+                .or_else(|| claimant(rules, session, frame))?;
+            let (dissector, stated) = (rules[rule].dissector, spoken(self.profile, &rules[rule]));
+            let profile = stated.or_else(|| drives::assumed(dissector));
+            let left = teller.left;
+            let lane = Lane { dissector, profile, stated: stated.is_some(), left };
+            if left.is_some() && teller.tried == 1 {
+                lanes.keep(frame, lane);
+            }
+            Some(lane)
+        });
+        if let Some(axis) = known.and_then(|lane| lane.left) {
+            self.explained.axis = Some(axis);
+        }
+        if let Some(lane) = lane.filter(|_| self.follows) {
             let heard = Heard {
                 number: self.count,
                 time: record.time,
@@ -465,23 +484,21 @@ impl Decoder {
                 raw: Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended },
                 remote: frame.remote,
                 echo: false,
-                wrong,
+                wrong: self.explained.error.map(Wrong::Wire),
                 stray: false,
-                left: teller.left,
-                dissector: rule.dissector,
-                profile: stated.or_else(|| drives::assumed(rule.dissector)),
-                stated: stated.is_some(),
+                left: lane.left.is_some(),
+                dissector: lane.dissector,
+                profile: lane.profile,
+                stated: lane.stated,
             };
             session.take(&heard, &mut self.explained, &mut self.notices);
         }
-        // A conversation may tell that a frame is another than it looks like.
-        let wrong = self.explained.error.map(Wrong::Wire);
         out(&Event {
             number: self.count,
             time: record.time,
             link: name,
             direction: record.direction,
-            protocol: rule.map(|rule| rule.dissector.name()),
+            protocol: lane.map(|lane| lane.dissector.name()),
             bytes: if frame.remote { &[] } else { frame.bytes() },
             id: Some(frame.id),
             extended: frame.extended,
@@ -489,7 +506,8 @@ impl Decoder {
             echo: false,
             stray: false,
             explained: &self.explained,
-            wrong,
+            // A conversation may tell that a frame is another than it looks like.
+            wrong: self.explained.error.map(Wrong::Wire),
             notices: &self.notices,
             at: record.at,
         });
@@ -524,90 +542,5 @@ fn wrong(error: Option<WireError>, piece: &Piece) -> Option<Wrong> {
     })
 }
 
-/// The profile, if it is one of the protocol's that a rule names.
-fn spoken(profile: Option<&'static Profile>, rule: &Rule) -> Option<&'static Profile> {
-    let language = rule.dissector.language();
-    profile.filter(|profile| profile.protocol == language || language.starts_with(profile.protocol))
-}
-
-/// The rule of the protocol that a capture gave an identifier to which is not its own.
-fn claimant<'r>(rules: &'r [Rule], session: &Session, frame: &Frame) -> Option<&'r Rule> {
-    let name = session.claimant(frame.id, frame.extended)?;
-    rules.iter().find(|rule| rule.dissector.name() == name)
-}
-
-/// Lets rules explain a frame.
-struct Teller {
-    judged: bool,
-    /// Conversations are followed.
-    follows: bool,
-    /// The frame was left to its conversation to explain.
-    left: bool,
-}
-
-impl Teller {
-    /// Lets the first rule that holds for the frame explain it, as what it asks or answers.
-    fn explain<'r>(
-        &mut self,
-        rules: &'r [Rule],
-        frame: &Frame,
-        context: &Context<'_>,
-        conversation: &mut Conversation,
-        explained: &mut Explained,
-    ) -> Option<&'r Rule> {
-        let claims = |rule: &&Rule| match frame.remote {
-            true => rule.dissector.claims_remote(frame.id, frame.extended),
-            false => rule.dissector.claims(frame.id, frame.extended),
-        };
-        for rule in rules.iter().filter(claims) {
-            self.by(rule, frame, context, conversation, explained);
-            // What is said to everybody is said to each axis.
-            let meant = |axis| explained.axis.is_none_or(|found| found == axis);
-            let shared = || rule.dissector.shares(frame.id, frame.extended);
-            match rule.scope {
-                Scope::Axis(axis) | Scope::AxisOn(_, axis) if !meant(axis) => {}
-                Scope::Link(_) if self.judged && shared() => {}
-                _ => return Some(rule),
-            }
-        }
-        explained.clear();
-        self.left = false;
-        let whole = |rule: &Rule| !matches!(rule.scope, Scope::Axis(_) | Scope::AxisOn(..));
-        let stated = |rule: &&Rule| !self.judged && !frame.remote && whole(rule);
-        let rule = rules.iter().find(stated)?;
-        self.by(rule, frame, context, conversation, explained);
-        Some(rule)
-    }
-
-    fn by(
-        &mut self,
-        rule: &Rule,
-        frame: &Frame,
-        context: &Context<'_>,
-        conversation: &mut Conversation,
-        explained: &mut Explained,
-    ) {
-        let raw = Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended };
-        explained.clear();
-        let tells = self.follows && !frame.remote;
-        if let Some(axis) = rule.dissector.plain(&raw).filter(|_| tells) {
-            (explained.axis, self.left) = (Some(axis), true);
-            return;
-        }
-        self.left = false;
-        let asks = rule.dissector.asks(&raw);
-        let request = if asks { None } else { conversation.request(rule.dissector, &raw) };
-        let stated = spoken(context.profile, rule);
-        let context = Context {
-            request: request.map(|request| request.bytes),
-            request_id: request.and_then(|request| request.id),
-            profile: stated.or_else(|| drives::assumed(rule.dissector)),
-            assumed: stated.is_none(),
-            ..*context
-        };
-        rule.dissector.explain(frame.bytes(), &context, explained);
-        if asks {
-            conversation.ask(&raw);
-        }
-    }
-}
+#[cfg(test)]
+mod tests;

@@ -235,8 +235,7 @@ pub fn string(out: &mut Vec<u8>, text: &str) {
 
 fn escaped(out: &mut Vec<u8>, text: &str) {
     let mut rest = text.as_bytes();
-    let odd = |byte: &u8| matches!(byte, b'"' | b'\\' | 0..0x20);
-    while let Some(at) = rest.iter().position(odd) {
+    while let Some(at) = odd(rest) {
         out.extend_from_slice(&rest[..at]);
         match rest[at] {
             b'"' => out.extend_from_slice(b"\\\""),
@@ -252,6 +251,21 @@ fn escaped(out: &mut Vec<u8>, text: &str) {
         rest = &rest[at + 1..];
     }
     out.extend_from_slice(rest);
+}
+
+/// Where the first byte is that JSON does not take as it is.
+fn odd(text: &[u8]) -> Option<usize> {
+    const ONES: u64 = 0x0101_0101_0101_0101;
+    // The uppermost bit of a byte below `limit`, and perhaps of some behind it.
+    let below = |eight: u64, limit: u64| eight.wrapping_sub(limit * ONES) & !eight & (0x80 * ONES);
+    let is = |eight: u64, byte: u8| below(eight ^ (u64::from(byte) * ONES), 1);
+    let plain = |eight: &&[u8; 8]| {
+        let eight = u64::from_le_bytes(**eight);
+        below(eight, 0x20) | is(eight, b'"') | is(eight, b'\\') == 0
+    };
+    let begun = 8 * text.as_chunks::<8>().0.iter().take_while(plain).count();
+    let escaped = |byte: &u8| matches!(byte, b'"' | b'\\' | 0..0x20);
+    text[begun..].iter().position(escaped).map(|at| begun + at)
 }
 
 /// Appends bytes as hexadecimal digits without spaces.

@@ -62,6 +62,7 @@ impl Text {
 
     /// Appends one line, and one for each notice that is shown below it.
     pub fn write(&mut self, event: &Event<'_>, out: &mut Vec<u8>) {
+        out.reserve(LINE_ROOM);
         let start = out.len();
         self.time(event.time, out);
         let head = out.len();
@@ -128,11 +129,9 @@ impl Text {
     fn bytes(&mut self, event: &Event<'_>, out: &mut Vec<u8>) -> usize {
         let start = out.len();
         if let Some(id) = event.id {
-            let digits = if event.extended { 8 } else { 3 };
-            for digit in (0..digits).rev() {
-                let [_, low] = put::hex((id >> (4 * digit)) as u8);
-                out.push(low);
-            }
+            let digits = id.to_be_bytes().map(put::hex);
+            let digits = &digits.as_flattened()[if event.extended { 0 } else { 5 }..];
+            out.extend_from_slice(digits);
             out.extend_from_slice(if event.remote { b"#R" } else { b"#" });
         }
         let Style { colour, marks, .. } = self.style;
@@ -148,8 +147,7 @@ impl Text {
                 out.push(b' ');
                 hidden += 8;
             } else {
-                let behind = if changed { b'\'' } else { b' ' };
-                out.extend_from_slice(&[high, low, behind]);
+                out.extend_from_slice(&[high, low, if changed { b'\'' } else { b' ' }]);
             }
         }
         // Behind the last byte nothing but a mark stands.
@@ -218,6 +216,8 @@ impl Text {
     }
 }
 
+/// Bytes that a line mostly needs at most.
+const LINE_ROOM: usize = 256;
 /// Columns of a time and what is behind it.
 const TIME_WIDTH: usize = 13;
 

@@ -13,11 +13,13 @@ use crate::stamp::Stamp;
 #[derive(Debug, Default)]
 pub(super) struct Text {
     scratch: Vec<u8>,
+    /// The link of the line before: mostly that of the next.
+    link: String,
 }
 
 impl Line for Text {
     fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad> {
-        match logged(line) {
+        match logged(line, &mut self.link) {
             Some(record) => Ok(Some(record)),
             None => parse(line, &mut self.scratch),
         }
@@ -43,12 +45,20 @@ pub fn parse<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Option<Reco
 
 /// A line of candump's log in its usual form, `(1700000000.000500) can0 30B#5443000000000005`;
 /// `None` for all others. This is the way that millions of lines go.
-fn logged(line: &[u8]) -> Option<Record<'_>> {
+fn logged<'a>(line: &[u8], link: &'a mut String) -> Option<Record<'a>> {
     let line = line.strip_suffix(b"\r").unwrap_or(line);
     let (stamp, rest) = line.split_first_chunk::<20>()?;
     let time = logged_time(stamp)?;
-    let link = rest.iter().position(|c| *c == b' ')?;
-    let (link, frame) = (std::str::from_utf8(&rest[..link]).ok()?, &rest[link + 1..]);
+    let same = rest.strip_prefix(link.as_bytes()).and_then(|rest| rest.strip_prefix(b" "));
+    let frame = match same {
+        Some(frame) => frame,
+        None => {
+            let end = rest.iter().position(|c| *c == b' ')?;
+            link.clear();
+            link.push_str(std::str::from_utf8(&rest[..end]).ok()?);
+            &rest[end + 1..]
+        }
+    };
     let (id, extended, text) = match frame {
         [a, b, c, b'#', data @ ..] => (number(&[*a, *b, *c])?, false, data),
         _ => {
@@ -170,7 +180,8 @@ mod tests {
             "(1700000000.000001) can0 7ff#aAbB",
         ] {
             let mut scratch = Vec::new();
-            let quick = logged(line.as_bytes()).expect(line);
+            let mut link = String::new();
+            let quick = logged(line.as_bytes(), &mut link).expect(line);
             assert_eq!(Some(quick), parse(line.as_bytes(), &mut scratch).expect(line), "{line}");
         }
         for line in [
@@ -184,7 +195,7 @@ mod tests {
             "(170000000x.000500) can0 30B#11",
             "(1700000000.0005)",
         ] {
-            assert_eq!(logged(line.as_bytes()), None, "{line}");
+            assert_eq!(logged(line.as_bytes(), &mut String::new()), None, "{line}");
         }
     }
 }

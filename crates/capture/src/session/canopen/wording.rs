@@ -20,8 +20,9 @@ pub(super) struct Wording {
     kind: String,
     /// `tpdo1`.
     verb: String,
-    open: &'static str,
     words: Vec<Word>,
+    /// What stands behind the last value.
+    end: String,
     profile: Option<&'static Profile>,
 }
 
@@ -31,7 +32,7 @@ struct Word {
     object: Object,
     name: Name,
     bytes: (u16, u16),
-    /// What stands in front of the number.
+    /// What stands in front of the number, behind the bytes or the value before.
     label: String,
     /// What stands behind it, and of which number.
     behind: String,
@@ -44,17 +45,17 @@ impl Wording {
     /// Words for `mapping` of the PDO of that name.
     pub fn new(name: String, mapping: &Mapping, profile: Option<&'static Profile>) -> Self {
         let good = mapping.quality() == Quality::Good;
+        let mut join = if good { " (" } else { " (if mapped as usual: " };
         let words = mapping.values(0).map(|(entry, field, place, _)| {
             let (start, end) = (u16::from(field.at), u16::from(field.at + field.bits));
-            Word::new(entry.object, place.name, (start / 8, end.div_ceil(8)), profile)
+            let bytes = (start / 8, end.div_ceil(8));
+            let join = core::mem::replace(&mut join, " | ");
+            Word::new(join, entry.object, place.name, bytes, profile)
         });
-        Self {
-            verb: name.to_lowercase(),
-            kind: name,
-            open: if good { " (" } else { " (if mapped as usual: " },
-            words: words.collect(),
-            profile,
-        }
+        let words: Vec<Word> = words.collect();
+        // Where bits are mapped to nothing, that is said.
+        let end = if words.is_empty() { format!("{join})") } else { ")".to_owned() };
+        Self { verb: name.to_lowercase(), words, end, kind: name, profile }
     }
 
     /// Says what the bytes of a frame are.
@@ -67,15 +68,11 @@ impl Wording {
             let [high, low] = put::hex(*byte);
             text.extend_from_slice(&[b' ', high, low]);
         }
-        text.extend_from_slice(self.open.as_bytes());
-        let mut join = "";
         for (word, (.., raw)) in self.words.iter_mut().zip(mapping.values(super::word(bytes))) {
-            text.extend_from_slice(join.as_bytes());
             word.say(raw, self.profile, &mut text);
             said.field(field(word.name, word.bytes, Value::Int(raw)));
-            join = " | ";
         }
-        text.push(b')');
+        text.extend_from_slice(self.end.as_bytes());
         // Names are text, and so is all between them.
         said.text = String::from_utf8(text).unwrap_or_default();
     }
@@ -87,13 +84,14 @@ const fn field(name: Name, (start, end): (u16, u16), value: Value<'_>) -> Field<
 
 impl Word {
     fn new(
+        join: &str,
         object: Object,
         name: Name,
         bytes: (u16, u16),
         profile: Option<&'static Profile>,
     ) -> Self {
         let steady = say::is_steady(object, profile);
-        let mut label = String::new();
+        let mut label = join.to_owned();
         let mut clean = Clean(&mut label);
         if say::name(object, profile).is_empty() {
             let _ = write!(clean, "{name} = ");
@@ -129,5 +127,37 @@ impl fmt::Write for Clean<'_> {
         let kept = piece.chars().filter(|c| !matches!(c, '(' | ')'));
         self.0.extend(kept.map(|c| if c == ';' { ',' } else { c }));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use polepair_core::drives::cia402::profile::CIA402;
+    use polepair_core::drives::syntron_ts::profile::SYNTRON_TS_CANOPEN;
+
+    use super::{Clean, Object, Word, say};
+
+    /// Every object of the standards and of two drives, with numbers one after the other.
+    #[test]
+    fn words_put_together_are_those_of_each_value() {
+        let indices = (0x1000..0x1020).chain(0x1400..0x1404).chain(0x1600..0x1604);
+        let standard = indices.chain(0x6040..0x6100).flat_map(|index| [(index, 0), (index, 1)]);
+        for profile in [None, Some(&CIA402), Some(&SYNTRON_TS_CANOPEN)] {
+            let own = profile.map_or(&[][..], |profile| profile.parameters);
+            let own = own.iter().map(|parameter| (parameter.index, parameter.space));
+            for (index, sub) in standard.clone().chain(own) {
+                let object = Object::new(index, sub);
+                let mut word = Word::new(" | ", object, "0x2000:1", (0, 4), profile);
+                for raw in [0, 7, 7, -1, 0x1637, 0x000F, 0x6061_0008, i64::MAX, 0, -12345] {
+                    let (mut text, mut plain) = (Vec::new(), " | ".to_owned());
+                    word.say(raw, profile, &mut text);
+                    if say::name(object, profile).is_empty() {
+                        plain.push_str("0x2000:1 = ");
+                    }
+                    say::value(object, raw, profile, &mut Clean(&mut plain)).expect("text");
+                    assert_eq!(String::from_utf8(text).expect("text"), plain, "{object:?}");
+                }
+            }
+        }
     }
 }
