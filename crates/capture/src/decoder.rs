@@ -449,7 +449,7 @@ impl Decoder {
         let Wire { name, rules, lanes, conversation, session, .. } = &mut self.wires[at];
         self.explained.clear();
         self.notices.clear();
-        let known = lanes.of(frame).filter(|_| self.follows);
+        let known = lanes.of(frame);
         let lane = known.or_else(|| {
             let context = Context {
                 direction: record.direction,
