@@ -130,6 +130,12 @@ def test_a_bus_that_is_shut_down_keeps_nobody_waiting_for_ever(channel: str) -> 
         bus.recv(0)
 
 
+def test_what_cannot_be_opened_is_told_in_the_words_of_python_can() -> None:
+    for channel, why in [("sim:tmcll", "tmcl"), ("sim:tmcl", "not one CAN bus")]:
+        with pytest.raises(can.CanInitializationError, match=why):
+            can.Bus(interface="polepair", channel=channel)
+
+
 def test_what_nobody_reads_is_bounded_and_counted() -> None:
     frame = can.Message(arbitration_id=1, data=bytes(8), is_extended_id=False)
     with (

@@ -21,6 +21,7 @@ from typing import Any, ClassVar
 import can
 
 from . import _polepair as native
+from .errors import PolepairError
 
 __all__ = ["Bus"]
 
@@ -149,10 +150,13 @@ class Bus(can.BusABC):
         self.waiting: deque[can.Message] = deque()
         self.lost = 0
         """Frames that were lost because nobody read them in time."""
-        self._shared = Channel.join(channel, self)
+        super().__init__(channel=channel, can_filters=can_filters, **kwargs)
+        try:
+            self._shared = Channel.join(channel, self)
+        except PolepairError as error:
+            raise can.CanInitializationError(f"{error}. {error.hint}") from error
         wire = self._shared.wire
         self.channel_info = f"polepair {wire.describe() if wire else channel}"
-        super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
     def keep(self, message: can.Message) -> None:
         """Keeps a frame until it is read."""
