@@ -61,6 +61,7 @@ soak:
 	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test stress -- --nocapture
 	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test mixed -- --nocapture
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
+	POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 	fuzz/run $(or $(FUZZ_SECONDS),60)
 

@@ -11,13 +11,17 @@
 #![forbid(unsafe_code)]
 
 mod column;
+#[cfg(feature = "files")]
 mod parts;
 pub mod schema;
+#[cfg(feature = "files")]
 mod store;
 mod tables;
 
 pub use arrow_array::RecordBatch;
+#[cfg(feature = "files")]
 pub use parts::{Done, Parts, Site};
 pub use schema::{SCHEMA_ID, Table};
+#[cfg(feature = "files")]
 pub use store::{DECODER, Files, Keep, Provenance, Store, StoreError, Stored, fingerprint};
 pub use tables::{Origin, ROWS_MAX, Tables};

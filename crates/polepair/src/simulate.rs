@@ -487,6 +487,12 @@ impl Simulation {
         self.shared.pass(span);
     }
 
+    /// How its time passes.
+    #[must_use]
+    pub fn pace(&self) -> Pace {
+        self.shared.pace
+    }
+
     /// Does something to a drive from outside: a load, a switch, a fault. Links and drives count
     /// from 0. Returns whether there is such a drive with such a thing.
     pub fn act(&self, link: usize, drive: usize, act: Act) -> bool {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use polepair::{Amount, Axis as Inner, faults};
+use polepair::{Amount, Axis as Inner, Running, faults, start_together};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::{self, Access, ParameterId, Persistence, Signal, Watchdog};
@@ -167,6 +167,21 @@ impl Axis {
         self.begun(py, |axis| axis.start_raw(text))
     }
 
+    /// Reads a parameter by name, raw.
+    fn read_raw(&self, py: Python<'_>, name: &str) -> PyResult<i64> {
+        self.ended(py, |axis| axis.start_read(axis.find(name)?))
+    }
+
+    /// Writes a parameter by name, raw.
+    fn write_raw(&self, py: Python<'_>, name: &str, raw: i64) -> PyResult<()> {
+        self.ended(py, |axis| axis.start_write(axis.find(name)?, raw, false)).map(drop)
+    }
+
+    /// Sends a request in the protocol's own text, and waits for the answer.
+    fn raw(&self, py: Python<'_>, text: &str) -> PyResult<i64> {
+        self.ended(py, |axis| axis.start_raw(text))
+    }
+
     /// The raw value of an amount; may read what its scale depends on.
     fn raw_of(&self, py: Python<'_>, id: u16, amount: Given) -> PyResult<i64> {
         let amount = Amount::from(amount);
@@ -197,35 +212,34 @@ impl Axis {
         torque: Option<Given>,
         jerk_time: Option<Given>,
     ) -> PyResult<Request> {
-        let verb = Verb::ALL
-            .into_iter()
-            .find(|known| known.name() == verb)
-            .ok_or_else(|| usage(py, "E217", &format!("there is no verb `{verb}`"), ""))?;
-        let argument = |which, given: Option<Given>| {
-            let amount = given.map(Amount::from);
-            let value = amount.map(|amount| self.0.argument(verb, which, &amount)).transpose();
-            value.map_err(|error| raised(py, &error))
-        };
-        let command = Command {
-            target: argument(Argument::Target, target)?,
-            velocity: argument(Argument::Velocity, velocity)?,
-            acceleration: argument(Argument::Acceleration, acceleration)?,
-            torque: argument(Argument::Torque, torque)?,
-            jerk_time: argument(Argument::JerkTime, jerk_time)?,
-            ..Command::new(verb)
-        };
+        let given = [target, velocity, acceleration, torque, jerk_time];
+        let command = self.command(py, verb, given)?;
         self.begun(py, |axis| axis.start(command))
     }
 
+    /// What an amount is in SI, as an argument of a verb: `target`, `velocity`, `torque`.
+    fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: Given) -> PyResult<f64> {
+        let mut given = [None, None, None, None, None];
+        let places = ["target", "velocity", "acceleration", "torque"];
+        let at = places.iter().position(|place| *place == argument).unwrap_or(0);
+        given[at] = Some(amount);
+        let Command { target, velocity, acceleration, torque, .. } =
+            self.command(py, verb, given)?;
+        Ok([target, velocity, acceleration, torque][at].unwrap_or_default())
+    }
+
     /// Lets motion commands through, or no longer.
-    fn arm(&self, py: Python<'_>, armed: bool) {
-        py.detach(|| self.0.arm(armed));
+    fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
+        self.done(py, |axis| {
+            axis.arm(armed);
+            Ok(())
+        })
     }
 
     /// Whether motion commands are let through.
     #[getter]
-    fn is_armed(&self, py: Python<'_>) -> bool {
-        py.detach(|| self.0.state().armed)
+    fn is_armed(&self, py: Python<'_>) -> PyResult<bool> {
+        self.done(py, |axis| Ok(axis.state().armed))
     }
 
     /// Verbs that this drive has a plan for.
@@ -259,20 +273,16 @@ impl Axis {
 
     /// Faults that are there now: code, text, cause, remedy, and whether the drive goes on.
     fn faults(&self, py: Python<'_>) -> PyResult<Vec<Fault>> {
-        let row = |fault: &profile::Fault| {
-            let warning = fault.severity != profile::Severity::Fault;
-            (fault.code, fault.name, fault.text, fault.cause, fault.remedy, warning)
-        };
         let code = self.done(py, |axis| Ok(axis.signals(&[Signal::Fault])?[0].raw))?;
         let code = u32::try_from(code).unwrap_or_default();
-        Ok(faults(self.0.profile(), code).into_iter().map(row).collect())
+        Ok(faults(self.0.profile(), code).into_iter().map(fault).collect())
     }
 
     /// Seconds on the link's own clock.
     #[getter]
-    fn now(&self, py: Python<'_>) -> f64 {
-        let now = py.detach(|| self.0.connection().now());
-        now.since(polepair_core::time::Instant::ZERO).as_secs_f64()
+    fn now(&self, py: Python<'_>) -> PyResult<f64> {
+        let now = self.done(py, |axis| Ok(axis.connection().now()))?;
+        Ok(now.since(polepair_core::time::Instant::ZERO).as_secs_f64())
     }
 
     /// Waits on the link's own clock: in virtual time it is over at once.
@@ -280,7 +290,10 @@ impl Axis {
         let mut left = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
         while left > Duration::ZERO {
             let slice = left.min(SLICE);
-            py.detach(|| self.0.sleep(slice));
+            self.done(py, |axis| {
+                axis.sleep(slice);
+                Ok(())
+            })?;
             left -= slice;
             py.check_signals()?;
         }
@@ -288,8 +301,29 @@ impl Axis {
     }
 }
 
+/// A move of one axis: verb, target, velocity, acceleration.
+type Move = (Py<Axis>, String, Option<Given>, Option<Given>, Option<Given>);
+
+/// Starts moves of several axes of one wire at one signal on the bus.
+#[pyfunction]
+pub fn begin_together(py: Python<'_>, moves: Vec<Move>) -> PyResult<()> {
+    let moves = moves.into_iter().map(|(axis, verb, target, velocity, acceleration)| {
+        let axis = axis.get();
+        let command = axis.command(py, &verb, [target, velocity, acceleration, None, None])?;
+        Ok((axis.0.ours(py)?.clone(), command))
+    });
+    let moves = Outside::from(moves.collect::<PyResult<Vec<_>>>()?);
+    py.detach(|| start_together(&moves)).map_err(|error| raised(py, &error))
+}
+
 /// Code, name, text, cause, remedy, and whether it is a warning only.
-type Fault = (u32, &'static str, &'static str, &'static str, &'static str, bool);
+pub type Fault = (u32, &'static str, &'static str, &'static str, &'static str, bool);
+
+/// A fault as a caller has it.
+pub fn fault(of: &profile::Fault) -> Fault {
+    let warning = of.severity != profile::Severity::Fault;
+    (of.code, of.name, of.text, of.cause, of.remedy, warning)
+}
 
 impl Axis {
     /// Does what may block, while other threads go on.
@@ -298,13 +332,52 @@ impl Axis {
         py: Python<'_>,
         what: impl Send + FnOnce(&Inner) -> Result<T, polepair::Error>,
     ) -> PyResult<T> {
-        py.detach(|| what(&self.0)).map_err(|error| raised(py, &error))
+        let axis = self.0.ours(py)?;
+        py.detach(|| what(axis)).map_err(|error| raised(py, &error))
+    }
+
+    /// Begins a request and waits for its end, in one turn where that comes soon.
+    fn ended(
+        &self,
+        py: Python<'_>,
+        what: impl Send + FnOnce(&Inner) -> Result<Running, polepair::Error>,
+    ) -> PyResult<i64> {
+        let begun = self.done(py, |axis| {
+            let mut running = what(axis)?;
+            Ok(match running.wait(SLICE)? {
+                Some(raw) => Ok(raw),
+                None => Err(running),
+            })
+        })?;
+        begun.or_else(|running| Ok(Request::new(running).result(py, None)?.unwrap_or_default()))
+    }
+
+    /// A verb with what was given for it: target, velocity, acceleration, torque, jerk time.
+    fn command(&self, py: Python<'_>, verb: &str, given: [Option<Given>; 5]) -> PyResult<Command> {
+        let verb = Verb::ALL
+            .into_iter()
+            .find(|known| known.name() == verb)
+            .ok_or_else(|| usage(py, "E217", &format!("there is no verb `{verb}`"), ""))?;
+        let argument = |which, given: Option<Given>| {
+            let amount = given.map(Amount::from);
+            let value = amount.map(|amount| self.0.argument(verb, which, &amount)).transpose();
+            value.map_err(|error| raised(py, &error))
+        };
+        let [target, velocity, acceleration, torque, jerk_time] = given;
+        Ok(Command {
+            target: argument(Argument::Target, target)?,
+            velocity: argument(Argument::Velocity, velocity)?,
+            acceleration: argument(Argument::Acceleration, acceleration)?,
+            torque: argument(Argument::Torque, torque)?,
+            jerk_time: argument(Argument::JerkTime, jerk_time)?,
+            ..Command::new(verb)
+        })
     }
 
     fn begun(
         &self,
         py: Python<'_>,
-        what: impl Send + FnOnce(&Inner) -> Result<polepair::Running, polepair::Error>,
+        what: impl Send + FnOnce(&Inner) -> Result<Running, polepair::Error>,
     ) -> PyResult<Request> {
         self.done(py, what).map(Request::new)
     }

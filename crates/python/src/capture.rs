@@ -5,29 +5,44 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use arrow_array::RecordBatch;
+use arrow_schema::ArrowError;
 use polepair::config::Config;
 use polepair_capture::session::Notice;
 use polepair_capture::{Decoder as Inner, Event as Found, Format, ItemValue, Judge, Rules};
-use polepair_core::explain::{Addressing, Direction, EncodeError, Via};
-use polepair_core::medium::STREAM_UNIT_MAX;
+use polepair_columns::{Origin, Table, Tables};
+use polepair_core::explain::Direction;
 use polepair_core::profile::Profile;
-use polepair_core::{drives, proto};
-use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
 use pyo3::types::{PyBytes, PyDict};
 
+use crate::columns::{Columns, broken};
 use crate::errors::{raised, usage};
 
 /// Bytes of a file that are read at once.
 const PIECE: usize = 1 << 18;
 
-/// Explains a capture piece by piece.
+/// Pieces that are made into columns before it is looked whether Ctrl-C was pressed.
+const PIECES: usize = 64;
+
+/// Explains a capture piece by piece, or makes columns of it.
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct Decoder {
+    asked: Asked,
     reading: Mutex<Reading>,
     verdicts: Vec<String>,
+}
+
+/// What is to be decoded, and how.
+#[derive(Debug)]
+struct Asked {
+    path: PathBuf,
+    rules: Option<Rules>,
+    profile: Option<&'static Profile>,
+    format: Option<Format>,
 }
 
 /// How far a capture is read.
@@ -100,8 +115,11 @@ impl Decoder {
         let format = format.map(|word| known_format(py, word)).transpose()?;
         let profile = profile.map(|word| known_profile(py, word)).transpose()?;
         let rules = rules.map(|text| known_rules(py, text)).transpose()?;
-        py.detach(|| Self::of(&path, rules, profile, format))
-            .map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))
+        let asked = Asked { path, rules, profile, format };
+        let opened = py.detach(|| Ok((asked.decoder()?, File::open(&asked.path)?)));
+        let ((verdicts, decoder), file) = opened.map_err(|error| asked.unread(error))?;
+        let reading = Mutex::new(Reading { decoder, file: Some(file) });
+        Ok(Self { asked, reading, verdicts })
     }
 
     /// What each link speaks, and how sure that is; empty where rules said so.
@@ -115,6 +133,26 @@ impl Decoder {
     fn damage(&self, py: Python<'_>) -> Vec<String> {
         let reading = self.lock(py);
         reading.decoder.tally().damage.iter().map(ToString::to_string).collect()
+    }
+
+    /// The whole capture as columns, whatever was read of it before.
+    fn tables(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<Columns>> {
+        let known = |name: &String| {
+            Table::named(name).ok_or_else(|| {
+                let all = Table::ALL.map(Table::name).join(", ");
+                usage(py, "E250", &format!("`{name}` is no table"), &format!("tables are {all}"))
+            })
+        };
+        let wanted: Vec<Table> = names.iter().map(known).collect::<PyResult<_>>()?;
+        let mut made = Made::new(&self.asked.path, &wanted);
+        let opened = py.detach(|| Ok((self.asked.decoder()?.1, File::open(&self.asked.path)?)));
+        let (inner, mut file) = opened.map_err(|error| self.asked.unread(error))?;
+        let mut decoder = inner.without_words();
+        let mut buffer = vec![0; PIECE];
+        while py.detach(|| made.pieces(&mut decoder, &mut file, &mut buffer))? {
+            py.check_signals()?;
+        }
+        py.detach(|| made.end(decoder)).map_err(broken)
     }
 
     /// The next frames; empty at the end.
@@ -144,18 +182,14 @@ impl Decoder {
     }
 }
 
-impl Decoder {
-    fn of(
-        path: &Path,
-        rules: Option<Rules>,
-        profile: Option<&'static Profile>,
-        format: Option<Format>,
-    ) -> std::io::Result<Self> {
-        let (verdicts, inner) = match rules {
-            Some(rules) => (Vec::new(), Inner::new(rules).with_format(format)),
+impl Asked {
+    /// Who speaks, and a decoder that knows it.
+    fn decoder(&self) -> std::io::Result<(Vec<String>, Inner)> {
+        let (verdicts, inner) = match &self.rules {
+            Some(rules) => (Vec::new(), Inner::new(rules.clone()).with_format(self.format)),
             None => {
-                let mut judge = Judge::of_format(format);
-                let (mut file, mut buffer) = (File::open(path)?, vec![0; PIECE]);
+                let mut judge = Judge::of_format(self.format);
+                let (mut file, mut buffer) = (File::open(&self.path)?, vec![0; PIECE]);
                 loop {
                     match file.read(&mut buffer)? {
                         0 => break judge.decide(),
@@ -165,32 +199,76 @@ impl Decoder {
             }
         };
         let verdicts = verdicts.iter().map(ToString::to_string).collect();
-        let decoder = inner.with_profile(profile);
-        let reading = Reading { decoder, file: Some(File::open(path)?) };
-        Ok(Self { reading: Mutex::new(reading), verdicts })
+        Ok((verdicts, inner.with_profile(self.profile)))
     }
 
+    fn unread(&self, error: std::io::Error) -> PyErr {
+        PyOSError::new_err(format!("{}: {error}", self.path.display()))
+    }
+}
+
+impl Decoder {
     /// Other threads go on while this one waits for its turn.
     fn lock<'a>(&'a self, py: Python<'a>) -> MutexGuard<'a, Reading> {
         self.reading.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
     }
 }
 
+/// Tables on their way.
+struct Made {
+    tables: Tables,
+    batches: Vec<(Table, Vec<RecordBatch>)>,
+}
+
+impl Made {
+    fn new(path: &Path, wanted: &[Table]) -> Self {
+        let origin = Origin { source: String::new(), file: path.display().to_string() };
+        let batches = wanted.iter().map(|table| (*table, Vec::new())).collect();
+        Self { tables: Tables::new(wanted, &origin), batches }
+    }
+
+    /// Takes some pieces of the file; false at its end.
+    fn pieces(
+        &mut self,
+        decoder: &mut Inner,
+        file: &mut File,
+        buffer: &mut [u8],
+    ) -> PyResult<bool> {
+        for _ in 0..PIECES {
+            let count = file.read(buffer)?;
+            decoder.feed(&buffer[..count], &mut |event| self.tables.take(event));
+            if self.tables.is_full() {
+                self.flush().map_err(broken)?;
+            }
+            if count == 0 {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn flush(&mut self) -> Result<(), ArrowError> {
+        let Self { tables, batches } = self;
+        tables.flush(&mut |table, batch| {
+            let of = batches.iter_mut().find(|(of, _)| *of == table);
+            of.into_iter().for_each(|(_, rows)| rows.push(batch.clone()));
+            Ok(())
+        })
+    }
+
+    fn end(mut self, mut decoder: Inner) -> Result<Vec<Columns>, ArrowError> {
+        decoder.finish(&mut |event| self.tables.take(event));
+        decoder.ending(&mut |link, notices| self.tables.ending(link, notices));
+        self.flush()?;
+        self.batches.into_iter().map(|(table, rows)| Columns::new(table, rows)).collect()
+    }
+}
+
 impl Event {
-    fn new(py: Python<'_>, found: &Found<'_>) -> PyResult<Self> {
+    pub fn new(py: Python<'_>, found: &Found<'_>) -> PyResult<Self> {
         let fields = PyDict::new(py);
         for item in found.explained.items() {
-            match item.value {
-                ItemValue::Int(value) => fields.set_item(item.name, value)?,
-                ItemValue::Hex(value, _) => fields.set_item(item.name, value)?,
-                ItemValue::Real(value) => fields.set_item(item.name, value)?,
-                ItemValue::Text(value) => fields.set_item(item.name, value)?,
-                ItemValue::Words(words) => {
-                    let (pairs, _) = words.as_chunks::<2>();
-                    let words: Vec<u16> = pairs.iter().copied().map(u16::from_be_bytes).collect();
-                    fields.set_item(item.name, words)?;
-                }
-            }
+            fields.set_item(item.name, item_value(py, item.value)?)?;
         }
         Ok(Self {
             number: found.number,
@@ -216,6 +294,21 @@ impl Event {
     }
 }
 
+/// A field's value as Python has it.
+pub fn item_value<'py>(py: Python<'py>, value: ItemValue<'_>) -> PyResult<Bound<'py, PyAny>> {
+    Ok(match value {
+        ItemValue::Int(value) => value.into_pyobject(py)?.into_any(),
+        ItemValue::Hex(value, _) => value.into_pyobject(py)?.into_any(),
+        ItemValue::Real(value) => value.into_pyobject(py)?.into_any(),
+        ItemValue::Text(value) => value.into_pyobject(py)?.into_any(),
+        ItemValue::Words(words) => {
+            let (pairs, _) = words.as_chunks::<2>();
+            let words: Vec<u16> = pairs.iter().copied().map(u16::from_be_bytes).collect();
+            words.into_pyobject(py)?
+        }
+    })
+}
+
 /// A notice as its kind and its facts.
 fn notice(py: Python<'_>, told: &Notice) -> PyResult<(&'static str, Py<PyDict>)> {
     let facts = PyDict::new(py);
@@ -227,6 +320,7 @@ fn notice(py: Python<'_>, told: &Notice) -> PyResult<(&'static str, Py<PyDict>)>
             facts.set_item("exact", signal.exact)?;
             facts.set_item("unit", signal.unit)?;
             facts.set_item("quality", signal.quality as u8)?;
+            facts.set_item("request", signal.request)?;
             "signal"
         }
         Notice::Exchange(exchange) => {
@@ -283,45 +377,4 @@ fn known_rules(py: Python<'_>, text: &str) -> PyResult<Rules> {
 fn known_profile(py: Python<'_>, word: &str) -> PyResult<&'static Profile> {
     let named = Config::discover().and_then(|config| config.profile_of(word));
     named.map_err(|error| raised(py, &error))
-}
-
-/// The bytes of a text in a protocol's own language: bytes, and CAN identifier with its width.
-#[pyfunction]
-#[pyo3(signature = (protocol, text, axis=None, host=None, via=None))]
-pub fn encode<'py>(
-    py: Python<'py>,
-    protocol: &str,
-    text: &str,
-    axis: Option<u32>,
-    host: Option<u32>,
-    via: Option<&str>,
-) -> PyResult<(Bound<'py, PyBytes>, Option<u32>, bool)> {
-    let dissectors = proto::dissectors();
-    let found = dissectors.iter().find(|known| known.name() == protocol);
-    let dissector = *found.ok_or_else(|| {
-        let known: Vec<_> = dissectors.iter().map(|known| known.name()).collect();
-        let what = format!("there is no protocol `{protocol}`");
-        usage(py, "E203", &what, &format!("protocols are {}", known.join(", ")))
-    })?;
-    let via = match via {
-        None => Via::Usual,
-        Some("serial") => Via::Serial,
-        Some("rs485") => Via::Rs485,
-        Some("can") => Via::Can,
-        Some(_) => return Err(PyValueError::new_err("via is serial, rs485 or can")),
-    };
-    let profile = drives::usual(dissector);
-    let addressing = Addressing { axis, groups: false, host, profile, via };
-    let mut out = [0; STREAM_UNIT_MAX];
-    match dissector.encode(text, &addressing, &mut out) {
-        Ok(made) => Ok((PyBytes::new(py, &out[..made.len]), made.id, made.extended)),
-        Err(EncodeError::Forbidden(why)) => {
-            Err(usage(py, "E222", &format!("`{text}` cannot be sent so: {why}"), ""))
-        }
-        Err(EncodeError::Text(error)) => {
-            let what =
-                format!("`{text}` is not {}: expected {}", dissector.language(), error.expected);
-            Err(usage(py, "E241", &what, &format!("at character {}", error.at + 1)))
-        }
-    }
 }

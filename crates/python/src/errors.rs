@@ -24,6 +24,13 @@ pub fn usage(py: Python<'_>, code: &str, what: &str, hint: &str) -> PyErr {
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
+/// The exception for bytes that are not what they should be.
+pub fn corrupt(py: Python<'_>, what: &str) -> PyErr {
+    let made = class(py, "ProtocolError");
+    let made = made.and_then(|class| class.call1((what, "E501", Some(false), "")));
+    made.map_or_else(|error| error, PyErr::from_value)
+}
+
 fn class<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyType>> {
     let module = CLASSES.get_or_try_init(py, || py.import("polepair.errors").map(Bound::unbind))?;
     Ok(module.bind(py).getattr(name)?.cast_into::<PyType>()?)

@@ -13,8 +13,12 @@
 mod axis;
 mod bus;
 mod capture;
+mod codec;
+mod columns;
 mod errors;
+mod explain;
 mod given;
+mod layout;
 mod link;
 mod outside;
 mod request;
@@ -36,10 +40,17 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<simulation::Truth>()?;
     module.add_class::<capture::Decoder>()?;
     module.add_class::<capture::Event>()?;
+    module.add_class::<columns::Columns>()?;
+    module.add_class::<columns::Lent>()?;
+    module.add_class::<codec::Codec>()?;
+    module.add_class::<layout::Layout>()?;
     module.add_function(wrap_pyfunction!(link::connect, module)?)?;
     module.add_function(wrap_pyfunction!(link::connect_over, module)?)?;
     module.add_function(wrap_pyfunction!(link::scan, module)?)?;
     module.add_function(wrap_pyfunction!(link::profiles, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::rack_of_word, module)?)?;
-    module.add_function(wrap_pyfunction!(capture::encode, module)?)
+    module.add_function(wrap_pyfunction!(axis::begin_together, module)?)?;
+    module.add_function(wrap_pyfunction!(outside::forked, module)?)?;
+    module.add_function(wrap_pyfunction!(explain::explain, module)?)?;
+    module.add_function(wrap_pyfunction!(explain::explain_code, module)?)
 }

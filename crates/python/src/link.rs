@@ -136,37 +136,39 @@ impl Link {
     }
 
     /// Every axis, in order.
-    fn axes(&self) -> Vec<Axis> {
-        self.inner.axes().iter().cloned().map(Axis::from).collect()
+    fn axes(&self, py: Python<'_>) -> PyResult<Vec<Axis>> {
+        Ok(self.inner.ours(py)?.axes().iter().cloned().map(Axis::from).collect())
     }
 
     /// The axis of that number.
     fn axis(&self, py: Python<'_>, number: u32) -> PyResult<Axis> {
-        self.inner.axis(number).map(Axis::from).map_err(|error| raised(py, &error))
+        self.inner.ours(py)?.axis(number).map(Axis::from).map_err(|error| raised(py, &error))
     }
 
     /// The axis that a rack file calls so.
     fn named(&self, py: Python<'_>, name: &str) -> PyResult<Axis> {
-        self.inner.named(name).map(Axis::from).map_err(|error| raised(py, &error))
+        self.inner.ours(py)?.named(name).map(Axis::from).map_err(|error| raised(py, &error))
     }
 
     /// Stops every axis; the first error, after every one was tried.
     fn stop_all(&self, py: Python<'_>) -> PyResult<()> {
-        py.detach(|| self.inner.stop_all()).map_err(|error| raised(py, &error))
+        let link = self.inner.ours(py)?;
+        py.detach(|| link.stop_all()).map_err(|error| raised(py, &error))
     }
 
     /// The simulation behind it, if it is one.
     #[getter]
-    fn simulation(&self) -> Option<Simulation> {
-        self.inner.simulation().cloned().map(Simulation::from)
+    fn simulation(&self, py: Python<'_>) -> PyResult<Option<Simulation>> {
+        Ok(self.inner.ours(py)?.simulation().cloned().map(Simulation::from))
     }
 
     /// What its wires noticed and could not hand on: of each its name, units that nobody took in
     /// time, what was none, errors that the controller reported, units that were not sent.
-    fn losses(&self, py: Python<'_>) -> Vec<Losses> {
-        py.detach(|| {
+    fn losses(&self, py: Python<'_>) -> PyResult<Vec<Losses>> {
+        let link = self.inner.ours(py)?;
+        Ok(py.detach(|| {
             let mut seen: Vec<&Connection> = Vec::new();
-            for axis in self.inner.axes() {
+            for axis in link.axes() {
                 if seen.iter().all(|other| !other.is(axis.connection())) {
                     seen.push(axis.connection());
                 }
@@ -176,7 +178,7 @@ impl Link {
                 (wire.describe(), lost.overrun, lost.malformed, lost.errors, lost.refused)
             };
             seen.into_iter().map(row).collect()
-        })
+        }))
     }
 
     /// The last units on its wires, as the lines of a capture; `None` unless it was asked for.

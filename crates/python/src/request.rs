@@ -29,7 +29,8 @@ impl Request {
     /// Waits for the end, at most `timeout` seconds, and gives the last value that was read;
     /// `None` when it goes on.
     #[pyo3(signature = (timeout=None))]
-    fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<i64>> {
+    pub fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<i64>> {
+        self.0.ours(py)?;
         let mut left = timeout.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::ZERO));
         loop {
             let slice = left.map_or(SLICE, |left| left.min(SLICE));
@@ -43,9 +44,10 @@ impl Request {
     }
 
     /// Calls `wake` from some thread once the request has ended; true when it has already.
-    fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> bool {
+    fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
+        self.0.ours(py)?;
         let waker = Waker::from(Arc::new(Call(wake)));
-        py.detach(|| self.lock().ended_or_wake(&waker))
+        Ok(py.detach(|| self.lock().ended_or_wake(&waker)))
     }
 }
 

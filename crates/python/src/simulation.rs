@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use polepair::simulate::{Simulation as Inner, rack_of_words};
+use polepair::simulate::{Pace, Simulation as Inner, rack_of_words};
 use polepair_core::drives::bench::Act;
 use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
@@ -65,14 +65,23 @@ type Rack = (bool, &'static str, Vec<(&'static str, Option<u32>)>);
 impl Simulation {
     /// Seconds since it began.
     #[getter]
-    fn now(&self, py: Python<'_>) -> f64 {
-        py.detach(|| self.0.now()).since(Instant::ZERO).as_secs_f64()
+    fn now(&self, py: Python<'_>) -> PyResult<f64> {
+        let simulation = self.0.ours(py)?;
+        Ok(py.detach(|| simulation.now()).since(Instant::ZERO).as_secs_f64())
+    }
+
+    /// Its time passes only while somebody waits, and then at once.
+    #[getter]
+    fn is_virtual(&self) -> bool {
+        self.0.pace() == Pace::Virtual
     }
 
     /// Lets so many seconds pass: at once in virtual time, by sleeping in real time.
-    fn run(&self, py: Python<'_>, seconds: f64) {
+    fn run(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+        let simulation = self.0.ours(py)?;
         let span = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
-        py.detach(|| self.0.pass(span));
+        py.detach(|| simulation.pass(span));
+        Ok(())
     }
 
     /// Does something to a drive from outside; false where it has no such thing.
@@ -88,12 +97,14 @@ impl Simulation {
             let what = format!("`{what}` cannot be done to a simulated drive");
             usage(py, "E217", &what, &format!("what can be done: {ACTS}"))
         })?;
-        Ok(py.detach(|| self.0.act(link, drive, act)))
+        let simulation = self.0.ours(py)?;
+        Ok(py.detach(|| simulation.act(link, drive, act)))
     }
 
     /// What is true of a motor; links and drives count from 0.
     fn truth(&self, py: Python<'_>, link: usize, drive: usize) -> PyResult<Truth> {
-        let truth = py.detach(|| self.0.truth(link, drive)).ok_or_else(|| {
+        let simulation = self.0.ours(py)?;
+        let truth = py.detach(|| simulation.truth(link, drive)).ok_or_else(|| {
             let what = format!("the simulation has no drive {drive} on link {link}");
             usage(py, "E212", &what, "links and drives count from 0")
         })?;

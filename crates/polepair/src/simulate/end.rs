@@ -16,7 +16,7 @@ const EVENTS_MAX: usize = 4096;
 #[derive(Debug)]
 pub(super) struct Shared {
     world: Mutex<World>,
-    pace: Pace,
+    pub(super) pace: Pace,
     started: Instant,
 }
 

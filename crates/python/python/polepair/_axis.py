@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from . import _polepair as native
 from ._steps import Call, Steps, Wait
 from .errors import NoReply, PolepairError, Unsupported
 from .quantity import Amount, Quantity, given
+from .trace import StepResponse, Trace
 
 TIMEOUT = 60.0
 """Seconds that a move or a homing may take where the caller does not say."""
+
+
+ELSEWHERE = "what is open belongs to this process; pass the connection string, and connect there"
+"""Why nothing that is open can be sent to another process."""
+
+STEPS = {
+    "velocity": ("velocity", "velocity"),
+    "position": ("move-to", "target"),
+    "torque": ("torque", "torque"),
+}
+"""What a step can be of: the verb that tells it, and which of its arguments."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +103,22 @@ class AxisSteps:
 
     def __repr__(self) -> str:
         return f"<Axis {self.label}: {self.title}>"
+
+    def _repr_html_(self) -> str:
+        from ._html import table
+
+        rows = [
+            ("product", self.title),
+            ("protocol", self.protocol),
+            ("armed", "yes" if self._native.is_armed else "no"),
+            ("tells", ", ".join(self.signals)),
+            ("can", ", ".join(self.verbs)),
+            ("caution", self.caution),
+        ]
+        return table(["", self.label], rows)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise TypeError(f"an axis cannot be pickled: {ELSEWHERE}")
 
     def _run(self, verb: str, **arguments: float | str | None) -> Steps[None]:
         started = yield from self._begin(verb, **arguments)
@@ -173,6 +203,59 @@ class AxisSteps:
         """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC."""
         values = yield Call(self._native.read_signals, list(signals))
         return dict(zip(signals, values, strict=True))
+
+    def _capture(
+        self, signals: Sequence[str], *, rate: float = 100.0, seconds: float = 1.0
+    ) -> Steps[Trace]:
+        """Reads signals `rate` times a second for so long, and gives all of it.
+
+        A drive that answers more slowly gives fewer samples, each with its own time.
+        """
+        return self._sampled(signals, rate, self._native.now, seconds)
+
+    def _sampled(
+        self, signals: Sequence[str], rate: float, began: float, seconds: float
+    ) -> Steps[Trace]:
+        times: list[float] = []
+        columns: dict[str, list[float]] = {signal: [] for signal in signals}
+        while (asked := self._native.now) - began < seconds:
+            row = yield from self._read(*signals)
+            answered = self._native.now
+            # The drive looked somewhere between question and answer.
+            times.append((asked + answered) / 2 - began)
+            for signal, value in row.items():
+                columns[signal].append(value)
+            yield Call(self._native.sleep, max(0.0, 1.0 / rate - (answered - asked)))
+        return Trace(self.label, times, columns)
+
+    def _step(
+        self,
+        signal: str,
+        target: Amount,
+        unit: str | None = None,
+        *,
+        rate: float = 200.0,
+        seconds: float = 1.0,
+        band: float = 0.02,
+    ) -> Steps[StepResponse]:
+        """Sets a new `velocity`, `position` or `torque` at once, and judges how it is reached.
+
+        The axis must be armed, and goes on as it was told. It is read `rate` times a second for so
+        many seconds; `band` is the share of the way that counts as settled. Errors: `Unsupported`
+        E213 for another signal; ValueError if it did not move.
+        """
+        if signal not in STEPS:
+            what = f"a step is of {', '.join(STEPS)}, not of `{signal}`"
+            raise Unsupported(what, "E213", False, "capture() reads any signal")
+        verb, argument = STEPS[signal]
+        wanted = given(target, unit)
+        goal = self._native.in_si(verb, argument, wanted)  # type: ignore[arg-type]
+        before = yield from self._read(signal)
+        yield from self._run(verb, **{argument: wanted})
+        began = self._native.now
+        trace = yield from self._sampled([signal], rate, began, seconds)
+        times, values = [0.0, *trace.times], [before[signal], *trace[signal]]
+        return Trace(trace.axis, times, {signal: values}).step(signal, goal, band=band)
 
     def _faults(self) -> Steps[list[Fault]]:
         """The faults and warnings that are there now."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from . import _polepair as native
-from ._axis import AxisSteps
+from ._axis import ELSEWHERE, AxisSteps
 from .errors import PolepairError
 
 A = TypeVar("A", bound=AxisSteps)
@@ -76,6 +76,9 @@ class LinkOf(Generic[A]):
         """
         return self._open().trace() or []
 
+    def _chosen(self, which: tuple[int | str, ...]) -> list[A]:
+        return [self.axis(one) for one in which] if which else self.axes
+
     def close(self) -> None:
         """Closes it. Axes that are still held keep it open."""
         self._native = None
@@ -85,6 +88,17 @@ class LinkOf(Generic[A]):
         if self._native is None:
             raise ValueError("this link is closed")
         return self._native
+
+    def _repr_html_(self) -> str:
+        from ._html import table
+
+        if self._native is None:
+            return "<p>a closed link</p>"
+        rows = [(axis.number, axis.name, axis.title, axis.protocol) for axis in self._axes]
+        return table(["axis", "name", "product", "protocol"], rows, self._native.url)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise TypeError(f"a link cannot be pickled: {ELSEWHERE}")
 
     def __repr__(self) -> str:
         if self._native is None:

@@ -26,14 +26,23 @@ def scan(
     progress: Callable[[int, int, int], bool | None] | None = None,
 ) -> list[tuple[int, str, str, str, str | None]]: ...
 def profiles() -> list[tuple[str, str, str]]: ...
-def encode(
-    protocol: str,
-    text: str,
-    axis: int | None = None,
-    host: int | None = None,
-    via: str | None = None,
-) -> tuple[bytes, int | None, bool]: ...
 def rack_of_word(word: str) -> tuple[bool, str, list[tuple[str, int | None]]]: ...
+def explain(
+    subject: str,
+    frame: str | tuple[bytes, int | None, bool, bool],
+    to_drive: bool | None = None,
+) -> tuple[
+    bytes, str, int | None, str, str | None, list[tuple[int, int, str, Any, str]]
+]: ...
+def explain_code(
+    subject: str, code: int
+) -> tuple[str | None, list[tuple[str, tuple[int, str, str, str, str, bool]]]]: ...
+def begin_together(
+    moves: list[
+        tuple[Axis, str, float | str | None, float | str | None, float | str | None]
+    ],
+) -> None: ...
+def forked() -> None: ...
 @final
 class Link:
     @property
@@ -72,6 +81,10 @@ class Axis:
     def start_read(self, id: int) -> Request: ...
     def start_write(self, id: int, raw: int, keep: bool) -> Request: ...
     def start_raw(self, text: str) -> Request: ...
+    def read_raw(self, name: str) -> int: ...
+    def write_raw(self, name: str, raw: int) -> None: ...
+    def raw(self, text: str) -> int: ...
+    def in_si(self, verb: str, argument: str, amount: float | str) -> float: ...
     def raw_of(self, id: int, amount: float | str) -> int: ...
     def value(self, id: int, raw: int) -> tuple[float, str, str | None, str]: ...
     def start(
@@ -138,6 +151,8 @@ class Request:
 class Simulation:
     @property
     def now(self) -> float: ...
+    @property
+    def is_virtual(self) -> bool: ...
     def run(self, seconds: float) -> None: ...
     def act(self, link: int, drive: int, what: str, value: float) -> bool: ...
     def truth(self, link: int, drive: int) -> Truth: ...
@@ -184,7 +199,86 @@ class Decoder:
     def verdicts(self) -> list[str]: ...
     @property
     def damage(self) -> list[str]: ...
+    def tables(self, names: list[str]) -> list[Columns]: ...
     def read(self) -> list[Event]: ...
+
+@final
+class Columns:
+    @property
+    def name(self) -> str: ...
+    def __len__(self) -> int: ...
+    def fields(self) -> list[tuple[str, str]]: ...
+    def __arrow_c_schema__(self) -> object: ...
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object: ...
+    def lend(self, column: str) -> tuple[Lent, Lent | None, list[str] | None]: ...
+    def lend_bytes(self, column: str) -> tuple[Lent, Lent]: ...
+    def byte_strings(self, column: str) -> list[bytes]: ...
+    def cells(self, column: str, count: int) -> list[str]: ...
+    def texts(self, column: str) -> list[str]: ...
+
+@final
+class Lent:
+    @property
+    def __array_interface__(self) -> dict[str, Any]: ...
+
+@final
+class Codec:
+    """A protocol's texts as bytes, and its frames as values: for many of them, without their words.
+
+    `via` is serial, rs485 or can. Errors: `Unsupported` E203 for a protocol that nobody knows.
+
+    >>> import polepair
+    >>> codec = polepair.Codec("modbus-rtu", axis=1)
+    >>> request = codec.encode("read 0x0100 2")
+    >>> codec.value(bytes.fromhex("01 03 04 00 07 00 08 4A 35"), "values", request)
+    (7, 8)
+    """
+
+    def __new__(
+        cls, protocol: str, axis: int | None = None, host: int | None = None, via: str | None = None
+    ) -> Codec: ...
+    @property
+    def protocol(self) -> str: ...
+    def encode(self, text: str) -> bytes:
+        """The bytes of a text; what was said before is looked up.
+
+        Errors: `Unsupported` E241 for what is not of the language, E222 for what cannot be sent.
+        """
+    def make(self, text: str) -> tuple[bytes, int | None, bool]: ...
+    def value(
+        self, frame: bytes, field: str, request: bytes | None = None, id: int | None = None
+    ) -> Any:
+        """One field of a drive's frame: int, float, str, or a tuple of 16-bit words.
+
+        `field` is a name that `explain` has for it, `request` what the frame answers, `id` its CAN
+        identifier. Errors: `ProtocolError` for a frame that breaks the protocol, `Unsupported` E213
+        for a field that it has not.
+        """
+
+@final
+class Layout:
+    """Values packed into a frame bit by bit, the least significant first, as CANopen maps them.
+
+    `u16 status, i32 position, f32 torque, u1 ready, 7`: a type with its bits and a name each; a
+    number alone leaves so many bits out.
+
+    >>> import polepair
+    >>> layout = polepair.Layout("u16 status, i32 position")
+    >>> layout.unpack(layout.pack(0x1237, -5))
+    (4663, -5)
+    """
+
+    def __new__(cls, text: str) -> Layout: ...
+    @property
+    def names(self) -> list[str]:
+        """The values' names, in order."""
+    @property
+    def size(self) -> int:
+        """Bytes that it takes."""
+    def unpack(self, data: bytes | bytearray) -> tuple[Any, ...]:
+        """The values of a frame, in order. Errors: ValueError for too few bytes."""
+    def pack(self, *values: float) -> bytes:
+        """The bytes of a frame with these values. Errors: OverflowError for what does not fit."""
 
 @final
 class Event:

@@ -7,13 +7,22 @@ from types import TracebackType
 
 from . import _polepair as native
 from ._axis import TIMEOUT, AxisSteps, Fault
+from ._group import GroupSteps, Targets
 from ._link import ArmedOf, LinkOf, ParametersOf
 from ._steps import blocking, run
 from .errors import PolepairError
 from .quantity import Amount, Quantity
-from .trace import Trace
 
-__all__ = ["Armed", "Axis", "Link", "Motion", "Parameters", "RawParameters"]
+__all__ = [
+    "Armed",
+    "Axis",
+    "Group",
+    "GroupMotion",
+    "Link",
+    "Motion",
+    "Parameters",
+    "RawParameters",
+]
 
 
 class Axis(AxisSteps):
@@ -45,7 +54,12 @@ class Axis(AxisSteps):
     home = blocking(AxisSteps._home)
     reached = blocking(AxisSteps._reached)
     read = blocking(AxisSteps._read)
-    raw = blocking(AxisSteps._raw)
+    capture = blocking(AxisSteps._capture)
+    step = blocking(AxisSteps._step)
+
+    def raw(self, text: str) -> int:
+        """Sends a request in the protocol's own text, `GAP 1`, and gives the value answered."""
+        return self._native.raw(text)
 
     def faults(self) -> list[Fault]:
         """The faults and warnings that are there now, in words, with cause and remedy."""
@@ -98,17 +112,6 @@ class Axis(AxisSteps):
             yield now - began, self.read(*signals)
             self._native.sleep(max(0.0, period - (self._native.now - now)))
 
-    def capture(
-        self, signals: list[str], *, rate: float = 100.0, seconds: float = 1.0
-    ) -> Trace:
-        """Reads signals `rate` times a second for so long, and gives all of it.
-
-        A drive that answers more slowly gives fewer samples, each with its own time.
-        """
-        rows = list(self.watch(*signals, period=1.0 / rate, seconds=seconds))
-        times = [time for time, _ in rows]
-        return Trace(self.label, times, {s: [row[s] for _, row in rows] for s in signals})
-
 
 class Motion:
     """A move under way."""
@@ -132,6 +135,111 @@ class Motion:
 
     def __repr__(self) -> str:
         return f"<Motion of {self._axis.label}>"
+
+
+class Group(GroupSteps[Axis]):
+    """Axes of a link that move together.
+
+    >>> import polepair
+    >>> with polepair.connect("sim:cia402:1,2?time=virtual") as link:
+    ...     with link.group(1, 2).armed() as both:
+    ...         both.move({1: 1.0, 2: 0.5}).wait()
+    ...         [round(axis.read("position")["position"], 2) for axis in both.axes]
+    [1.0, 0.5]
+    """
+
+    __slots__ = ()
+
+    stop = blocking(GroupSteps._stop)
+
+    def move(
+        self,
+        targets: Targets,
+        unit: str | None = None,
+        *,
+        velocity: Amount | None = None,
+        acceleration: Amount | None = None,
+        sync: bool = True,
+    ) -> GroupMotion:
+        """Sets out for a position each: by name or number, or in the group's order.
+
+        With `sync` each drive is made ready, and one signal on the bus sets all of them going;
+        `Unsupported` E218 for drives that cannot wait for one: nothing was sent. Without, they are
+        told one right after the other.
+        """
+        moving = run(self._set_out("move-to", targets, unit, velocity, acceleration, sync))
+        return GroupMotion(self, moving)
+
+    def move_by(
+        self,
+        distances: Targets,
+        unit: str | None = None,
+        *,
+        velocity: Amount | None = None,
+        acceleration: Amount | None = None,
+        sync: bool = True,
+    ) -> GroupMotion:
+        """Sets out for positions so far from here, as `move`. It is never sent twice."""
+        moving = run(self._set_out("move-by", distances, unit, velocity, acceleration, sync))
+        return GroupMotion(self, moving)
+
+    def armed(self, watchdog: float | None = None) -> GroupArmed:
+        """Lets them move within a `with` block, whose end stops and disables all of them."""
+        return GroupArmed(self, watchdog)
+
+
+class GroupMotion:
+    """Moves of several axes under way."""
+
+    __slots__ = ("_group", "_moving")
+
+    def __init__(self, group: Group, moving: list[Axis]) -> None:
+        self._group = group
+        self._moving = moving
+
+    def wait(self, timeout: float = TIMEOUT) -> None:
+        """Waits until all have arrived; raises `PolepairError` E101 if one has not in time."""
+        run(self._group._arrive(self._moving, timeout))
+
+    def done(self) -> bool:
+        """Whether all have arrived."""
+        return all(axis.reached(0.0) for axis in self._moving)
+
+    def cancel(self) -> None:
+        """Stops the group."""
+        self._group.stop()
+
+    def __repr__(self) -> str:
+        return f"<Motion of {', '.join(axis.label for axis in self._moving)}>"
+
+
+class GroupArmed:
+    """Axes that may move, for as long as a `with` block lasts."""
+
+    __slots__ = ("_before", "_group", "_watchdog")
+
+    def __init__(self, group: Group, watchdog: float | None) -> None:
+        self._group = group
+        self._watchdog = watchdog
+        self._before: list[int | None] = []
+
+    def __enter__(self) -> Group:
+        self._before = run(self._group._arm(self._watchdog))
+        return self._group
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            run(self._group._release(self._before))
+        except PolepairError as failed:
+            if error is None:
+                raise
+            notes = getattr(error, "__notes__", [])
+            error.__notes__ = [*notes, f"And an axis could not be stopped: {failed}"]
 
 
 class Armed(ArmedOf[Axis]):
@@ -185,10 +293,10 @@ class RawParameters(ParametersOf[Axis], Mapping[str, int]):
     __slots__ = ()
 
     def __getitem__(self, name: str) -> int:
-        return run(self._axis._get_raw(name))
+        return self._axis._native.read_raw(name)
 
     def __setitem__(self, name: str, raw: int) -> None:
-        run(self._axis._set_raw(name, raw))
+        self._axis._native.write_raw(name, raw)
 
 
 class Link(LinkOf[Axis]):
@@ -198,6 +306,10 @@ class Link(LinkOf[Axis]):
 
     def _axis(self, axis: native.Axis) -> Axis:
         return Axis(axis)
+
+    def group(self, *which: int | str) -> Group:
+        """Axes that move together, by number or name; all of them if none is named."""
+        return Group(self._chosen(which))
 
     def stop(self) -> None:
         """Stops every axis: all stops are sent before the first is waited for."""

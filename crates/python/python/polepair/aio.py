@@ -2,7 +2,7 @@
 
 >>> import asyncio, polepair
 >>> async def main() -> float:
-...     async with await polepair.aio.connect("sim:tmcl?time=virtual") as link:
+...     async with polepair.aio.connect("sim:tmcl?time=virtual") as link:
 ...         axis = link.axes[0]
 ...         async with axis.armed():
 ...             motion = await axis.move(90, "deg")
@@ -19,16 +19,27 @@ import functools
 from collections.abc import AsyncIterator, Awaitable, Callable, Generator
 from os import PathLike
 from types import TracebackType
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from . import _polepair as native
 from ._axis import TIMEOUT, AxisSteps, Fault
+from ._group import GroupSteps, Targets
 from ._link import ArmedOf, LinkOf, ParametersOf
 from ._steps import Steps, Wait
 from .errors import PolepairError
 from .quantity import Amount, Quantity
 
-__all__ = ["Armed", "Axis", "Link", "Motion", "Parameters", "connect"]
+__all__ = [
+    "Armed",
+    "Axis",
+    "Group",
+    "GroupMotion",
+    "Link",
+    "Motion",
+    "Opening",
+    "Parameters",
+    "connect",
+]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -117,6 +128,8 @@ class Axis(AxisSteps):
     torque = awaitable(AxisSteps._press)
     home = awaitable(AxisSteps._home)
     reached = awaitable(AxisSteps._reached)
+    capture = awaitable(AxisSteps._capture)
+    step = awaitable(AxisSteps._step)
 
     async def read(self, *signals: str) -> dict[str, float]:
         """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC."""
@@ -192,6 +205,88 @@ class Motion:
         return f"<Motion of {self._axis.label}>"
 
 
+class Group(GroupSteps[Axis]):
+    """Axes of a link that move together."""
+
+    __slots__ = ()
+
+    stop = awaitable(GroupSteps._stop)
+
+    async def move(
+        self,
+        targets: Targets,
+        unit: str | None = None,
+        *,
+        velocity: Amount | None = None,
+        acceleration: Amount | None = None,
+        sync: bool = True,
+    ) -> GroupMotion:
+        """Sets out for a position each; with `sync` one signal on the bus sets all going."""
+        moves = self._set_out("move-to", targets, unit, velocity, acceleration, sync)
+        return GroupMotion(self, await arun(moves))
+
+    async def move_by(
+        self,
+        distances: Targets,
+        unit: str | None = None,
+        *,
+        velocity: Amount | None = None,
+        acceleration: Amount | None = None,
+        sync: bool = True,
+    ) -> GroupMotion:
+        """Sets out for positions so far from here, as `move`. It is never sent twice."""
+        moves = self._set_out("move-by", distances, unit, velocity, acceleration, sync)
+        return GroupMotion(self, await arun(moves))
+
+    def armed(self, watchdog: float | None = None) -> GroupArmed:
+        """Lets them move within an `async with` block, whose end stops and disables all."""
+        return GroupArmed(self, watchdog)
+
+
+class GroupMotion:
+    """Moves of several axes under way; awaiting it waits until all have arrived."""
+
+    __slots__ = ("_group", "_moving")
+
+    def __init__(self, group: Group, moving: list[Axis]) -> None:
+        self._group = group
+        self._moving = moving
+
+    async def wait(self, timeout: float = TIMEOUT) -> None:
+        """Waits until all have arrived; raises `PolepairError` E101 if one has not in time."""
+        await arun(self._group._arrive(self._moving, timeout))
+
+    def __await__(self) -> Generator[None, None, None]:
+        return self.wait().__await__()
+
+    async def cancel(self) -> None:
+        """Stops the group."""
+        await self._group.stop()
+
+
+class GroupArmed:
+    """Axes that may move, for as long as an `async with` block lasts."""
+
+    __slots__ = ("_before", "_group", "_watchdog")
+
+    def __init__(self, group: Group, watchdog: float | None) -> None:
+        self._group = group
+        self._watchdog = watchdog
+        self._before: list[int | None] = []
+
+    async def __aenter__(self) -> Group:
+        self._before = await arun(self._group._arm(self._watchdog))
+        return self._group
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await _released(self._group._release(self._before), error)
+
+
 class Armed(ArmedOf[Axis]):
     """An axis that may move, for as long as an `async with` block lasts."""
 
@@ -207,15 +302,20 @@ class Armed(ArmedOf[Axis]):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        # A task that is cancelled must not leave a motor running.
-        release = asyncio.ensure_future(arun(self._axis._release(self._before)))
-        try:
-            await asyncio.shield(release)
-        except asyncio.CancelledError:
-            await release
-            raise
-        except PolepairError as failed:
-            self._not_stopped(failed, error)
+        await _released(self._axis._release(self._before), error)
+
+
+async def _released(steps: Steps[None], error: BaseException | None) -> None:
+    """Stops and disables, whatever ended the block."""
+    # A task that is cancelled must not leave a motor running.
+    release = asyncio.ensure_future(arun(steps))
+    try:
+        await asyncio.shield(release)
+    except asyncio.CancelledError:
+        await release
+        raise
+    except PolepairError as failed:
+        ArmedOf._not_stopped(failed, error)
 
 
 class Parameters(ParametersOf[Axis]):
@@ -252,6 +352,10 @@ class Link(LinkOf[Axis]):
     def _axis(self, axis: native.Axis) -> Axis:
         return Axis(axis, self._turns)
 
+    def group(self, *which: int | str) -> Group:
+        """Axes that move together, by number or name; all of them if none is named."""
+        return Group(self._chosen(which))
+
     async def stop(self) -> None:
         """Stops every axis: all stops are sent before the first is waited for."""
         loop = asyncio.get_running_loop()
@@ -265,7 +369,32 @@ class Link(LinkOf[Axis]):
         self.close()
 
 
-async def connect(url: str, *, profile: str | PathLike[str] | None = None) -> Link:
-    """Opens a link, as `polepair.connect` does."""
-    loop = asyncio.get_running_loop()
-    return Link(await loop.run_in_executor(None, native.connect, url, profile))
+class Opening:
+    """A link on its way: awaited, or entered as it is."""
+
+    __slots__ = ("_link", "_profile", "_url")
+
+    def __init__(self, url: str, profile: str | PathLike[str] | None) -> None:
+        self._url = url
+        self._profile = profile
+        self._link: Link | None = None
+
+    async def _open(self) -> Link:
+        loop = asyncio.get_running_loop()
+        return Link(await loop.run_in_executor(None, native.connect, self._url, self._profile))
+
+    def __await__(self) -> Generator[Any, None, Link]:
+        return self._open().__await__()
+
+    async def __aenter__(self) -> Link:
+        self._link = await self._open()
+        return self._link
+
+    async def __aexit__(self, *error: object) -> None:
+        if self._link is not None:
+            self._link.close()
+
+
+def connect(url: str, *, profile: str | PathLike[str] | None = None) -> Opening:
+    """Opens a link, as `polepair.connect` does: `await` it, or `async with` it."""
+    return Opening(url, profile)

@@ -48,6 +48,13 @@ class Quantity(float):
 
     __str__ = __repr__
 
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        word = f" ({escape(self.word)})" if self.word else ""
+        raw = "" if self.raw is None else f' title="raw {self.raw}"'
+        return f"<span{raw}><b>{escape(self.text)}</b>{word}</span>"
+
     def __reduce__(self) -> tuple[object, ...]:
         return _make, (float(self), self.unit, self.raw, self.word, self.text)
 

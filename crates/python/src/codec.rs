@@ -1,0 +1,173 @@
+//! Frames made of a protocol's own text, and values taken out of frames, without their words.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::{Mutex, PoisonError};
+
+use polepair_core::error::WireError;
+use polepair_core::explain::{
+    Addressing, Context, Direction, Dissector, EncodeError, Field, Sink, Value, Via,
+};
+use polepair_core::medium::STREAM_UNIT_MAX;
+use polepair_core::{drives, proto};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyTuple};
+
+use crate::errors::{corrupt, usage};
+
+/// Texts whose bytes are kept; further ones are made anew each time.
+const KEPT_MAX: usize = 1 << 10;
+
+/// A protocol's texts as bytes, and its frames as values.
+#[pyclass(frozen, module = "polepair._polepair")]
+pub struct Codec {
+    dissector: &'static dyn Dissector,
+    addressing: Addressing,
+    kept: Mutex<HashMap<String, Py<PyBytes>>>,
+}
+
+impl fmt::Debug for Codec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Codec({})", self.dissector.name())
+    }
+}
+
+/// Bytes, and CAN identifier with its width.
+type Made<'py> = (Bound<'py, PyBytes>, Option<u32>, bool);
+
+#[pymethods]
+impl Codec {
+    #[new]
+    #[pyo3(signature = (protocol, axis=None, host=None, via=None))]
+    fn new(
+        py: Python<'_>,
+        protocol: &str,
+        axis: Option<u32>,
+        host: Option<u32>,
+        via: Option<&str>,
+    ) -> PyResult<Self> {
+        let dissector = proto::dissector(protocol).ok_or_else(|| {
+            let known: Vec<_> = proto::dissectors().iter().map(|known| known.name()).collect();
+            let what = format!("there is no protocol `{protocol}`");
+            usage(py, "E203", &what, &format!("protocols are {}", known.join(", ")))
+        })?;
+        let via = match via {
+            None => Via::Usual,
+            Some("serial") => Via::Serial,
+            Some("rs485") => Via::Rs485,
+            Some("can") => Via::Can,
+            Some(_) => return Err(PyValueError::new_err("via is serial, rs485 or can")),
+        };
+        let profile = drives::usual(dissector);
+        let addressing = Addressing { axis, groups: false, host, profile, via };
+        Ok(Self { dissector, addressing, kept: Mutex::default() })
+    }
+
+    /// The protocol's word.
+    #[getter]
+    fn protocol(&self) -> &'static str {
+        self.dissector.name()
+    }
+
+    /// The bytes of a text. What was said before is looked up.
+    fn encode<'py>(&self, py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyBytes>> {
+        if let Some(bytes) = self.kept().get(text) {
+            return Ok(bytes.bind(py).clone());
+        }
+        let (bytes, _, _) = self.make(py, text)?;
+        let mut kept = self.kept();
+        if kept.len() < KEPT_MAX {
+            kept.insert(text.to_owned(), bytes.clone().unbind());
+        }
+        Ok(bytes)
+    }
+
+    /// The bytes of a text, and its CAN identifier with its width.
+    fn make<'py>(&self, py: Python<'py>, text: &str) -> PyResult<Made<'py>> {
+        let mut out = [0; STREAM_UNIT_MAX];
+        match self.dissector.encode(text, &self.addressing, &mut out) {
+            Ok(made) => Ok((PyBytes::new(py, &out[..made.len]), made.id, made.extended)),
+            Err(EncodeError::Forbidden(why)) => {
+                Err(usage(py, "E222", &format!("`{text}` cannot be sent so: {why}"), ""))
+            }
+            Err(EncodeError::Text(error)) => {
+                let language = self.dissector.language();
+                let what = format!("`{text}` is not {language}: expected {}", error.expected);
+                Err(usage(py, "E241", &what, &format!("at character {}", error.at + 1)))
+            }
+        }
+    }
+
+    /// One field of a drive's frame, by the name that explaining has for it: an int, a float, a str,
+    /// or a tuple of 16-bit words.
+    #[pyo3(signature = (frame, field, request=None, id=None))]
+    fn value<'py>(
+        &self,
+        py: Python<'py>,
+        frame: &[u8],
+        field: &str,
+        request: Option<&[u8]>,
+        id: Option<u32>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let direction = Some(Direction::ToHost);
+        let context = Context { direction, request, id, ..Context::default() };
+        let mut found = Found { py, field, value: None, wrong: None };
+        self.dissector.explain(frame, &context, &mut found);
+        if let Some(wrong) = found.wrong {
+            return Err(corrupt(py, &format!("this frame breaks {}: {wrong}", self.protocol())));
+        }
+        let what = || usage(py, "E213", &format!("this frame has no `{field}`"), "");
+        found.value.unwrap_or_else(|| Err(what()))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Codec of {}>", self.protocol())
+    }
+}
+
+impl Codec {
+    fn kept(&self) -> std::sync::MutexGuard<'_, HashMap<String, Py<PyBytes>>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Takes one field of a frame, and leaves its words.
+struct Found<'py, 'n> {
+    py: Python<'py>,
+    field: &'n str,
+    value: Option<PyResult<Bound<'py, PyAny>>>,
+    wrong: Option<WireError>,
+}
+
+impl Sink for Found<'_, '_> {
+    fn kind(&mut self, _kind: &str) {}
+
+    fn axis(&mut self, _axis: u32) {}
+
+    fn text(&mut self, _piece: &str) {}
+
+    fn field(&mut self, field: Field<'_>) {
+        if field.name == self.field {
+            self.value = Some(value(self.py, field.value));
+        }
+    }
+
+    fn error(&mut self, error: WireError) {
+        self.wrong.get_or_insert(error);
+    }
+}
+
+/// A field's value as Python has it.
+pub fn value<'py>(py: Python<'py>, value: Value<'_>) -> PyResult<Bound<'py, PyAny>> {
+    Ok(match value {
+        Value::Int(value) => value.into_pyobject(py)?.into_any(),
+        Value::Hex(value, _) => value.into_pyobject(py)?.into_any(),
+        Value::Real(value) => value.into_pyobject(py)?.into_any(),
+        Value::Text(value) => value.into_pyobject(py)?.into_any(),
+        Value::Words(words) => {
+            let (pairs, _) = words.as_chunks::<2>();
+            PyTuple::new(py, pairs.iter().copied().map(u16::from_be_bytes))?.into_any()
+        }
+    })
+}

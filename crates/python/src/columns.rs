@@ -1,0 +1,295 @@
+//! A capture's tables, lent where they lie: as Arrow's C stream, and as arrays for NumPy.
+//!
+//! Nothing of Arrow or NumPy is imported: a stream is a capsule, an array says where it lies by
+//! `__array_interface__`, and both keep what they lend alive.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::Arc;
+
+use arrow_array::cast::AsArray;
+use arrow_array::ffi_stream::FFI_ArrowArrayStream;
+use arrow_array::types::{
+    Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
+};
+use arrow_array::{
+    Array, ArrayRef, BinaryArray, DictionaryArray, Int32Array, RecordBatch, RecordBatchIterator,
+    StringArray,
+};
+use arrow_buffer::{Buffer, NullBuffer};
+use arrow_schema::ffi::FFI_ArrowSchema;
+use arrow_schema::{ArrowError, DataType, TimeUnit};
+use polepair_columns::Table;
+use pyo3::exceptions::{PyKeyError, PyRuntimeError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyCapsule, PyDict};
+
+/// One table of a decoded capture.
+#[pyclass(frozen, module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct Columns {
+    table: Table,
+    batches: Vec<RecordBatch>,
+}
+
+/// A stretch of memory that NumPy takes as an array, without a copy.
+#[pyclass(frozen, module = "polepair._polepair")]
+pub struct Lent {
+    buffer: Buffer,
+    kind: &'static str,
+    shape: (usize, Option<usize>),
+}
+
+impl fmt::Debug for Lent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Lent({} of {:?})", self.kind, self.shape)
+    }
+}
+
+#[pymethods]
+impl Lent {
+    /// Where it lies, as the third version of NumPy's array interface says it.
+    #[getter]
+    fn __array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let said = PyDict::new(py);
+        said.set_item("version", 3)?;
+        said.set_item("typestr", self.kind)?;
+        match self.shape {
+            (rows, None) => said.set_item("shape", (rows,))?,
+            (rows, Some(width)) => said.set_item("shape", (rows, width))?,
+        }
+        let read_only = true;
+        said.set_item("data", (self.buffer.as_ptr() as usize, read_only))?;
+        Ok(said)
+    }
+}
+
+/// Values, which of them are there (`None` for all), and the words that they number.
+type Lending = (Lent, Option<Lent>, Option<Vec<String>>);
+
+#[pymethods]
+impl Columns {
+    /// Its name: frames, signals, transactions, events.
+    #[getter]
+    fn name(&self) -> &'static str {
+        self.table.name()
+    }
+
+    fn __len__(&self) -> usize {
+        self.batches.iter().map(RecordBatch::num_rows).sum()
+    }
+
+    /// Each column's name and type.
+    fn fields(&self) -> Vec<(String, String)> {
+        let schema = self.table.schema();
+        schema.fields().iter().map(|f| (f.name().clone(), f.data_type().to_string())).collect()
+    }
+
+    /// The schema, as Arrow's C data interface has it.
+    fn __arrow_c_schema__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyCapsule>> {
+        let schema = FFI_ArrowSchema::try_from(&*self.table.schema()).map_err(broken)?;
+        PyCapsule::new_with_value(py, schema, c"arrow_schema")
+    }
+
+    /// The rows, as Arrow's C stream interface has them: lent, not copied.
+    #[pyo3(signature = (requested_schema=None))]
+    fn __arrow_c_stream__<'py>(
+        &self,
+        py: Python<'py>,
+        requested_schema: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyCapsule>> {
+        // A consumer may ask for another schema and takes what it gets.
+        drop(requested_schema);
+        let batches = self.batches.clone().into_iter().map(Ok);
+        let reader = RecordBatchIterator::new(batches, self.table.schema());
+        let stream = FFI_ArrowArrayStream::new(Box::new(reader));
+        PyCapsule::new_with_value(py, stream, c"arrow_array_stream")
+    }
+
+    /// A column of numbers, times or words.
+    fn lend(&self, py: Python<'_>, column: &str) -> PyResult<Lending> {
+        let array = self.column(py, column)?;
+        let valid = array.nulls().map(mask);
+        let (array, words) = match array.as_dictionary_opt::<Int32Type>() {
+            Some(numbered) => (Arc::new(numbered.keys().clone()) as _, Some(words(numbered))),
+            None => (array, None),
+        };
+        let kind = kind(array.data_type()).ok_or_else(|| PyKeyError::new_err(column.to_owned()))?;
+        let data = array.to_data();
+        let width = data.data_type().primitive_width().unwrap_or(1);
+        let buffer = data.buffers()[0].slice_with_length(data.offset() * width, data.len() * width);
+        Ok((Lent { buffer, kind, shape: (data.len(), None) }, valid, words))
+    }
+
+    /// A column of byte strings as one row each, filled up with zeros, and how long each is.
+    fn lend_bytes(&self, py: Python<'_>, column: &str) -> PyResult<(Lent, Lent)> {
+        let array = self.column(py, column)?;
+        let bytes = bytes(&array, column)?;
+        let (filled, lengths, width) = py.detach(|| filled(bytes));
+        let rows = bytes.len();
+        let filled =
+            Lent { buffer: Buffer::from_vec(filled), kind: "|u1", shape: (rows, Some(width)) };
+        let lengths = Lent { buffer: Buffer::from_vec(lengths), kind: "<i4", shape: (rows, None) };
+        Ok((filled, lengths))
+    }
+
+    /// A column of byte strings as objects.
+    fn byte_strings<'py>(
+        &self,
+        py: Python<'py>,
+        column: &str,
+    ) -> PyResult<Vec<Bound<'py, PyBytes>>> {
+        let array = self.column(py, column)?;
+        Ok(bytes(&array, column)?.iter().flatten().map(|row| PyBytes::new(py, row)).collect())
+    }
+
+    /// The first rows of a column, as people read them.
+    fn cells(&self, column: &str, count: usize) -> PyResult<Vec<String>> {
+        let at = self.table.schema().index_of(column);
+        let at = at.map_err(|_| PyKeyError::new_err(column.to_owned()))?;
+        let Some(first) = self.batches.first() else { return Ok(Vec::new()) };
+        let array = first.column(at);
+        Ok((0..array.len().min(count)).map(|row| cell(array, row)).collect())
+    }
+
+    /// A column of sentences.
+    fn texts(&self, py: Python<'_>, column: &str) -> PyResult<Vec<String>> {
+        let array = self.column(py, column)?;
+        let texts = array.as_string_opt::<i32>();
+        let texts = texts.ok_or_else(|| PyKeyError::new_err(column.to_owned()))?;
+        Ok(texts.iter().flatten().map(str::to_owned).collect())
+    }
+}
+
+impl Columns {
+    /// A table of batches, whose words are numbered alike from now on.
+    pub fn new(table: Table, batches: Vec<RecordBatch>) -> Result<Self, ArrowError> {
+        let width = table.schema().fields().len();
+        let mut columns: Vec<Vec<ArrayRef>> = (0..width)
+            .map(|at| batches.iter().map(|batch| batch.column(at).clone()).collect())
+            .collect();
+        for column in &mut columns {
+            numbered_alike(column)?;
+        }
+        let rows = |at: usize| columns.iter().map(|column| column[at].clone()).collect();
+        let batches = (0..batches.len()).map(|at| RecordBatch::try_new(table.schema(), rows(at)));
+        Ok(Self { table, batches: batches.collect::<Result<_, _>>()? })
+    }
+
+    /// A whole column: where it lies if it came in one piece, else put together.
+    fn column(&self, py: Python<'_>, name: &str) -> PyResult<ArrayRef> {
+        let schema = self.table.schema();
+        let at = schema.index_of(name).map_err(|_| PyKeyError::new_err(name.to_owned()))?;
+        let pieces: Vec<&dyn Array> = self.batches.iter().map(|b| b.column(at).as_ref()).collect();
+        match self.batches.as_slice() {
+            [] => Ok(arrow_array::new_empty_array(schema.field(at).data_type())),
+            [one] => Ok(one.column(at).clone()),
+            _ => py.detach(|| arrow_select::concat::concat(&pieces)).map_err(broken),
+        }
+    }
+}
+
+/// Columns are made of what was decoded; that they cannot be is nobody's mistake but ours.
+pub fn broken(error: ArrowError) -> PyErr {
+    PyRuntimeError::new_err(error.to_string())
+}
+
+/// A value as people read it; empty where there is none.
+fn cell(array: &ArrayRef, row: usize) -> String {
+    if array.is_null(row) {
+        return String::new();
+    }
+    match array.data_type() {
+        DataType::Dictionary(..) => {
+            let numbered = array.as_dictionary::<Int32Type>();
+            let word = numbered.keys().value(row) as usize;
+            numbered.values().as_string::<i32>().value(word).to_owned()
+        }
+        DataType::Utf8 => array.as_string::<i32>().value(row).to_owned(),
+        DataType::Binary => {
+            let bytes = array.as_binary::<i32>().value(row);
+            bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+        }
+        DataType::Int8 => array.as_primitive::<Int8Type>().value(row).to_string(),
+        DataType::Int16 => array.as_primitive::<Int16Type>().value(row).to_string(),
+        DataType::Int32 => array.as_primitive::<Int32Type>().value(row).to_string(),
+        DataType::Int64 => array.as_primitive::<Int64Type>().value(row).to_string(),
+        DataType::Float64 => array.as_primitive::<Float64Type>().value(row).to_string(),
+        DataType::Timestamp(..) => {
+            let us = array.as_primitive::<TimestampMicrosecondType>().value(row);
+            format!("{}.{:06}", us.div_euclid(1_000_000), us.rem_euclid(1_000_000))
+        }
+        _ => String::new(),
+    }
+}
+
+/// The type as NumPy writes it.
+fn kind(of: &DataType) -> Option<&'static str> {
+    Some(match of {
+        DataType::Int8 => "|i1",
+        DataType::Int16 => "<i2",
+        DataType::Int32 => "<i4",
+        DataType::Int64 => "<i8",
+        DataType::Float64 => "<f8",
+        DataType::Timestamp(TimeUnit::Microsecond, _) => "<M8[us]",
+        _ => return None,
+    })
+}
+
+/// Which values are there, a byte each.
+fn mask(nulls: &NullBuffer) -> Lent {
+    let there: Vec<u8> = nulls.iter().map(u8::from).collect();
+    let shape = (there.len(), None);
+    Lent { buffer: Buffer::from_vec(there), kind: "|b1", shape }
+}
+
+fn words(numbered: &DictionaryArray<Int32Type>) -> Vec<String> {
+    let words = numbered.values().as_string::<i32>();
+    words.iter().map(|word| word.unwrap_or_default().to_owned()).collect()
+}
+
+fn bytes<'a>(array: &'a ArrayRef, column: &str) -> PyResult<&'a BinaryArray> {
+    array.as_binary_opt::<i32>().ok_or_else(|| PyKeyError::new_err(column.to_owned()))
+}
+
+/// Rows of one width, their lengths, and the width.
+fn filled(rows: &BinaryArray) -> (Vec<u8>, Vec<i32>, usize) {
+    let offsets = rows.value_offsets();
+    let lengths: Vec<i32> = offsets.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let width = lengths.iter().copied().max().unwrap_or(0) as usize;
+    let mut filled = vec![0; width * rows.len()];
+    let all = rows.value_data();
+    for ((into, start), len) in filled.chunks_exact_mut(width.max(1)).zip(offsets).zip(&lengths) {
+        let (start, len) = (*start as usize, *len as usize);
+        into[..len].copy_from_slice(&all[start..start + len]);
+    }
+    (filled, lengths, width)
+}
+
+/// Gives the pieces of a column of words one dictionary: that of the last where each before it is
+/// its beginning, as it is where one decoder numbered all of them.
+fn numbered_alike(pieces: &mut [ArrayRef]) -> Result<(), ArrowError> {
+    let mut known: Vec<String> = Vec::new();
+    let mut numbers: HashMap<String, i32> = HashMap::new();
+    let mut keys: Vec<Int32Array> = Vec::new();
+    for piece in pieces.iter() {
+        let Some(piece) = piece.as_dictionary_opt::<Int32Type>() else { return Ok(()) };
+        let anew: Vec<i32> = words(piece)
+            .into_iter()
+            .map(|word| {
+                *numbers.entry(word).or_insert_with_key(|word| {
+                    known.push(word.clone());
+                    known.len() as i32 - 1
+                })
+            })
+            .collect();
+        let same = anew.iter().copied().eq(0..anew.len() as i32);
+        let old = piece.keys();
+        keys.push(if same { old.clone() } else { old.unary(|key| anew[key as usize]) });
+    }
+    let known: ArrayRef = Arc::new(StringArray::from(known));
+    for (piece, keys) in pieces.iter_mut().zip(keys) {
+        *piece = Arc::new(DictionaryArray::<Int32Type>::try_new(keys, known.clone())?);
+    }
+    Ok(())
+}

@@ -1,0 +1,114 @@
+//! What a frame or a code means, by itself.
+
+use polepair::faults;
+use polepair_capture::{Data, Explained, parse};
+use polepair_core::explain::{Context, Direction, Dissector};
+use polepair_core::profile::Profile;
+use polepair_core::{drives, proto};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::axis::{Fault, fault};
+use crate::capture::item_value;
+use crate::errors::usage;
+
+/// First byte, byte after the last, name, value, meaning.
+type Part<'py> = (u16, u16, &'static str, Bound<'py, PyAny>, &'static str);
+
+/// Bytes, kind, axis, text, what it breaks, its parts.
+type Meaning<'py> =
+    (Bound<'py, PyBytes>, String, Option<u32>, String, Option<String>, Vec<Part<'py>>);
+
+/// What a protocol says of a code, and the products' faults.
+type Code = (Option<&'static str>, Vec<(&'static str, Fault)>);
+
+/// A frame as a caller has it: bytes with a CAN identifier, or a line of a capture.
+#[derive(FromPyObject, Debug)]
+pub enum Frame {
+    /// Bytes, identifier, whether that has 29 bits, whether it is a remote request.
+    Bytes(Vec<u8>, Option<u32>, bool, bool),
+    /// `01 01 00 …` or `001#0100…`.
+    #[pyo3(transparent)]
+    Line(String),
+}
+
+/// What every byte of a frame means in a protocol, or in that of a product.
+#[pyfunction]
+#[pyo3(signature = (subject, frame, to_drive=None))]
+pub fn explain<'py>(
+    py: Python<'py>,
+    subject: &str,
+    frame: Frame,
+    to_drive: Option<bool>,
+) -> PyResult<Meaning<'py>> {
+    let (dissector, profile) = known(py, subject)?;
+    let (bytes, id, extended, remote) = match frame {
+        Frame::Bytes(bytes, id, extended, remote) => (bytes, id, extended, remote),
+        Frame::Line(text) => read(py, &text)?,
+    };
+    let direction = to_drive.map(|to| if to { Direction::ToDrive } else { Direction::ToHost });
+    let profile = profile.or_else(|| drives::usual(dissector));
+    let context = Context { direction, profile, id, extended, remote, ..Context::default() };
+    let mut explained = Explained::default();
+    dissector.explain(&bytes, &context, &mut explained);
+    let parts = explained.items().map(|item| {
+        Ok((item.start, item.end, item.name, item_value(py, item.value)?, item.meaning))
+    });
+    let parts = parts.collect::<PyResult<_>>()?;
+    let Explained { kind, axis, text, error, .. } = explained;
+    let wrong = error.map(|error| error.to_string());
+    Ok((PyBytes::new(py, &bytes), kind, axis, text, wrong, parts))
+}
+
+/// What a number means as a status, an exception, an abort code; and as faults of the products.
+#[pyfunction]
+pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<Code> {
+    let (dissector, profile) = known(py, subject)?;
+    let mut speakers: Vec<&'static Profile> = match profile {
+        Some(profile) => vec![profile],
+        None => {
+            let speaks = |p: &&&Profile| dissector.name().starts_with(p.protocol);
+            drives::profiles().iter().filter(speaks).copied().collect()
+        }
+    };
+    speakers.dedup_by_key(|profile| profile.family);
+    let found = speakers.iter().flat_map(|profile| {
+        faults(profile, code).into_iter().map(|found| (profile.name, fault(found)))
+    });
+    Ok((dissector.code(code), found.collect()))
+}
+
+/// A protocol by its word, or a product and the first wire of its protocol.
+fn known(
+    py: Python<'_>,
+    subject: &str,
+) -> PyResult<(&'static dyn Dissector, Option<&'static Profile>)> {
+    if let Some(dissector) = proto::dissector(subject) {
+        return Ok((dissector, None));
+    }
+    let product = drives::profiles().iter().find(|p| p.name == subject || p.family == subject);
+    let speaks = |p: &&'static Profile| {
+        let mut all = proto::dissectors().iter().copied();
+        all.find(|dissector| dissector.name().starts_with(p.protocol))
+    };
+    let dissector = product.copied().as_ref().and_then(speaks);
+    dissector.map(|dissector| (dissector, product.copied())).ok_or_else(|| {
+        let all: Vec<_> = proto::dissectors().iter().map(|known| known.name()).collect();
+        let what = format!("there is no protocol or product `{subject}`");
+        usage(py, "E203", &what, &format!("protocols are {}", all.join(", ")))
+    })
+}
+
+/// A frame as text: its bytes, identifier, width, and whether it is a remote request.
+fn read(py: Python<'_>, text: &str) -> PyResult<(Vec<u8>, Option<u32>, bool, bool)> {
+    let mut bytes = Vec::new();
+    let record = parse(text.as_bytes(), &mut bytes).ok().flatten();
+    match record.map(|record| record.data) {
+        Some(Data::Bytes(bytes)) => Ok((bytes.to_vec(), None, false, false)),
+        Some(Data::Frame(f)) => Ok((f.bytes().to_vec(), Some(f.id), f.extended, f.remote)),
+        _ => {
+            let what = format!("`{text}` is no frame");
+            Err(usage(py, "E241", &what, "a frame is `01 01 00 5E` or, on CAN, `30B#5443`"))
+        }
+    }
+}
