@@ -19,6 +19,7 @@ use crate::rules::{Rule, Rules};
 use crate::session::{Heard, Notice, Session, reported};
 use crate::stamp::Stamp;
 use crate::stream::{Flow, Origin, Piece, Shape};
+pub(crate) use lane::speaks;
 use lane::{Lane, Lanes, Teller, claimant, spoken};
 
 /// Links that a capture may name; records of further ones are damaged.
@@ -27,7 +28,7 @@ pub const LINKS_MAX: usize = 256;
 /// One frame of a capture, or bytes that are none.
 #[derive(Clone, Copy, Debug)]
 pub struct Event<'a> {
-    /// Its number in the capture, from 1.
+    /// Its number in the capture, from 1; 0 for what belongs to no frame.
     pub number: u64,
     /// When its first byte came.
     pub time: Option<Stamp>,
@@ -57,6 +58,29 @@ pub struct Event<'a> {
     pub notices: &'a [Notice],
     /// Byte of the capture at which its record begins.
     pub at: u64,
+}
+
+impl<'a> Event<'a> {
+    /// No frame.
+    const fn none(link: &'a str, explained: &'a Explained) -> Self {
+        Self {
+            number: 0,
+            time: None,
+            link,
+            direction: None,
+            protocol: None,
+            bytes: &[],
+            id: None,
+            extended: false,
+            remote: false,
+            echo: false,
+            stray: false,
+            explained,
+            wrong: None,
+            notices: &[],
+            at: 0,
+        }
+    }
 }
 
 /// What is wrong with a frame.
@@ -232,19 +256,13 @@ impl Decoder {
         Event {
             number: self.count,
             time: record.time,
-            link: &self.wires[at].name,
             direction: record.direction,
-            protocol: None,
             bytes,
             id: id.map(|(id, _)| id),
             extended: id.is_some_and(|(_, extended)| extended),
-            remote: false,
-            echo: false,
-            stray: false,
-            explained: &self.explained,
-            wrong: None,
             notices: &self.notices,
             at: record.at,
+            ..Event::none(&self.wires[at].name, &self.explained)
         }
     }
 
@@ -284,14 +302,17 @@ impl Decoder {
         }
     }
 
-    /// After [`finish`](Self::finish): what conversations leave open, link by link.
-    pub fn ending(&mut self, each: &mut dyn FnMut(&str, &[Notice])) {
+    /// After [`finish`](Self::finish): what conversations leave open, each as an event that is no
+    /// frame: its number is 0, and it has a link, a protocol, an axis and one notice.
+    pub fn ending(&mut self, out: Out<'_>) {
         for wire in &mut self.wires {
-            self.notices.clear();
-            wire.session.end(&mut self.notices);
-            if !self.notices.is_empty() {
-                each(&wire.name, &self.notices);
-            }
+            let (explained, link) = (&mut self.explained, wire.name.as_str());
+            wire.session.end(&mut |protocol, notice| {
+                explained.clear();
+                explained.axis = notice.axis();
+                let notices = core::slice::from_ref(notice);
+                out(&Event { protocol: Some(protocol), notices, ..Event::none(link, explained) });
+            });
         }
     }
 

@@ -4,6 +4,8 @@
 
 mod pairs;
 mod sample;
+#[cfg(test)]
+mod tests;
 
 use core::fmt;
 use std::collections::{BTreeMap, BTreeSet};
@@ -372,7 +374,9 @@ fn spoken<'a>(ranked: &[(&'a Reader, &'a Tally)]) -> (Vec<Read<'a>>, Vec<Read<'a
         let claimed = |(id, extended): &(u32, bool)| {
             spoken.iter().any(|(other, _)| other.dissector.claims(*id, *extended))
         };
-        let beside = !tally.ids.is_empty() && !tally.ids.iter().any(claimed);
+        // Identifiers that nobody else claims, or axes that answers prove on those that others do.
+        let own = !tally.ids.is_empty() && !tally.ids.iter().any(claimed);
+        let beside = own || tally.won().next().is_some();
         let holds = match spoken.is_empty() {
             true => rivals.is_empty() && tally.is_more_than_chance(),
             false => beside && tally.good_bytes > tally.broken_bytes,

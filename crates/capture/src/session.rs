@@ -35,6 +35,20 @@ pub enum Notice {
     Odd(Odd),
 }
 
+impl Notice {
+    /// Whose it is; `None` for the bus.
+    #[must_use]
+    pub const fn axis(&self) -> Option<u32> {
+        match self {
+            Self::Signal(signal) => Some(signal.axis),
+            Self::Exchange(exchange) => exchange.axis,
+            Self::Change(change) => change.axis,
+            Self::Fault(fault) => Some(fault.axis),
+            Self::Odd(odd) => odd.axis,
+        }
+    }
+}
+
 /// A value that a drive told or was told.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Signal {
@@ -330,9 +344,13 @@ impl Session {
         claims.next().map(|(name, _)| *name)
     }
 
-    /// Tells what is left open at the end.
-    pub fn end(&mut self, notices: &mut Vec<Notice>) {
-        self.followers.iter_mut().for_each(|(_, follower)| follower.end(notices));
+    /// Tells what is left open at the end, and by which protocol.
+    pub fn end(&mut self, tell: &mut dyn FnMut(Name, &Notice)) {
+        for (protocol, follower) in &mut self.followers {
+            let mut notices = Vec::new();
+            follower.end(&mut notices);
+            notices.iter().for_each(|notice| tell(protocol, notice));
+        }
     }
 }
 

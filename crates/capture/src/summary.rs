@@ -156,15 +156,11 @@ impl Summary {
         event.notices.iter().for_each(|notice| self.notice(notice, place));
     }
 
-    /// Takes what conversations of a link leave open.
-    pub fn ending(&mut self, link: &str, notices: &[Notice]) {
-        let link = name(link);
-        for notice in notices {
-            let axis = axis(notice);
-            let known = self.axes.keys().find(|who| who.link == link && who.axis == axis);
-            let protocol = known.map_or("", |who| who.protocol);
-            self.notice(notice, Place { link, protocol, number: 0, time: None });
-        }
+    /// Takes what conversations leave open, which is no frame.
+    pub fn ending(&mut self, event: &Event<'_>) {
+        let (link, protocol) = (name(event.link), event.protocol.unwrap_or(""));
+        let place = Place { link, protocol, number: 0, time: None };
+        event.notices.iter().for_each(|notice| self.notice(notice, place));
     }
 
     /// Kinds of frames, in order.
@@ -216,7 +212,7 @@ impl Summary {
 
     fn notice(&mut self, notice: &Notice, place: Place) {
         let Place { link, protocol, number, time } = place;
-        let who = Who { link, protocol, axis: axis(notice) };
+        let who = Who { link, protocol, axis: notice.axis() };
         match notice {
             Notice::Signal(signal) => {
                 let values = room(&mut self.values, (who, signal.name), VALUES_MAX);
@@ -262,16 +258,6 @@ impl Summary {
 fn room<K: Ord, V: Default>(map: &mut BTreeMap<K, V>, key: K, most: usize) -> Option<&mut V> {
     let full = map.len() >= most && !map.contains_key(&key);
     (!full).then(|| map.entry(key).or_default())
-}
-
-fn axis(notice: &Notice) -> Option<u32> {
-    match notice {
-        Notice::Signal(signal) => Some(signal.axis),
-        Notice::Exchange(exchange) => exchange.axis,
-        Notice::Change(change) => change.axis,
-        Notice::Fault(fault) => Some(fault.axis),
-        Notice::Odd(odd) => odd.axis,
-    }
 }
 
 /// All ways in which a request ends, the good one first.

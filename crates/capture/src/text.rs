@@ -91,10 +91,10 @@ impl Text {
         self.first = self.first.or(event.time);
     }
 
-    /// Appends what conversations of a link leave open.
-    pub fn ending(&mut self, link: &str, notices: &[Notice], out: &mut Vec<u8>) {
-        for notice in notices.iter().filter(|_| self.style.notices != Notices::None) {
-            out.extend_from_slice(link.as_bytes());
+    /// Appends what conversations leave open, which is no frame.
+    pub fn ending(&mut self, event: &Event<'_>, out: &mut Vec<u8>) {
+        for notice in event.notices.iter().filter(|_| self.style.notices != Notices::None) {
+            out.extend_from_slice(event.link.as_bytes());
             self.notice(notice, 1, out);
         }
     }

@@ -280,7 +280,7 @@ fn read(input: &[u8], format: Option<Format>, piece: usize) {
         decoder.feed(piece, &mut |event| events.event(event));
     }
     decoder.finish(&mut |event| events.event(event));
-    decoder.ending(&mut |_, _| ());
+    decoder.ending(&mut |_| ());
     assert_eq!(decoder.tally().records, reader.tally().records);
     if decoder.left_out() == 0 {
         assert_eq!(events, records);

@@ -5,7 +5,6 @@ use std::path::Path;
 use std::time::Duration;
 
 use clap::Args;
-use polepair_capture::session::Notice;
 use polepair_capture::{
     Decoder, Event, Follow, Format, Judge, Next, Place, Rules, Tally, Verdict, WriteError,
 };
@@ -55,9 +54,9 @@ pub trait Sink {
         self.settle(true)
     }
 
-    /// What conversations of a link leave open at the end.
-    fn ending(&mut self, link: &str, notices: &[Notice]) {
-        let _ = (link, notices);
+    /// What conversations leave open at the end, which is no frame.
+    fn ending(&mut self, event: &Event<'_>) {
+        let _ = event;
     }
 }
 
@@ -78,8 +77,8 @@ impl<S: Sink + ?Sized> Sink for &mut S {
         (**self).finish()
     }
 
-    fn ending(&mut self, link: &str, notices: &[Notice]) {
-        (**self).ending(link, notices);
+    fn ending(&mut self, event: &Event<'_>) {
+        (**self).ending(event);
     }
 }
 
@@ -126,7 +125,7 @@ impl Source {
             false => self.file(path, sink)?,
         };
         decoder.finish(&mut |event| sink.take(event));
-        decoder.ending(&mut |link, notices| sink.ending(link, notices));
+        decoder.ending(&mut |event| sink.ending(event));
         sink.finish()?;
         Ok(decoder)
     }

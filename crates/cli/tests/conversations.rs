@@ -45,7 +45,7 @@ fn traced(name: &str, arguments: &[&str], protocol: &str) -> Told {
     let mut decoder = Decoder::new(Rules::parse(protocol).expect("a protocol"));
     decoder.feed(&capture, &mut |event| told.take(event.notices));
     decoder.finish(&mut |event| told.take(event.notices));
-    decoder.ending(&mut |_, notices| told.take(notices));
+    decoder.ending(&mut |event| told.take(event.notices));
     assert!(told.done > 0, "{arguments:?}: {}\n{told:?}", ran.err);
     told
 }

@@ -9,6 +9,8 @@
 //!    ├ emcy    faults
 //!    ├ power   the states of a CiA 402 drive
 //!    ├ sync    the beat of the bus
+//!    ├ lss     layer setting
+//!    ├ product which drive a node says that it is
 //!    └ learn   what the values of objects teach about all of these
 //! ```
 
@@ -17,11 +19,13 @@ mod boot;
 mod emcy;
 mod guard;
 mod learn;
+mod lss;
 mod mapping;
 mod meaning;
 mod node;
 mod pdo;
 mod power;
+mod product;
 mod say;
 mod sdo;
 mod services;
@@ -42,6 +46,7 @@ use polepair_core::proto::canopen::sync::Sync;
 use super::{Follower, Heard, Notice, Odd, Oddity, Signal};
 use crate::explained::Explained;
 use crate::stamp::Stamp;
+use lss::Lss;
 pub use mapping::{Mapping, Place};
 use meaning::Book;
 use node::Node;
@@ -64,7 +69,11 @@ pub(super) struct Canopen {
     servers: Vec<learn::Server>,
     nodes: Vec<Option<Box<Node>>>,
     sync: Beats,
+    lss: Lss,
+    /// The drive whose names are used where a node does not tell that it is another.
     profile: Option<&'static Profile>,
+    /// The same, where a person said so.
+    stated: Option<&'static Profile>,
     /// When the capture began, and when somebody spoke last.
     began: Option<Stamp>,
     latest: Option<Stamp>,
@@ -91,7 +100,9 @@ impl Default for Canopen {
             servers: Vec::new(),
             nodes: (0..NODES).map(|_| None).collect(),
             sync: Beats::default(),
+            lss: Lss::default(),
             profile: None,
+            stated: None,
             began: None,
             latest: None,
             due: NEVER,
@@ -109,7 +120,7 @@ impl Follower for Canopen {
             self.began = heard.time;
             self.channels.iter_mut().for_each(|channel| channel.since(heard.time));
         }
-        self.name_by(heard.profile);
+        self.name_by(heard.profile, heard.stated);
         let bytes = heard.raw.bytes;
         let service = self.services.of(id, heard.raw.extended, &mut self.pdos);
         if self.is_masters(service) {
@@ -132,6 +143,7 @@ impl Follower for Canopen {
                     self.sync.take(counter, heard.time, notices);
                 }
             }
+            Service::Lss(asks) => self.layer(asks, heard, notices),
             Service::Unknown | Service::Nobody => {}
         }
         self.latest = heard.time.max(self.latest);
@@ -149,13 +161,15 @@ impl Follower for Canopen {
 
     fn end(&mut self, notices: &mut Vec<Notice>) {
         self.channels.iter_mut().for_each(|channel| channel.end(notices));
+        self.lss.end(notices);
         self.nodes.iter_mut().flatten().for_each(|node| node.confirm(None, notices));
     }
 }
 
 impl Canopen {
     /// The names that count from now on.
-    fn name_by(&mut self, profile: Option<&'static Profile>) {
+    fn name_by(&mut self, profile: Option<&'static Profile>, stated: bool) {
+        self.stated = profile.filter(|_| stated);
         let same = match (self.profile, profile) {
             (Some(one), Some(other)) => core::ptr::eq(one, other),
             (one, other) => one.is_none() && other.is_none(),
@@ -166,9 +180,22 @@ impl Canopen {
         }
     }
 
+    /// The drive whose names a node has.
+    fn profile_of(&self, id: u8) -> Option<&'static Profile> {
+        let node = self.nodes[usize::from(id & NODE_MAX)].as_deref();
+        node.map_or(self.profile, |node| node.product.names(self.profile))
+    }
+
+    /// The same, and whether the frame was explained by other names.
+    fn names_of(&self, id: u8) -> (Option<&'static Profile>, bool) {
+        let profile = self.profile_of(id);
+        let place = |profile: Option<&'static Profile>| profile.map(core::ptr::from_ref);
+        (profile, place(profile) != place(self.profile))
+    }
+
     fn is_masters(&self, service: Service) -> bool {
         match service {
-            Service::Nmt | Service::Sync | Service::Request(_) => true,
+            Service::Nmt | Service::Sync | Service::Request(_) | Service::Lss(true) => true,
             Service::Pdo(at) => !self.pdos.all[usize::from(at)].told,
             _ => false,
         }
@@ -191,6 +218,7 @@ impl Canopen {
             self.channels[at].pass(now, notices);
             self.hush(self.channels[at].node, before, notices);
         }
+        self.lss.pass(now, notices);
         for node in self.nodes.iter_mut().flatten() {
             if node.guard.due().is_some_and(|due| due < now) {
                 node.unguarded(notices);
@@ -203,7 +231,7 @@ impl Canopen {
         let nodes = self.nodes.iter().flatten();
         let nodes =
             nodes.flat_map(|node| [node.beat.due(), node.guard.due(), node.boots.due()]).flatten();
-        self.due = channels.chain(nodes).min().unwrap_or(NEVER);
+        self.due = channels.chain(nodes).chain(self.lss.due()).min().unwrap_or(NEVER);
     }
 
     /// Looks whose heartbeat stays out. Where nobody at all spoke, several are not silent: the
@@ -265,7 +293,7 @@ impl Canopen {
         if matches!(command, Command::ResetNode | Command::ResetCommunication) {
             self.reset |= node == 0;
             let meant = |channel: &&mut Channel| node == 0 || channel.node == node;
-            self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(notices));
+            self.channels.iter_mut().filter(meant).for_each(|it| it.reset(now, notices));
         }
     }
 
@@ -286,7 +314,7 @@ impl Canopen {
             let due = node.boots.due();
             self.expect(due);
             if started {
-                self.restart(id, notices);
+                self.restart(id, heard.time, notices);
             }
         } else if node.guard.answer(id, toggle, at, notices) {
             node.answered(notices);
@@ -299,10 +327,10 @@ impl Canopen {
     }
 
     /// A node has started: what it was told may be forgotten, what was under way is.
-    fn restart(&mut self, id: u8, notices: &mut Vec<Notice>) {
+    fn restart(&mut self, id: u8, now: Option<Stamp>, notices: &mut Vec<Notice>) {
         self.pdos.of(id).for_each(pdo::Pdo::restart);
         let meant = |channel: &&mut Channel| channel.node == id;
-        self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(notices));
+        self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(now, notices));
     }
 
     fn emergency(
@@ -314,11 +342,12 @@ impl Canopen {
     ) {
         let bytes = heard.raw.bytes;
         let default = u32::from(cob::EMCY | u16::from(id));
-        if heard.raw.id != Some(default) {
-            say::by_default(bytes, Some(default), self.profile, said);
+        let (profile, renamed) = self.names_of(id);
+        if renamed || heard.raw.id != Some(default) {
+            say::by_default(bytes, Some(default), profile, said);
         }
         let Ok(emergency) = Emergency::parse(bytes) else { return };
-        let words = emcy::Words::of(emergency.code.into(), bytes.len() == 2, self.profile);
+        let words = emcy::Words::of(emergency.code.into(), bytes.len() == 2, profile);
         if words.inferred {
             say::inferred(&words, said);
         }
@@ -340,12 +369,12 @@ impl Canopen {
         let Ok(len @ 0..=8) = u8::try_from(bytes.len()) else { return };
         let (id, told) = (self.pdos.all[at].node, self.pdos.all[at].told);
         self.node(id);
+        let (profile, renamed) = self.names_of(id);
         let Some(node) = self.nodes[usize::from(id)].as_deref_mut() else { return };
         if told {
             node.processes(heard.time, notices);
         }
         let pdo = &mut self.pdos.all[at];
-        let profile = self.profile;
         let book = Book { profile, values: &node.values };
         pdo.mapping(len, &Beside { book, drive: node.drive });
         pdo.measure(len, notices);
@@ -376,8 +405,10 @@ impl Canopen {
         self.followed = true;
         let part = self.channels[at].request(bytes, place, notices);
         let channel = &self.channels[at];
-        let moved = heard.raw.id != Some(u32::from(cob::SDO_REQUEST | u16::from(channel.node)));
-        say::part(channel, part, heard.raw.bytes, (false, moved), self.profile, said);
+        let (profile, renamed) = self.names_of(channel.node);
+        let usual = u32::from(cob::SDO_REQUEST | u16::from(channel.node));
+        let moved = renamed || heard.raw.id != Some(usual);
+        say::part(channel, part, heard.raw.bytes, (false, moved), profile, said);
         let (node, due) = (channel.node, channel.due());
         self.expect(due);
         self.settle(at, notices);
@@ -397,14 +428,29 @@ impl Canopen {
         self.node(id).answered(notices);
         let channel = &mut self.channels[at];
         let part = channel.reply(bytes, place, self.followed, notices);
-        let moved = heard.raw.id != Some(u32::from(cob::SDO_REPLY | u16::from(id)));
-        say::part(channel, part, heard.raw.bytes, (true, moved), self.profile, said);
         let (two, due) = (channel.is_answered_by_two(), channel.due());
+        let (profile, renamed) = self.names_of(id);
+        let moved = renamed || heard.raw.id != Some(u32::from(cob::SDO_REPLY | u16::from(id)));
+        say::part(&self.channels[at], part, heard.raw.bytes, (true, moved), profile, said);
         self.expect(due);
         if two {
             self.node(id).double("its requests are answered twice", notices);
         }
         self.settle(at, notices);
+    }
+
+    /// The master or a device speaks of node-IDs and bit rates.
+    fn layer(&mut self, asks: bool, heard: &Heard<'_>, notices: &mut Vec<Notice>) {
+        let at = (heard.number, heard.time);
+        let Some(bytes) = service(heard.raw.bytes).filter(|_| heard.raw.bytes.len() == 8) else {
+            return;
+        };
+        match asks {
+            true => self.lss.request(bytes, at, notices),
+            false => self.lss.reply(bytes, at, notices),
+        }
+        let due = self.lss.due();
+        self.expect(due);
     }
 
     /// What a transfer brought is known from now on.

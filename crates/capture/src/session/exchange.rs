@@ -111,6 +111,9 @@ impl Exchanges {
         if cut && heard.raw.id.is_none() {
             // The capture may have begun in the middle of this, or may end in it.
             self.rest = Some(Odd { time: heard.time, ..odd }).filter(|_| self.began);
+            if heard.direction != Some(Direction::ToDrive) {
+                self.pairing.spoil();
+            }
             return;
         }
         self.began = true;

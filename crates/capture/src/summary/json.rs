@@ -76,7 +76,7 @@ fn axes(summary: &Summary, manner: &Manner) -> Vec<Value> {
                 "frames": axis.frames,
                 "begin": time(axis.span.map(|(first, _)| first)),
                 "end": time(axis.span.map(|(_, last)| last)),
-                "profile": manner.product,
+                "profile": manner.product(*who, axis),
                 "states": states.collect::<Map<String, Value>>(),
             }),
         )

@@ -2,8 +2,12 @@
 
 use std::fmt::Write as _;
 
-use super::{Kind, Link, Moment, Requests, States, Summary, Who};
+use polepair_core::profile::Profile;
+use polepair_core::proto;
+
+use super::{Axis, Kind, Link, Moment, Requests, States, Summary, Who};
 use crate::date;
+use crate::decoder::speaks;
 use crate::session::{Name, Outcome};
 use crate::stamp::Stamp;
 use crate::text::Span;
@@ -15,6 +19,9 @@ const ROWS_MAX: usize = 12;
 /// Changes of a state that are shown one by one.
 const CHANGES_SHOWN: usize = 6;
 
+/// The state, or the value, by which an axis tells what it is.
+const PRODUCT: Name = "product";
+
 /// How a summary is shown.
 #[derive(Clone, Debug, Default)]
 pub struct Manner {
@@ -23,10 +30,23 @@ pub struct Manner {
     /// Bit rates that are stated, by link; the empty name is for all others.
     pub rates: Vec<(String, u32)>,
     /// The drive whose names are used.
-    pub product: Option<&'static str>,
+    pub product: Option<&'static Profile>,
 }
 
 impl Manner {
+    /// What an axis is stated to be: a drive that speaks its protocol, unless it told the capture
+    /// what it is.
+    #[must_use]
+    pub fn product(&self, who: Who, axis: &Axis) -> Option<Name> {
+        let told = axis.states.iter().find(|(what, _)| *what == PRODUCT);
+        let stated = || {
+            let dissector = proto::dissector(who.protocol)?;
+            let fits = |profile: &&Profile| speaks(profile, dissector);
+            self.product.filter(fits).map(|profile| profile.title)
+        };
+        told.is_none().then(stated).flatten()
+    }
+
     /// The bit rate of a link, and true where it is stated.
     #[must_use]
     pub fn rate(&self, name: &str, link: &Link) -> Option<(u32, bool)> {
@@ -109,7 +129,7 @@ impl Page {
         for (who, axis) in &summary.axes {
             let (steady, changing): (Vec<_>, Vec<_>) =
                 axis.states.iter().partition(|(_, states)| states.count <= 1);
-            let mut told = self.product(summary, *who, manner);
+            let mut told = product(summary, *who, manner.product(*who, axis));
             let states = steady.iter().filter_map(|(what, states)| Some((what, states.now?.0)));
             told.extend(states.map(|(what, state)| format!("{what} {state}")));
             let (name, frames, told) = (named(*who), axis.frames, told.join("; "));
@@ -119,15 +139,6 @@ impl Page {
                 let _ = writeln!(self.out, "      {}", timeline(what, states, end));
             }
         }
-    }
-
-    /// The product that answered or is stated.
-    fn product(&self, summary: &Summary, who: Who, manner: &Manner) -> Vec<String> {
-        let known = ["product", "device name", "manufacturer device name"].into_iter();
-        let mut told = known.filter_map(|name| summary.values.get(&(who, name)));
-        let told = told.next().and_then(|values| values.exact);
-        let stated = manner.product.map(str::to_owned);
-        told.map(|exact| format!("product {exact}")).or(stated).into_iter().collect()
     }
 
     fn requests(&mut self, summary: &Summary) {
@@ -306,6 +317,13 @@ impl Page {
             }
         }
     }
+}
+
+/// The product that answered or is stated.
+fn product(summary: &Summary, who: Who, stated: Option<Name>) -> Vec<String> {
+    let told = summary.values.get(&(who, PRODUCT)).and_then(|values| values.exact);
+    let told = told.map(|exact| format!("product {exact}"));
+    told.or(stated.map(str::to_owned)).into_iter().collect()
 }
 
 /// `can0 canopen 2`.

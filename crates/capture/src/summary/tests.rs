@@ -81,7 +81,8 @@ fn faults_have_cause_and_remedy_and_states_their_time() {
 #[test]
 fn what_is_left_open_counts() {
     let mut summary = summary(&[(0, vec![signal(2, "Actual/Position", 1.5)])]);
-    summary.ending("can0", &[exchange(2, 0, 0, Outcome::Unanswered), odd(Oddity::Unanswered, 2)]);
+    let open = [exchange(2, 0, 0, Outcome::Unanswered), odd(Oddity::Unanswered, 2)];
+    Made::default().frame(0, (2, ""), &open, &mut |event| summary.ending(event));
     let requests = &summary.requests[&(CAN0, "read")];
     assert_eq!(requests.ended(Outcome::Unanswered), 1);
     assert!(!summary.is_clean());

@@ -124,6 +124,7 @@ impl Decode {
             return Err(Problem::usage("E250", "columns are not filtered.").why(why));
         }
         if self.source.is_dir() {
+            self.of_one_file()?;
             return self.folder();
         }
         match self.format() {
@@ -173,6 +174,22 @@ impl Decode {
         let (captures, stated) = (self.source.as_path(), &self.stated);
         let recorder = self.gateway.as_str();
         Folder { captures, stated, site, recorder, tables: &tables }.decode()
+    }
+
+    /// Refuses for a folder what is asked of one capture.
+    fn of_one_file(&self) -> Result<()> {
+        let asked = [
+            (self.expect.is_some(), "--expect"),
+            (!self.plot.is_empty(), "--plot"),
+            (self.changes, "--changes"),
+        ];
+        let Some((_, option)) = asked.into_iter().find(|(is, _)| *is) else { return Ok(()) };
+        Err(Problem::usage("E250", format!("{option} takes one capture, not a folder."))
+            .why("A folder of captures becomes a data set of Parquet files.")
+            .hint(format!(
+                "for f in {}/*; do polepair decode \"$f\" {option} …; done",
+                self.source.display()
+            )))
     }
 
     fn out(&self) -> Result<&Path> {

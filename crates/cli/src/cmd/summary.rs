@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use polepair_capture::Event;
-use polepair_capture::session::Notice;
 use polepair_capture::summary::{Manner, Summary, json, text};
 
 use crate::capture::{Sink, Stated, report};
@@ -57,7 +56,7 @@ impl Options {
         let manner = Manner {
             colour: self.out.is_none() && terminal::colour_out(),
             rates: self.bitrate.as_deref().map_or(Ok(Vec::new()), rates)?,
-            product: source.profile.map(|profile| profile.title),
+            product: source.profile,
         };
         let mut gathered = Gathered::default();
         let decoder = source.read(&self.source, &mut gathered)?;
@@ -84,8 +83,8 @@ impl Sink for Gathered {
         self.summary.take(event);
     }
 
-    fn ending(&mut self, link: &str, notices: &[Notice]) {
-        self.summary.ending(link, notices);
+    fn ending(&mut self, event: &Event<'_>) {
+        self.summary.ending(event);
     }
 }
 

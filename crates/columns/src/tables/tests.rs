@@ -15,7 +15,7 @@ fn tables(rules: &str, capture: &str) -> Vec<(Table, RecordBatch)> {
     let mut decoder = Decoder::new(Rules::parse(rules).expect("rules"));
     decoder.feed(capture.as_bytes(), &mut |event| tables.take(event));
     decoder.finish(&mut |event| tables.take(event));
-    decoder.ending(&mut |link, notices| tables.ending(link, notices));
+    decoder.ending(&mut |event| tables.ending(event.link, event.notices));
     let mut all = Vec::new();
     let keep = &mut |table, batch| {
         all.push((table, batch));

@@ -136,7 +136,10 @@ fn as_told(parameter: &mut DraftParameter, entry: &Entry, encoding: Encoding) {
     {
         (parameter.min, parameter.max) = (low, high);
     }
-    let default = entry.default.as_ref().filter(|it| it.integer(0) == it.integer(1));
+    // What process data are is as this node is configured, where the sheet is one node's.
+    let process = (0x1400..0x1C00).contains(&parameter.index);
+    let default = if process { entry.first_value() } else { entry.default.as_ref() };
+    let default = default.filter(|it| it.integer(0) == it.integer(1));
     parameter.default = default.and_then(|it| it.integer(0));
     let fits = |default: &i64| (parameter.min..=parameter.max).contains(default);
     parameter.default = parameter.default.filter(fits);

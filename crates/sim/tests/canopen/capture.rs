@@ -28,7 +28,7 @@ fn odds(bench: &mut Bench) -> Vec<(Oddity, String)> {
             keep(event.notices);
         });
     }
-    decoder.ending(&mut |_, notices| keep(notices));
+    decoder.ending(&mut |event| keep(event.notices));
     odds
 }
 

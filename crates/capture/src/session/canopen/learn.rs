@@ -35,10 +35,11 @@ impl Canopen {
         if is_text(object) {
             return;
         }
-        let raw = number(object, bits, len, self.profile);
+        let raw = number(object, bits, len, self.profile_of(id));
         let known = self.node(id).values.insert_bounded(object, raw);
+        self.identify(id, object, raw, notices);
         self.tell(id, settled, raw, notices);
-        let profile = self.profile;
+        let profile = self.profile_of(id);
         let node = self.node(id);
         node.power.take(id, object, raw, &mut node.faults, profile, notices);
         let drive = match object.index {
@@ -46,7 +47,7 @@ impl Canopen {
             0x603F..=0x60FF => true,
             _ => false,
         };
-        let scales = known != Some(raw) && is_scale(object, self.profile);
+        let scales = known != Some(raw) && is_scale(object, profile);
         let node = self.node(id);
         let became = drive && !node.drive;
         node.drive |= drive;
@@ -58,9 +59,18 @@ impl Canopen {
         }
     }
 
+    /// The value may tell which drive it is, and so what everything else of it is called.
+    fn identify(&mut self, id: u8, object: Object, raw: i64, notices: &mut Vec<Notice>) {
+        let stated = self.stated;
+        if let Some(change) = self.node(id).product.learn(id, object, raw, stated) {
+            notices.push(Notice::Change(change));
+            self.pdos.of(id).for_each(pdo::Pdo::forget);
+        }
+    }
+
     /// Gives the value as a signal.
     fn tell(&mut self, id: u8, settled: &Settled, raw: i64, notices: &mut Vec<Notice>) {
-        let (profile, request) = (self.profile, Some(settled.asked));
+        let (profile, request) = (self.profile_of(id), Some(settled.asked));
         let book = Book { profile, values: &self.node(id).values };
         for meaning in book.meanings(settled.object) {
             let masked = raw & meaning.mask;

@@ -10,6 +10,7 @@ use super::boot::{Boots, Circumstances, Zero};
 use super::emcy::Faults;
 use super::guard::Guard;
 use super::power::Power;
+use super::product::Product;
 use super::sdo::At;
 use super::{odd, odd_at};
 use crate::session::{Change, Name, Notice, Oddity};
@@ -32,6 +33,7 @@ pub(super) struct Node {
     pub guard: Guard,
     pub faults: Faults,
     pub power: Power,
+    pub product: Product,
     /// It is a drive by CiA 402.
     pub drive: bool,
     /// What its objects were last seen to be.
@@ -68,6 +70,7 @@ impl Node {
             guard: Guard::default(),
             faults: Faults::default(),
             power: Power::default(),
+            product: Product::default(),
             drive: false,
             values: HashMap::new(),
             heard: false,

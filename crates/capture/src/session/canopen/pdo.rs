@@ -38,6 +38,8 @@ pub(super) struct Pdo {
     laid: Option<Laid>,
     /// Its wrong length was told.
     pub accused: bool,
+    /// A frame was as long as the mapping: it is this node's.
+    fitted: bool,
 }
 
 /// What frames of a length are read by.
@@ -61,8 +63,8 @@ pub(super) struct Beside<'a> {
 impl Pdo {
     fn new(node: u8, told: bool, number: u16) -> Self {
         let (cob, count, entries) = (None, None, Vec::new());
-        let (stale, laid, accused) = (false, None, false);
-        Self { node, told, number, cob, count, entries, stale, laid, accused }
+        let (stale, laid, accused, fitted) = (false, None, false, false);
+        Self { node, told, number, cob, count, entries, stale, laid, accused, fitted }
     }
 
     /// The mapping of a frame with so many bytes.
@@ -107,13 +109,16 @@ impl Pdo {
         let _ = write!(text, "{}PDO{}", if self.told { 'T' } else { 'R' }, self.number);
     }
 
-    /// Looks whether a frame of so many bytes is as long as the mapping that the capture shows. Who
+    /// Looks whether a frame of so many bytes is as long as its mapping: one that the capture shows,
+    /// or a data sheet's, once a frame fitted it; until then the node may be another product. Who
     /// receives may be sent more.
     pub fn measure(&mut self, len: u8, notices: &mut Vec<Notice>) {
         let Some(mapping) = self.last_mapping() else { return };
-        let need = mapping.bytes();
+        let (need, good) = (mapping.bytes(), mapping.quality() == Quality::Good);
         let wrong = len < need || (self.told && len > need);
-        if !wrong || mapping.quality() != Quality::Good {
+        self.fitted |= !wrong;
+        let known = good && (self.fitted || self.is_captured());
+        if !wrong || !known {
             self.accused &= wrong;
             return;
         }
@@ -125,9 +130,14 @@ impl Pdo {
         }
     }
 
+    /// The capture shows how it is mapped.
+    const fn is_captured(&self) -> bool {
+        self.count.is_some() && !self.stale
+    }
+
     /// What a mapping hangs on changed.
     pub fn forget(&mut self) {
-        (self.laid, self.accused) = (None, false);
+        (self.laid, self.accused, self.fitted) = (None, false, false);
     }
 
     /// The node started again.
@@ -156,7 +166,7 @@ impl Pdo {
     fn stated(&self, profile: Option<&'static Profile>) -> Option<(Vec<Entry>, Quality)> {
         let index = if self.told { 0x1A00 } else { 0x1600 } + (self.number - 1);
         let default = |sub| default(profile, Object::new(index, sub));
-        let mut captured = self.count.is_some() && !self.stale;
+        let mut captured = self.is_captured();
         let count = self.count.or_else(|| u8::try_from(default(0)?).ok())?;
         let mut entries = Vec::new();
         for sub in 1..=count {

@@ -245,9 +245,14 @@ impl Channel {
         }
     }
 
-    /// The node starts again: what is under way ends without an answer.
-    pub fn reset(&mut self, notices: &mut Vec<Notice>) {
+    /// The node starts again: what is under way ends without an answer. What was asked a moment ago
+    /// may have met the boot-up on its way, or was written down before it: its answer may yet come.
+    pub fn reset(&mut self, now: Option<Stamp>, notices: &mut Vec<Notice>) {
         if self.state == State::Open {
+            let since = self.transfer.moved.zip(now).map_or(0, |(moved, now)| now.since(moved));
+            if self.transfer.phase == Phase::First && since < MOMENT_NS {
+                return;
+            }
             self.give_up(" before the node started again", notices);
         }
         (self.given_up, self.owed) = (None, 0);

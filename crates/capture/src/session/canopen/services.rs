@@ -30,6 +30,8 @@ pub(super) enum Service {
     Reply(u16),
     /// A node's state.
     State(u8),
+    /// Layer setting: from the master, or from a device.
+    Lss(bool),
 }
 
 /// Services by identifier.
@@ -122,6 +124,8 @@ fn by_default(id: u16, pdos: &mut Pdos) -> Service {
         Cob::Heartbeat(node) => Service::State(node),
         Cob::SdoRequest(node) => Service::Request(u16::from(node)),
         Cob::SdoReply(node) => Service::Reply(u16::from(node)),
+        Cob::LssRequest => Service::Lss(true),
+        Cob::LssReply => Service::Lss(false),
         _ => Service::Nobody,
     }
 }

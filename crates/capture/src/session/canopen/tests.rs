@@ -2,6 +2,7 @@
 //! told once.
 
 mod garbage;
+mod lss;
 mod nodes;
 mod process;
 mod transfer;
@@ -110,7 +111,7 @@ impl Bus {
                 told.wrong += usize::from(event.wrong.is_some());
             });
         }
-        decoder.ending(&mut |_, notices| told.notices.extend_from_slice(notices));
+        decoder.ending(&mut |event| told.notices.extend_from_slice(event.notices));
         told
     }
 }

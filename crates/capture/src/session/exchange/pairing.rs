@@ -23,6 +23,10 @@ const LIMIT_UNKNOWN: u64 = 1_000_000_000;
 const PATIENCE: u64 = 3;
 /// … nor so long after it, ns; hosts that ask again do it within that time.
 const PATIENCE_MIN: u64 = 3_500_000_000;
+/// Answers after which it is known how long they usually take …
+const USUAL_MIN: u64 = 4;
+/// … which is twice the longest so far, and this besides, ns: adapters pass frames on in bunches.
+const USUAL_SLACK: u64 = 5_000_000;
 /// Repetitions that belong to one request; more are questions to nobody.
 const RETRIES_MAX: u16 = 3;
 /// Requests before the first answer that nobody asked for is one: an earlier one may have been
@@ -48,6 +52,8 @@ pub(super) struct Pairing {
     now: Option<Stamp>,
     acks: u64,
     answers: u64,
+    /// The longest that an answer which came in time took, ns.
+    slowest: u64,
 }
 
 /// A frame that is kept.
@@ -81,6 +87,8 @@ struct Request {
     last: Option<Stamp>,
     limit: u64,
     state: State,
+    /// Something that is no frame came where its answer was due.
+    spoiled: bool,
     /// The bytes that settled it.
     answer: Vec<u8>,
 }
@@ -183,7 +191,7 @@ impl Pairing {
         };
         request.frame.keep(&heard.raw);
         request.awaits = awaits;
-        (request.acks, request.answers) = (0, 0);
+        (request.acks, request.answers, request.spoiled) = (0, 0, false);
         request.last = heard.time;
         request.limit = heard.profile.map_or(LIMIT_UNKNOWN, |profile| {
             LIMIT_MIN.max(u64::from(profile.reply_timeout_ms) * 1_000_000)
@@ -318,8 +326,16 @@ impl Pairing {
         Settled { asked: known.is_some(), quality }
     }
 
+    /// Whether an answer now would come as soon as answers of this link usually do. Without that, one
+    /// lost answer to a host that asks on would shift all that follow by one.
+    fn is_usual(&self, request: &Request, now: Option<Stamp>) -> bool {
+        let waited = request.last.zip(now).map_or(0, |(last, now)| now.since(last));
+        let most = self.slowest.saturating_mul(2).saturating_add(USUAL_SLACK);
+        self.answers < USUAL_MIN || waited <= most
+    }
+
     /// The request that an answer belongs to, among those that wait: one that it repeats, else the
-    /// oldest that is not late, else the oldest.
+    /// oldest that may be answered so soon, else the oldest that is not late, else the oldest.
     fn candidate(&self, heard: &Heard<'_>) -> Option<usize> {
         let fits = |request: &Request| {
             request.owes_answer() && heard.dissector.answers(&heard.raw, &request.frame.raw())
@@ -328,8 +344,8 @@ impl Pairing {
         for (at, request) in self.requests.iter().enumerate().filter(|(_, r)| fits(r)) {
             let rank = match request.frame.bytes == heard.raw.bytes {
                 true => 0,
-                false if request.is_late(heard.time) => 2,
-                false => 1,
+                false if request.is_late(heard.time) => 3,
+                false => 1 + u8::from(!self.is_usual(request, heard.time)),
             };
             if best.is_none_or(|(least, _)| rank < least) {
                 best = Some((rank, at));
@@ -382,6 +398,9 @@ impl Pairing {
         request.state = State::Settled;
         let refused = heard.dissector.refuses(&heard.raw, &request.frame.raw());
         let late = request.is_late(heard.time);
+        if !late {
+            self.slowest = self.slowest.max(request.told.latency().unwrap_or(0));
+        }
         request.told.outcome = match refused {
             Some(_) => Outcome::Refused,
             None if late => Outcome::Late,
@@ -463,6 +482,13 @@ impl Pairing {
         self.requests.remove(at);
     }
 
+    /// Bytes that are no frame came from a drive: the answer that is due may have been among them, and
+    /// may yet come whole.
+    pub fn spoil(&mut self) {
+        let last = self.requests.back_mut().filter(|request| request.owes_answer());
+        last.into_iter().for_each(|request| request.spoiled = true);
+    }
+
     /// Time goes on.
     pub fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
         self.now = Some(now);
@@ -505,6 +531,11 @@ impl Pairing {
         let unheard = acks == 0 && self.answers > 0 && request.awaits.answers == Owed::Nothing;
         if !request.sure() || unheard {
             return;
+        }
+        if request.spoiled {
+            // That its answer was spoiled was told.
+            request.told.outcome = Outcome::Broken;
+            return notices.push(Notice::Exchange(request.told));
         }
         let due = request.last.map(|last| Stamp(last.0.saturating_add(request.limit)));
         let time = due.map(|due| now.map_or(due, |now| now.min(due)));
@@ -576,6 +607,7 @@ impl Pairing {
             last: None,
             limit: 0,
             state: State::Settled,
+            spoiled: false,
             answer: Vec::new(),
         }
     }

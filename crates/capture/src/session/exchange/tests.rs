@@ -67,7 +67,7 @@ impl Tape {
         let mut heard = Heard::default();
         decoder.feed(self.text.as_bytes(), &mut |event| heard.take(event.notices));
         decoder.finish(&mut |event| heard.take(event.notices));
-        decoder.ending(&mut |_, notices| heard.take(notices));
+        decoder.ending(&mut |event| heard.take(event.notices));
         heard
     }
 }
@@ -249,6 +249,47 @@ fn planted_in_tmcl_on_can() {
     assert_eq!(planted(&|t| just(t.can(&answer(5, 0)))), ["foreign-reply"]);
     let twins = |t: &mut Tape| just(t.can(&ask(1)).can(&answer(1, 1)).can(&answer(1, 8)));
     assert_eq!(planted(&twins), ["duplicate-address"]);
+}
+
+/// Both variables are asked for in turn: an answer that is lost is missed once, and those behind it
+/// belong to their own requests.
+#[test]
+fn a_lost_answer_on_can_does_not_shift_the_others() {
+    let (address, opcode, motor, value) = (1, Opcode::Gap, 0, 0);
+    let mut tape = Tape::default();
+    for n in 0..40 {
+        let ask = Request { address, opcode, kind: 1 + n % 2 * 2, motor, value };
+        let reply = Reply { host: 2, module: 1, status: Status::Ok, opcode, value: n.into() };
+        tape.after(100).can(&ask.emit_can(1, false));
+        if n != 21 {
+            tape.can(&reply.emit_can(2, false));
+        }
+    }
+    let heard = tape.heard("tmcl");
+    assert_eq!(heard.odd, ["unanswered"]);
+    let done = heard.ended.iter().filter(|ended| **ended == Outcome::Done).count();
+    assert_eq!((done, heard.ended.len()), (39, 40), "{:?}", heard.ended);
+}
+
+#[test]
+fn an_answer_that_is_cut_is_told_once() {
+    let mut tape = Tape::default();
+    polls(&mut tape, 4);
+    tape.after(200).ask(&gap(1, 1)).answer(&position(1, 7)[..4]);
+    tape.after(200);
+    polls(&mut tape, 4);
+    let heard = tape.heard("tmcl");
+    assert_eq!(heard.odd, ["malformed"]);
+    assert_eq!(heard.ended.iter().filter(|ended| **ended == Outcome::Broken).count(), 1);
+    // Noise before a good answer spoils nothing.
+    let mut tape = Tape::default();
+    polls(&mut tape, 4);
+    tape.after(200).ask(&gap(1, 1)).answer(&[0xFF]).after(30).answer(&position(1, 7));
+    tape.after(200);
+    polls(&mut tape, 4);
+    let heard = tape.heard("tmcl");
+    assert_eq!((heard.odd.len(), heard.odd[0].as_str()), (1, "stray"), "{:?}", heard.odd);
+    assert!(heard.ended.iter().all(|ended| *ended == Outcome::Done), "{:?}", heard.ended);
 }
 
 fn modbus(unit: u8, pdu: impl FnOnce(&mut [u8]) -> usize) -> Vec<u8> {

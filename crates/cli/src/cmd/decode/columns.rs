@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use polepair_capture::session::Notice;
 use polepair_capture::{Decoder, Event};
 use polepair_columns::{
     Files, Keep, Origin, Provenance, RecordBatch, StoreError, Stored, Table, Tables,
@@ -160,7 +159,7 @@ impl Sink for Columns {
         if now || self.tables.is_full() { self.flush() } else { Ok(()) }
     }
 
-    fn ending(&mut self, link: &str, notices: &[Notice]) {
-        self.tables.ending(link, notices);
+    fn ending(&mut self, event: &Event<'_>) {
+        self.tables.ending(event.link, event.notices);
     }
 }

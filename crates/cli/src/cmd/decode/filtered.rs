@@ -1,6 +1,5 @@
 //! Frames that a filter wants, and no others.
 
-use polepair_capture::session::Notice;
 use polepair_capture::{Event, Filter};
 
 use crate::capture::Sink;
@@ -36,6 +35,9 @@ impl Sink for Filtered<'_> {
         self.inner.finish()
     }
 
-    /// What is left open belongs to no frame, so no filter wants it.
-    fn ending(&mut self, _link: &str, _notices: &[Notice]) {}
+    fn ending(&mut self, event: &Event<'_>) {
+        if self.filter.wants(event) {
+            self.inner.ending(event);
+        }
+    }
 }

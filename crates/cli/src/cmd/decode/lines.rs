@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use polepair_capture::session::Notice;
 use polepair_capture::{Event, jsonl, text};
 
 use crate::capture::Sink;
@@ -43,9 +42,9 @@ impl Sink for Lines {
         }
     }
 
-    fn ending(&mut self, link: &str, notices: &[Notice]) {
+    fn ending(&mut self, event: &Event<'_>) {
         if let Some(text) = &mut self.text {
-            text.ending(link, notices, self.out.buffer());
+            text.ending(event, self.out.buffer());
         }
     }
 

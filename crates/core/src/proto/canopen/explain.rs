@@ -319,7 +319,9 @@ fn service_answers(reply: &[u8], request: &[u8]) -> bool {
     )
 }
 
-fn lss_answers(reply: &[u8], request: &[u8]) -> bool {
+/// Whether a reply of layer setting can be to that request.
+#[must_use]
+pub fn lss_answers(reply: &[u8], request: &[u8]) -> bool {
     let (Ok(reply), Ok(request)) = (lss::Reply::parse(reply), lss::Request::parse(request)) else {
         return false;
     };
@@ -610,7 +612,9 @@ const fn reply_kind(reply: Reply) -> &'static str {
     }
 }
 
-const fn lss_kind(request: lss::Request) -> &'static str {
+/// The word for a request of layer setting.
+#[must_use]
+pub const fn lss_kind(request: lss::Request) -> &'static str {
     use lss::Request;
     match request {
         Request::SwitchGlobal(_) => "LSS switch all",

@@ -37,6 +37,20 @@ fn a_start_in_use_is_told() {
 }
 
 #[test]
+fn a_request_that_meets_the_boot_up_is_answered_by_one_node() {
+    let kind = Object::new(0x1000, 0);
+    let reply = || Reply::Value(kind, Short { bits: 0x20192, len: 4 });
+    let mut bus = Bus::default();
+    bus.read(kind, 0x20192, 4).say(0x000, &[0x81, 0]).wait(300).ask(Request::Read(kind));
+    bus.now -= 1_000_000;
+    bus.say(BEAT, &[0]).answer(reply()).read(kind, 0x20192, 4).told().clean();
+    // What is asked long before is lost.
+    let mut bus = Bus::default();
+    bus.read(kind, 0x20192, 4).ask(Request::Read(kind)).wait(300).say(BEAT, &[0]);
+    assert_eq!(bus.told().odds(), [Oddity::Restart, Oddity::Unanswered]);
+}
+
+#[test]
 fn a_heartbeat_that_stays_out_is_told_once() {
     let mut bus = Bus::default();
     bus.heartbeats(5, 100, 10);
