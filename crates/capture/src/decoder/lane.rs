@@ -50,8 +50,12 @@ impl Lanes {
 
 /// The profile, if it is one of the protocol's that a rule names.
 pub(super) fn spoken(profile: Option<&'static Profile>, rule: &Rule) -> Option<&'static Profile> {
-    let language = rule.dissector.language();
-    profile.filter(|profile| profile.protocol == language || language.starts_with(profile.protocol))
+    profile.filter(|profile| speaks(profile, rule.dissector))
+}
+
+/// Whether drives of a profile speak a protocol.
+pub(crate) fn speaks(profile: &Profile, dissector: &dyn Dissector) -> bool {
+    dissector.language().starts_with(profile.protocol)
 }
 
 /// The rule of the protocol that a capture gave an identifier to which is not its own.

@@ -369,7 +369,7 @@ impl Canopen {
         let Ok(len @ 0..=8) = u8::try_from(bytes.len()) else { return };
         let (id, told) = (self.pdos.all[at].node, self.pdos.all[at].told);
         self.node(id);
-        let (profile, renamed) = self.names_of(id);
+        let profile = self.profile_of(id);
         let Some(node) = self.nodes[usize::from(id)].as_deref_mut() else { return };
         if told {
             node.processes(heard.time, notices);

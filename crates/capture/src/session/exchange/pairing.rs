@@ -207,7 +207,8 @@ impl Pairing {
             request.state == State::Open && request.sure() && request.frame.raw() == heard.raw
         };
         let Some(at) = self.requests.iter().rposition(same) else { return false };
-        if self.requests[at].told.retries == RETRIES_MAX {
+        // To a host whose answer was spoiled it is a new request, as after one whose check failed.
+        if self.requests[at].told.retries == RETRIES_MAX || self.requests[at].spoiled {
             self.give_up(at, heard.time, notices);
             return false;
         }
