@@ -258,7 +258,7 @@ impl Made {
 
     fn end(mut self, mut decoder: Inner) -> Result<Vec<Columns>, ArrowError> {
         decoder.finish(&mut |event| self.tables.take(event));
-        decoder.ending(&mut |link, notices| self.tables.ending(link, notices));
+        decoder.ending(&mut |event| self.tables.ending(event.link, event.notices));
         self.flush()?;
         self.batches.into_iter().map(|(table, rows)| Columns::new(table, rows)).collect()
     }
