@@ -233,10 +233,6 @@ def capture(runs: int) -> None:
             arrays = polepair.decode(file, protocols="canopen").to_numpy()
             assert all(len(arrays[name]) == count for name in arrays)
 
-        def signals() -> None:
-            arrays = polepair.decode(file, protocols="canopen").to_numpy("signals")
-            assert len(arrays["value"]) > 0
-
         def stream() -> None:
             assert len(polepair.decode(file, protocols="canopen").to_arrow()) == count
 
@@ -244,7 +240,6 @@ def capture(runs: int) -> None:
             ("frames to NumPy: time, identifier, number (target 40)", frames_only),
             ("frames to NumPy: every column, words as str", everything),
             ("frames to pyarrow", stream),
-            ("signals to NumPy", signals),
         ]:
             took = []
             for _ in range(runs):
