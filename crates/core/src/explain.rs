@@ -1,10 +1,12 @@
 //! Explaining a frame to people: fields with names, byte ranges and meanings, into a sink.
 
+mod effect;
 mod talk;
 
 use crate::error::WireError;
 use crate::profile::{Parameter, Profile};
 
+pub use effect::{Act, Effect};
 pub use talk::{Awaits, Label, Owed, Place, Reading, Talk, Turn, What};
 
 /// Who sent the bytes.
@@ -289,6 +291,16 @@ pub trait Dissector: Sync {
     fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
         let _ = (frame, talk);
         Turn::Aside
+    }
+    /// Who sends such a frame, where it tells that by itself. `open` is the last request on the line
+    /// that is not answered yet.
+    fn speaker(&self, frame: &Raw<'_>, open: Option<Raw<'_>>) -> Option<Direction> {
+        self.turn(frame, &Talk { open, ..Talk::default() }).speaker()
+    }
+    /// What a frame may do to the drive that it is sent to. By default nobody can tell.
+    fn effect(&self, frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
+        let _ = (frame, profile);
+        Effect::UNKNOWN
     }
     /// Why an answer refuses its request; `None` where it does not.
     fn refuses(&self, answer: &Raw<'_>, request: &Raw<'_>) -> Option<&'static str> {

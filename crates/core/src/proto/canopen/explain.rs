@@ -5,6 +5,7 @@
 //! else proves to be CANopen's. What process data hold is the node's mapping, which the frame does
 //! not tell.
 
+mod effect;
 mod fields;
 mod names;
 pub mod say;
@@ -21,7 +22,7 @@ use super::text::{self, Said};
 use super::{NODE_MAX, emcy};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Raw, Sink,
+    Addressing, Context, Cut, Direction, Dissector, Effect, EncodeError, Encoded, Field, Raw, Sink,
     TextError, Value,
 };
 use crate::medium::Frame;
@@ -179,6 +180,17 @@ impl Dissector for CanopenDissector {
             }
             (Some(Cob::LssReply), Some(Cob::LssRequest)) => lss_answers(frame.bytes, request.bytes),
             _ => false,
+        }
+    }
+
+    fn speaker(&self, frame: &Raw<'_>, _: Option<Raw<'_>>) -> Option<Direction> {
+        effect::speaker(frame.id.filter(|_| !frame.extended).and_then(cob)?)
+    }
+
+    fn effect(&self, frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
+        match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob) {
+            Some(cob) => effect::of(cob, frame.bytes, profile),
+            None => Effect::UNKNOWN,
         }
     }
 

@@ -13,8 +13,8 @@ use super::wire::{Exception, Format, Function, PDU_MAX, ReplyPdu, RequestPdu, Sp
 use super::{ascii, rtu};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Raw, Sink, Talk,
-    TextError, Turn, Value,
+    Addressing, Context, Cut, Direction, Dissector, Effect, EncodeError, Encoded, Field, Raw, Sink,
+    Talk, TextError, Turn, Value,
 };
 use crate::profile::{Encoding, Parameter, Profile};
 use say::{decimal, hexadecimal, scaled};
@@ -128,6 +128,10 @@ impl Dissector for ModbusDissector {
 
     fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
         self.taken(frame, talk)
+    }
+
+    fn effect(&self, frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
+        self.does(frame, profile)
     }
 
     fn refuses(&self, answer: &Raw<'_>, _: &Raw<'_>) -> Option<&'static str> {

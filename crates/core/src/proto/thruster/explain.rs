@@ -15,8 +15,8 @@ use super::wire::{
 };
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Raw, Sink, Talk,
-    TextError, Turn, Value,
+    Addressing, Context, Cut, Direction, Dissector, Effect, EncodeError, Encoded, Field, Raw, Sink,
+    Talk, TextError, Turn, Value,
 };
 use crate::profile::Profile;
 
@@ -131,6 +131,10 @@ impl Dissector for ThrusterDissector {
 
     fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
         talk::turn(frame, talk)
+    }
+
+    fn effect(&self, frame: &Raw<'_>, _: Option<&'static Profile>) -> Effect {
+        talk::effect(frame)
     }
 
     fn refuses(&self, answer: &Raw<'_>, request: &Raw<'_>) -> Option<&'static str> {

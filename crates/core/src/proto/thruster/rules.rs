@@ -3,6 +3,29 @@
 use super::wire::{
     BIT_RATES, Command, ID_MAX, POSITION_MAX, RANGE, REFUSED, RPM_MIN, Request, Shape, TIMEOUT_MS,
 };
+use crate::station::Class;
+
+/// The class that a request has by itself.
+#[must_use]
+pub fn class_of(request: &Request) -> Class {
+    let value = request.data.unwrap_or(0);
+    match (request.command, request.command.known()) {
+        (Command::TC | Command::VC, _) if value == 0 => Class::Stop,
+        (Command::LS, _) => Class::Stop,
+        // Speed 0 starts nothing.
+        (Command::LA | Command::LR, _) if request.sub == 0 => Class::Confirm,
+        (_, Some((Shape::Query, _))) => Class::Idempotent,
+        (Command::VM | Command::ST, _) | (_, Some((Shape::Order, _))) => Class::Confirm,
+        _ => Class::Never,
+    }
+}
+
+/// Whether a drive keeps what a request sets over power-off (sections 2.2, 2.4, 4.1). \[I\] SP and
+/// AZ, whose manual only says that they set.
+#[must_use]
+pub const fn keeps(request: &Request) -> bool {
+    matches!(request.command, Command::CI | Command::CB | Command::SR | Command::SP | Command::AZ)
+}
 
 /// Whether a request may be sent.
 ///

@@ -46,21 +46,6 @@ impl crate::station::Request for Ask {
     }
 }
 
-/// The class that a request has by itself.
-#[must_use]
-pub fn class_of(request: &Request) -> Class {
-    let value = request.data.unwrap_or(0);
-    match (request.command, request.command.known()) {
-        (Command::TC | Command::VC, _) if value == 0 => Class::Stop,
-        (Command::LS, _) => Class::Stop,
-        // Speed 0 starts nothing.
-        (Command::LA | Command::LR, _) if request.sub == 0 => Class::Confirm,
-        (_, Some((Shape::Query, _))) => Class::Idempotent,
-        (Command::VM | Command::ST, _) | (_, Some((Shape::Order, _))) => Class::Confirm,
-        _ => Class::Never,
-    }
-}
-
 /// What a drive answers, or tells unasked.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Answer {

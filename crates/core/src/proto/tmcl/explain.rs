@@ -8,8 +8,8 @@ use super::text::{self, Decimal};
 use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionText, checksum};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Field, Raw, Reading,
-    Sink, Talk, TextError, Turn, Value, Via,
+    Addressing, Context, Cut, Direction, Dissector, Effect, EncodeError, Encoded, Field, Raw,
+    Reading, Sink, Talk, TextError, Turn, Value, Via,
 };
 use crate::profile::{Parameter, Profile};
 
@@ -106,6 +106,10 @@ impl Dissector for TmclDissector {
 
     fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
         talk::turn(frame, talk)
+    }
+
+    fn effect(&self, frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
+        talk::effect(frame, profile)
     }
 
     fn refuses(&self, answer: &Raw<'_>, _: &Raw<'_>) -> Option<&'static str> {

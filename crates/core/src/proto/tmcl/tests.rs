@@ -2,6 +2,7 @@
 
 extern crate std;
 
+mod effect;
 mod garbage;
 mod pair;
 

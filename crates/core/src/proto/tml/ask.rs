@@ -87,7 +87,7 @@ impl crate::station::Request for Ask {
 }
 
 /// What may be done with an instruction whose fate is unknown.
-const fn class(instruction: &Instruction) -> Class {
+pub(super) const fn class(instruction: &Instruction) -> Class {
     match instruction.opcode {
         // AXISOFF, STOP, STOP0 to STOP2; END and ABORT, so that no program goes on to move it.
         0x0001 | 0x1C02 | 0x0002 | 0x0104 | 0x0144 | 0x0184 | 0x01C4 => Class::Stop,

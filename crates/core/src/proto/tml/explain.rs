@@ -15,8 +15,8 @@ use super::wire::{IdCode, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Encoded, Place, Raw, Sink, Talk,
-    TextError, Turn, Via,
+    Addressing, Context, Cut, Direction, Dissector, Effect, EncodeError, Encoded, Place, Raw, Sink,
+    Talk, TextError, Turn, Via,
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, Profile};
@@ -184,6 +184,14 @@ impl Dissector for TmlDissector {
             return if acks { Turn::Acknowledges } else { Turn::Aside };
         }
         self.open(frame).map_or(Turn::Aside, |said| talk::turn(&said, serial, talk.direction))
+    }
+
+    fn effect(&self, frame: &Raw<'_>, _: Option<&'static Profile>) -> Effect {
+        match frame.bytes {
+            // An acknowledgement, or bytes that synchronise.
+            [_] if self.0 == Encapsulation::Serial => Effect::NOTHING,
+            _ => self.open(frame).map_or(Effect::UNKNOWN, |said| talk::effect(&said)),
+        }
     }
 
     fn place(&self, request: &Raw<'_>) -> Option<Place> {

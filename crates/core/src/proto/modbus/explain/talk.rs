@@ -2,7 +2,9 @@
 
 use super::say::scaled;
 use super::{ModbusDissector, NAMED_MAX, gathered, is_reply};
-use crate::explain::{Awaits, Context, Direction, Label, Raw, Reading, Sink, Talk, Turn, What};
+use crate::explain::{
+    Awaits, Context, Direction, Effect, Label, Raw, Reading, Sink, Talk, Turn, What,
+};
 use crate::profile::{Parameter, Profile};
 use crate::proto::modbus::encoding::{decode, registers};
 use crate::proto::modbus::wire::{
@@ -40,6 +42,24 @@ impl ModbusDissector {
             true => Turn::Asks(Awaits::ANSWER),
             false => Turn::Answers,
         }
+    }
+
+    /// A write may reach any of its registers or coils.
+    pub(super) fn does(self, frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
+        let mut store = [0; rtu::ADU_MAX];
+        let Some((_, pdu)) = self.opened(frame.bytes, &mut store) else { return Effect::UNKNOWN };
+        let (space, start, count) = match RequestPdu::parse(pdu) {
+            Ok(RequestPdu::Read { .. }) => return Effect::NOTHING,
+            Ok(RequestPdu::WriteRegister { address, .. }) => (Space::Holding, address, 1),
+            Ok(RequestPdu::WriteRegisters { start, words }) => {
+                (Space::Holding, start, words.len() as u16 / 2)
+            }
+            Ok(RequestPdu::WriteCoil { address, .. }) => (Space::Coil, address, 1),
+            Ok(RequestPdu::WriteCoils { start, count, .. }) => (Space::Coil, start, count),
+            Ok(RequestPdu::Unknown { .. }) | Err(_) => return Effect::UNKNOWN,
+        };
+        let of = |address| Effect::of_writing(covering(profile, space, address));
+        (0..count).map(|at| of(start.wrapping_add(at))).fold(Effect::NOTHING, Effect::and)
     }
 
     /// A reply has its request's station and function, and as much data as was asked for or the
@@ -80,6 +100,18 @@ impl ModbusDissector {
             _ => None,
         }
     }
+}
+
+/// The parameter that a register or coil is of, be it the second one of two.
+fn covering(
+    profile: Option<&'static Profile>,
+    space: Space,
+    address: u16,
+) -> Option<&'static Parameter> {
+    profile?.parameters.iter().find(|p| {
+        let width = if space.is_bits() { 1 } else { registers(p.encoding) };
+        p.space == space.number() && (p.index..p.index.saturating_add(width)).contains(&address)
+    })
 }
 
 /// The values that a PDU carries. Where nobody stated the drive, the line of text has the registers'

@@ -1,9 +1,10 @@
 //! Frames in their conversation: who speaks, what is owed by the VM in force, which values are told.
 
 use super::readings;
-use crate::explain::{Awaits, Owed, Raw, Reading, Sink, Talk, Turn, What};
+use crate::explain::{Act, Awaits, Effect, Owed, Raw, Reading, Sink, Talk, Turn, What};
 use crate::profile::Profile;
 use crate::proto::thruster::readings::{Form, Readings, is_command};
+use crate::proto::thruster::rules::{self, class_of};
 use crate::proto::thruster::wire::{
     Bare, Command, Heard, REFUSED, Reply, Report, Request, Shape, node,
 };
@@ -20,6 +21,19 @@ pub(super) fn turn(frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
             Err(_) => Turn::Aside,
         },
         None => Turn::Aside,
+    }
+}
+
+/// What is no command of this protocol is another one's on the same identifiers.
+pub(super) fn effect(frame: &Raw<'_>) -> Effect {
+    match (frame.id.filter(|_| !frame.extended).and_then(node), Request::parse(frame.bytes)) {
+        (Some(Err(_)), _) => Effect::NOTHING,
+        (Some(Ok(_)), Ok(request)) if request.command.known().is_some() => {
+            let keeps = rules::keeps(&request);
+            let act = if keeps { Act::Sets } else { Effect::of_class(class_of(&request)).act };
+            Effect { act, keeps }
+        }
+        _ => Effect::UNKNOWN,
     }
 }
 

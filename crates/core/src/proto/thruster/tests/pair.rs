@@ -12,7 +12,8 @@ use crate::proto::thruster::device::{CanEnd, Firmware, Quirks, Response, Telemet
 use crate::proto::thruster::fault;
 use crate::proto::thruster::host::CanHost;
 use crate::proto::thruster::readings::Readings;
-use crate::proto::thruster::session::{Answer, Ask, class_of};
+use crate::proto::thruster::rules::class_of;
+use crate::proto::thruster::session::{Answer, Ask};
 use crate::proto::thruster::wire::{Command, REFUSED, Reply, Request};
 use crate::station::{Class, Host, LineEvent, Station, Ticket, Timed, To};
 use crate::time::{Instant, earliest};

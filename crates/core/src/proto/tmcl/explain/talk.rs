@@ -1,7 +1,9 @@
 //! Datagrams in their conversation: who speaks, what is owed, which values are told.
 
 use super::{Present, ascii_line, is_reply, parameter_of, unchecked_reply, unchecked_request};
-use crate::explain::{Awaits, Context, Direction, Label, Raw, Reading, Sink, Talk, Turn, What};
+use crate::explain::{
+    Awaits, Context, Direction, Effect, Label, Raw, Reading, Sink, Talk, Turn, What,
+};
 use crate::profile::{Parameter, Profile, Signal};
 use crate::proto::tmcl::ascii;
 use crate::proto::tmcl::opcode::{Opcode, Status};
@@ -53,6 +55,25 @@ pub(super) fn answers(frame: &Raw<'_>, request: &Raw<'_>) -> bool {
     replied(frame).is_some_and(|reply| {
         !same_id && reply.module == asked.address && reply.opcode == asked.opcode
     })
+}
+
+/// RSAP, RSGP and FACTORY DEFAULT bring back what is kept; instructions go into permanent memory
+/// while a program is loaded.
+pub(super) fn effect(frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
+    use Opcode as O;
+    let Some(request) = asked(frame) else { return Effect::UNKNOWN };
+    match request.opcode {
+        O::Mst => Effect::NOTHING,
+        O::Ror | O::Rol if request.value == 0 => Effect::NOTHING,
+        O::Sap | O::Sgp => Effect::of_writing(parameter_of(&request, profile)),
+        O::Sio => Effect::SETS,
+        O::Stap | O::Rsap | O::Stgp | O::Rsgp | O::FactoryDefault => Effect::KEEPS,
+        O::DownloadStart | O::DownloadEnd | O::Boot | O::BootErase => Effect::KEEPS,
+        O::BootWriteBuffer | O::BootWritePage | O::BootWriteLength => Effect::KEEPS,
+        opcode if opcode.only_reads() => Effect::NOTHING,
+        opcode if opcode.is_named() => Effect::MOVES,
+        _ => Effect::UNKNOWN,
+    }
 }
 
 pub(super) fn refuses(answer: &Raw<'_>) -> Option<&'static str> {

@@ -2,9 +2,9 @@
 
 use super::layout::Said;
 use super::{names, say};
-use crate::explain::{Awaits, Direction, Label, Owed, Place, Reading, Sink, Turn, What};
+use crate::explain::{Awaits, Direction, Effect, Label, Owed, Place, Reading, Sink, Turn, What};
 use crate::profile::{Encoding, Profile};
-use crate::proto::tml::ask::assigned;
+use crate::proto::tml::ask::{assigned, class};
 use crate::proto::tml::online::{Cell, Memory, Online, PvtPoint};
 use crate::proto::tml::rules;
 
@@ -32,6 +32,18 @@ fn awaits(said: &Said, serial: bool) -> Awaits {
             true => one,
         },
         answers: if rules::is_request(opcode) { one } else { Owed::Nothing },
+    }
+}
+
+/// SAVE, and whatever writes to the EEPROM (memory 2 in the bits of an instruction that writes).
+pub(super) fn effect(said: &Said) -> Effect {
+    const SAVE: u16 = 0x1C08;
+    let opcode = said.instruction.opcode;
+    let writes = opcode & 0xFC00 == 0x9000 && opcode >> 2 & 3 == 2;
+    match Online::parse(&said.instruction) {
+        Some(online) if is_answer(&online) => Effect::NOTHING,
+        _ if opcode == SAVE || writes => Effect::KEEPS,
+        _ => Effect::of_class(class(&said.instruction)),
     }
 }
 
