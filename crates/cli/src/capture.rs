@@ -130,6 +130,11 @@ impl Source {
         Ok(decoder)
     }
 
+    /// A decoder by what is stated, else by these rules.
+    pub fn decoder_or(&self, rules: &Rules) -> Decoder {
+        self.decoder(self.rules.as_ref().unwrap_or(rules).clone())
+    }
+
     fn decoder(&self, rules: Rules) -> Decoder {
         self.spare(Decoder::new(rules).with_profile(self.profile).with_format(self.form))
     }

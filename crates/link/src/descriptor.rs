@@ -156,6 +156,19 @@ impl Descriptor {
         let _ = drained;
     }
 
+    /// Waits for room until `until`.
+    pub(crate) fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+        loop {
+            let mut fds = [PollFd::new(&self.fd, PollFlags::OUT)];
+            match poll(&mut fds, Some(&timespec(until.since(clock::now())))) {
+                Ok(0) => return Ok(false),
+                Ok(_) => return Ok(true),
+                Err(Errno::INTR) => {}
+                Err(errno) => return Err(self.error(errno)),
+            }
+        }
+    }
+
     /// Waits until `fd`, this or what sends beside it, takes more.
     pub(crate) fn await_room(&self, fd: BorrowedFd<'_>) -> Result<(), LinkError> {
         let mut fds = [PollFd::from_borrowed_fd(fd, PollFlags::OUT)];

@@ -21,6 +21,17 @@ pub trait Link<M: Medium>: Send + Sync {
     /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
     fn send(&self, unit: &M::Unit) -> Result<(), LinkError>;
 
+    /// Waits until a unit can be sent without waiting, as far as the system tells. `false` when
+    /// `until` came first. For those who send more than the wire takes: [`send`](Self::send) itself
+    /// is patient for a moment only.
+    ///
+    /// # Errors
+    /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
+    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+        let _ = until;
+        Ok(true)
+    }
+
     /// Waits until something arrives, `until` has come, or somebody wakes it. With an `until` that
     /// has passed it takes what is already there and does not wait.
     ///

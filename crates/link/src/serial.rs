@@ -1,5 +1,7 @@
 //! Serial ports: any baud rate, exclusive, with low latency where the adapter allows it.
 
+#[cfg(unix)]
+mod counts;
 #[cfg(all(
     target_os = "linux",
     any(

@@ -300,6 +300,10 @@ impl Link<Can> for SlcanLink {
         self.judged(self.inner.send(&text[..len]).and_then(|()| self.ask_for_flags()))
     }
 
+    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+        self.inner.ready(until)
+    }
+
     fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
         let mut unread = self.unread();
         loop {

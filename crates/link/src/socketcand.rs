@@ -185,6 +185,10 @@ impl Link<Can> for SocketcandLink {
         self.inner.send(&room[..len])
     }
 
+    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+        self.inner.ready(until)
+    }
+
     fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
         let mut unread = self.unread();
         loop {

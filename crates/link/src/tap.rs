@@ -68,6 +68,10 @@ impl<M: Medium> Link<M> for Tapped<M> {
         self.inner.send(unit)
     }
 
+    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+        self.inner.ready(until)
+    }
+
     fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError> {
         let received = self.inner.receive(buffer, until)?;
         if let Received::Bytes { len, at } = received {

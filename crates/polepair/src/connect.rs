@@ -12,6 +12,7 @@
 mod given;
 mod options;
 mod rack;
+mod spoken;
 
 use crate::axis::Axis;
 use crate::bus;
@@ -177,26 +178,6 @@ impl Connector {
             return Err(Error::usage("E210", what, "nothing was sent"));
         }
         Ok((lines, simulation))
-    }
-
-    /// The words of the protocols that are spoken on a link, without opening it.
-    ///
-    /// # Errors
-    /// [`Error::Usage`], and [`Error::File`] of a rack.
-    pub fn protocols(&self, text: &str) -> Result<Vec<&'static str>, Error> {
-        let urls = self.urls(text)?;
-        let description = match &urls[0].target {
-            Target::Sim { what } => describe(&urls[0], what, 1)?,
-            Target::Rack { file } => simulate::rack_of_file(Path::new(file), 1)?,
-            _ => return urls.iter().map(|url| Ok(url.spoken()?.name)).collect(),
-        };
-        let mut words = Vec::new();
-        for spoken in (0..description.wires.len()).flat_map(|n| description.spoken_on(n)) {
-            if !words.contains(&spoken.name) {
-                words.push(spoken.name);
-            }
-        }
-        Ok(words)
     }
 
     /// Opens a link and finds out what is there.

@@ -11,6 +11,7 @@
 
 use crate::connect::{Connector, Line};
 use crate::error::Error;
+use crate::url::Url;
 use crate::wire::{AnyLink, OpenWire, SharedLink};
 use polepair_core::medium::{Can, CanLine, Medium, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
@@ -54,9 +55,48 @@ impl Connector {
     /// # Errors
     /// As [`listen`](Self::listen).
     pub fn open(&self, text: &str) -> Result<Vec<AnyLink>, Error> {
-        let (lines, _) = self.lines(&self.url(text)?)?;
-        let wires = lines.chunk_by(|one, other| one.wire == other.wire);
-        Ok(wires.filter_map(|lines| lines.first()).map(|line| line.link.clone().into()).collect())
+        Ok(self.opened(text)?.links())
+    }
+
+    /// The same, for those who also want to [stop](crate::stop::stop_on) what they set in motion.
+    ///
+    /// # Errors
+    /// As [`listen`](Self::listen).
+    pub fn opened(&self, text: &str) -> Result<Opened, Error> {
+        let url = self.url(text)?;
+        let (lines, _) = self.lines(&url)?;
+        Ok(Opened { url, lines })
+    }
+}
+
+/// Wires that are open as they are: nobody was asked anything.
+pub struct Opened {
+    pub(crate) url: Url,
+    pub(crate) lines: Vec<Line>,
+}
+
+impl Opened {
+    /// Every wire, in the order in which [taps](Connector::with_taps) count them.
+    #[must_use]
+    pub fn wires(&self) -> Vec<OpenWire> {
+        self.by_wire().filter_map(Line::wire_of).collect()
+    }
+
+    /// Their links, in that order. They stay open as long as one of them, or this, is there.
+    #[must_use]
+    pub fn links(&self) -> Vec<AnyLink> {
+        let first = self.by_wire().filter_map(<[Line]>::first);
+        first.map(|line| line.link.clone().into()).collect()
+    }
+
+    pub(crate) fn by_wire(&self) -> impl Iterator<Item = &[Line]> {
+        self.lines.chunk_by(|one, other| one.wire == other.wire)
+    }
+}
+
+impl std::fmt::Debug for Opened {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Opened").field(&self.url).finish()
     }
 }
 

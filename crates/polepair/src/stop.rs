@@ -19,6 +19,7 @@ use crate::axis::{Axis, Running};
 use crate::connect::{Connector, Line};
 use crate::error::Error;
 use crate::identify::{Probe, Prober};
+use crate::listen::Opened;
 use crate::scan::{self, Found, Progress};
 use crate::url::{Number, Target, Url};
 use crate::wire::{Shared, SharedLink};
@@ -92,15 +93,45 @@ pub fn stop(
         return Ok(stopped);
     }
     let (lines, _) = connector.lines(&parsed)?;
-    for line in &lines {
-        let every = parsed.axes.is_empty();
-        if every {
-            stopped.everybody |= everybody(connector, &parsed, line, verb)?;
+    on_lines(connector, &parsed, &lines, verb, &mut stopped, hear)?;
+    Ok(stopped)
+}
+
+/// The same on a wire that is open already, for those who set its axes in motion in ways of their
+/// own: those of these numbers, or everybody where there is none.
+///
+/// # Errors
+/// As [`stop`].
+pub fn stop_on(
+    connector: &Connector,
+    opened: &Opened,
+    wire: usize,
+    axes: &[u32],
+    hear: &mut dyn FnMut(Event<'_>),
+) -> Result<Stopped, Error> {
+    let mut stopped = Stopped::default();
+    let Some(lines) = opened.by_wire().nth(wire) else { return Ok(stopped) };
+    let url = Url { axes: axes.to_vec(), names: Vec::new(), ..opened.url.clone() };
+    on_lines(connector, &url, lines, Verb::Stop, &mut stopped, hear)?;
+    Ok(stopped)
+}
+
+fn on_lines(
+    connector: &Connector,
+    url: &Url,
+    lines: &[Line],
+    verb: Verb,
+    stopped: &mut Stopped,
+    hear: &mut dyn FnMut(Event<'_>),
+) -> Result<(), Error> {
+    for line in lines {
+        if url.axes.is_empty() {
+            stopped.everybody |= everybody(connector, url, line, verb)?;
         }
-        let found = look(connector, &parsed, line, verb, (&mut stopped, &mut *hear))?;
+        let found = look(connector, url, line, verb, (stopped, &mut *hear))?;
         stopped.axes.extend(rest(&connector.axes_found(line, &found)?, verb));
     }
-    Ok(stopped)
+    Ok(())
 }
 
 /// Sends what of the stop needs no answer to everybody. `false` where the protocol has no address

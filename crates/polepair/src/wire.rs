@@ -24,6 +24,15 @@ impl AnyLink {
         }
     }
 
+    /// What ends a wait on it.
+    #[must_use]
+    pub fn waker(&self) -> Waker {
+        match self {
+            Self::Serial(link) => link.waker(),
+            Self::Can(link) => link.waker(),
+        }
+    }
+
     /// What it is called: `/dev/ttyUSB0`, `10.0.0.5:4001`.
     #[must_use]
     pub fn describe(&self) -> String {
@@ -124,6 +133,10 @@ impl<M: Medium> Link<M> for Shared<M> {
     fn send(&self, unit: &M::Unit) -> Result<(), LinkError> {
         self.0.send(unit)
     }
+    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+        self.0.ready(until)
+    }
+
     fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError> {
         self.0.receive(buffer, until)
     }

@@ -228,7 +228,7 @@ impl Decode {
 }
 
 /// Reads a filter, or shows where it is wrong.
-fn filter(text: &str) -> Result<Filter> {
+pub fn filter(text: &str) -> Result<Filter> {
     Filter::parse(text).map_err(|error| {
         let nearest = error.nearest.as_ref().map(|word| format!("{word} (the nearest)"));
         Problem::usage("E249", "this is no filter.")

@@ -17,6 +17,7 @@ mod params;
 mod ports;
 mod program;
 mod record;
+mod replay;
 mod scan;
 mod set;
 mod sim;
@@ -115,6 +116,8 @@ pub enum Verb {
     Monitor(monitor::Options),
     /// Keep what passes on a link as a capture, and send nothing
     Record(record::Options),
+    /// Play what a capture's host said onto a link, or to simulated drives
+    Replay(replay::Options),
     /// List the serial adapters, and why one cannot be used
     Ports(ports::Ports),
     /// Show what a drive has: units, ranges, defaults, manual sections
@@ -157,6 +160,7 @@ pub fn run(verb: Verb) -> Result {
         Verb::Watch(verb) => verb.run(),
         Verb::Monitor(verb) => verb.run(),
         Verb::Record(verb) => verb.run(),
+        Verb::Replay(verb) => verb.run(),
         Verb::Ports(verb) => verb.run(),
         Verb::Params(verb) => verb.run(),
         Verb::Sim(verb) => verb.run(),

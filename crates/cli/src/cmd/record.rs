@@ -1,23 +1,26 @@
 //! `polepair record URL -o FILE [--to FORMAT] [--for TIME] [--rotate SIZE|TIME] [-v]`
 
-mod files;
-mod shown;
+pub mod files;
+pub mod keeping;
+pub mod shown;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
 use polepair::listen::Listening;
-use polepair_capture::{Data, Format, Record, Rules, Stamp};
+use polepair_capture::{Format, Rules};
+use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
 use polepair_link::{Losses, clock};
 
 use crate::capture::written_format;
-use crate::ears::{Ears, Heard, Unit, short};
+use crate::ears::{Ears, short};
 use crate::problem::{self, Exit, Result};
 use crate::terminal::say;
 use crate::{interrupt, outcome, value};
 use files::{Files, Rotation};
+use keeping::Keeping;
 use shown::Shown;
 
 /// How often is looked for what was heard.
@@ -75,9 +78,10 @@ impl Options {
         let listening = connector.listen(&self.url).map_err(outcome::error)?;
         interrupt::listen(|| ());
         let files = Files::create(&self.out, format, self.rotate)?;
-        let show = self.show.then(|| Shown::new(rules, &listening));
+        let show = self.show.then(|| Shown::new(rules.unwrap_or_else(|| spoken(&listening))));
         let names = listening.wires().iter().map(|wire| short(&wire.name)).collect();
-        let mut recorder = Recorder { listening, ears, names, files, show, overrun: 0, odd: 0 };
+        let keeping = Keeping { ears, names, files: Some(files), show, host: false };
+        let mut recorder = Recorder { listening, keeping, overrun: 0, lost: 0, odd: 0, damaged: 0 };
         say(&format!("recording to {}; Ctrl-C ends", self.out.display()));
         let begun = clock::now();
         let ended = recorder.until(self.seconds.map(|seconds| begun + secs(seconds)));
@@ -90,16 +94,21 @@ fn secs(seconds: f64) -> Duration {
     Duration::from_secs_f64(seconds)
 }
 
+/// The protocol that the connection string states.
+fn spoken(listening: &Listening) -> Rules {
+    let words = listening.wires().iter().flat_map(|wire| wire.protocols.iter().copied());
+    Rules::parse(&words.take(1).collect::<String>()).unwrap_or_default()
+}
+
 struct Recorder {
     listening: Listening,
-    ears: Ears,
-    /// Of each wire.
-    names: Vec<String>,
-    files: Files,
-    show: Option<Shown>,
-    /// Units that were dropped before they got here, and what was no unit that captures keep.
+    keeping: Keeping,
+    /// Units that were dropped, those of them that got here and were not looked at in time, what
+    /// was no unit that captures keep, and characters of serial lines that came damaged.
     overrun: u64,
+    lost: u64,
     odd: u64,
+    damaged: u64,
 }
 
 impl Recorder {
@@ -110,7 +119,7 @@ impl Recorder {
             let now = clock::now();
             if now.since(flushed) >= FLUSH {
                 flushed = now;
-                self.files.flush()?;
+                self.keeping.flush()?;
             }
             if let Some(gone) = self.listening.trouble() {
                 return Err(outcome::link_error(&gone));
@@ -123,59 +132,46 @@ impl Recorder {
         }
     }
 
-    /// Keeps what was heard since.
+    /// Keeps what was heard since, and tells at once what was dropped.
     fn take(&mut self) -> Result<()> {
-        let (heard, lost) = self.ears.take();
-        for Heard { wire, at, unit, .. } in &heard {
-            let record = Record {
-                at: 0,
-                time: Some(Stamp(clock::wall_ns(*at))),
-                link: self.names.get(*wire).map_or("-", String::as_str),
-                // Who spoke is not known.
-                direction: None,
-                data: match unit {
-                    Unit::Bytes(bytes) => Data::Bytes(bytes),
-                    Unit::Frame(frame) => Data::Frame(*frame),
-                },
-            };
-            self.files.write(&record)?;
-            if let Some(shown) = &mut self.show {
-                shown.take(&record);
-            }
-        }
-        self.notice(lost);
-        self.show.as_mut().map_or(Ok(()), Shown::hand_over)
-    }
-
-    /// Tells at once what was dropped.
-    fn notice(&mut self, lost: u64) {
-        let wires = 0..self.names.len();
-        let sum = |which: fn(&Losses) -> u64| -> u64 {
-            wires.clone().map(|wire| which(&self.listening.losses(wire))).sum()
+        let lost = self.keeping.take()?;
+        let sum = |which: fn(&Losses) -> u64, medium: MediumKind| -> u64 {
+            let wires = self.listening.wires().iter().enumerate();
+            let of = wires.filter(|(_, wire)| wire.medium == medium);
+            of.map(|(wire, _)| which(&self.listening.losses(wire))).sum()
         };
-        let (dropped, odd) = (sum(|losses| losses.overrun), sum(|losses| losses.malformed));
-        let fresh = dropped.saturating_sub(self.overrun) + lost;
+        let overrun = |losses: &Losses| losses.overrun;
+        let malformed = |losses: &Losses| losses.malformed;
+        let dropped = sum(overrun, MediumKind::Can) + sum(overrun, MediumKind::Serial);
+        self.lost += lost;
+        let fresh = (dropped + self.lost).saturating_sub(self.overrun);
         if fresh > 0 {
             say(&format!("{fresh} dropped: they came faster than the system handed them over"));
         }
-        (self.overrun, self.odd) = (dropped.max(self.overrun) + lost, odd);
+        self.odd = sum(malformed, MediumKind::Can);
+        self.damaged = sum(malformed, MediumKind::Serial);
+        self.overrun += fresh;
+        Ok(())
     }
 
     /// Completes the file and tells what is in it.
     fn finish(mut self, took: Duration) -> Result {
         // What came meanwhile still counts.
         let last = self.take();
-        let (count, files) = self.files.finish()?;
+        let Keeping { files, show, .. } = self.keeping;
+        let (count, files) = files.map_or(Ok((0, 0)), Files::finish)?;
         last?;
         let (what, seconds) = (plural(count, "record"), took.as_secs_f64());
         let files = if files > 1 { format!(" in {files} files") } else { String::new() };
-        let odd = match self.odd {
+        let told = |count: u64, what: &str| match count {
             0 => String::new(),
-            odd => format!("; {odd} were no frames of classic CAN and are not kept"),
+            count => format!("; {count} {what}"),
         };
+        let odd = told(self.odd, "were no frames of classic CAN and are not kept")
+            + &told(self.damaged, "characters came damaged (framing or parity)");
         say(&format!("{what}{files} in {seconds:.1} s, {} dropped{odd}", self.overrun));
         // The file is whole: now stdout may take its time.
-        let skipped = self.show.map_or(Ok(0), Shown::finish)?;
+        let skipped = show.map_or(Ok(0), Shown::finish)?;
         if skipped > 0 {
             say(&format!("{} kept but not shown: nobody read stdout", plural(skipped, "record")));
         }
@@ -183,6 +179,6 @@ impl Recorder {
     }
 }
 
-fn plural(count: u64, what: &str) -> String {
+pub fn plural(count: u64, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }

@@ -54,7 +54,7 @@ impl Stop {
 }
 
 /// Says what was stopped, and what was not reached.
-fn report(url: &str, stopped: Stopped) -> Result {
+pub fn report(url: &str, stopped: Stopped) -> Result {
     let link = url.split('#').next().unwrap_or(url);
     let mut failed: Vec<Problem> = Vec::new();
     let mut at_rest = 0;

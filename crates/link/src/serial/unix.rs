@@ -9,10 +9,11 @@ use rustix::termios::{
     tcflush, tcgetattr, tcsetattr,
 };
 
+use super::counts::Counts;
 use crate::clock;
 use crate::descriptor::Descriptor;
 use crate::error::{Cause, LinkError};
-use crate::link::{Link, Received};
+use crate::link::{Link, Losses, Received};
 use crate::ports;
 use crate::wake::Waker;
 
@@ -23,6 +24,8 @@ pub struct SerialPort {
     /// The name that survives replugging.
     stable: String,
     line: std::sync::Mutex<SerialLine>,
+    /// What the driver had counted when the port was opened.
+    counted: Counts,
 }
 
 impl SerialPort {
@@ -50,8 +53,9 @@ impl SerialPort {
         super::latency::ask_for_low(&fd);
         // What an earlier program left unread answers nothing that we shall ask.
         let _ = tcflush(&fd, QueueSelector::IOFlush);
+        let counted = Counts::of(&fd);
         let descriptor = Descriptor::new(fd, path)?;
-        Ok(Self { descriptor, stable, line: line.into() })
+        Ok(Self { descriptor, stable, line: line.into(), counted })
     }
 
     fn line(&self) -> SerialLine {
@@ -66,6 +70,10 @@ impl Link<Stream> for SerialPort {
 
     fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
         self.descriptor.send(unit)
+    }
+
+    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+        self.descriptor.ready(until)
     }
 
     fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
@@ -84,6 +92,11 @@ impl Link<Stream> for SerialPort {
 
     fn describe(&self) -> String {
         self.descriptor.name.clone()
+    }
+
+    fn losses(&self) -> Losses {
+        let (overrun, malformed) = Counts::of(&self.descriptor.fd).since(self.counted);
+        Losses { overrun, malformed, ..Losses::default() }
     }
 
     fn reopen(&self) -> Result<Box<dyn Link<Stream>>, LinkError> {

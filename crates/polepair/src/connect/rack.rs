@@ -122,13 +122,13 @@ pub(super) fn expected(
 
 /// The links of a rack that a host has an end of, or one of them: what a relay brings its host to
 /// needs no host of its own.
-fn own_links(description: &Description, only: Option<usize>) -> Vec<usize> {
+pub(super) fn own_links(description: &Description, only: Option<usize>) -> Vec<usize> {
     let all = 0..description.wires.len();
     let own = |n: &usize| description.relay_to(*n).is_none() && only.is_none_or(|only| only == *n);
     all.filter(own).collect()
 }
 
-fn link_of(description: &Description, name: &str) -> Result<usize, Error> {
+pub(super) fn link_of(description: &Description, name: &str) -> Result<usize, Error> {
     let links = &description.rack.links;
     links.iter().position(|link| link.name == name).ok_or_else(|| {
         let near = words::hint(name, links.iter().map(|link| link.name.as_str()));

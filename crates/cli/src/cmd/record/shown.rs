@@ -4,7 +4,6 @@
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 
-use polepair::listen::Listening;
 use polepair_capture::{Decoder, Record, Rules, text};
 
 use crate::problem::Result;
@@ -30,17 +29,13 @@ struct Printer {
 }
 
 impl Shown {
-    /// Shows in these protocols, else in the one that the connection string states.
-    pub fn new(rules: Option<Rules>, listening: &Listening) -> Self {
-        let spoken = || {
-            let words = listening.wires().iter().flat_map(|wire| wire.protocols.iter().copied());
-            Rules::parse(&words.take(1).collect::<String>()).unwrap_or_default()
-        };
+    /// Shows what is spoken by these rules.
+    pub fn new(rules: Rules) -> Self {
         let style = text::Style { colour: terminal::colour_out(), ..text::Style::default() };
         let (batches, receiver) = sync_channel(BATCHES);
         let thread = std::thread::spawn(|| print(receiver));
         Self {
-            decoder: Decoder::new(rules.unwrap_or_else(spoken)),
+            decoder: Decoder::new(rules),
             lines: text::Text::new(style),
             waiting: Vec::new(),
             skipped: 0,
