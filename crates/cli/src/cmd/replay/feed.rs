@@ -74,6 +74,6 @@ impl Feed {
 }
 
 fn hand_over(batches: &mut [Vec<Item>], wires: &[SyncSender<Vec<Item>>]) -> bool {
-    let pairs = batches.iter_mut().zip(wires).filter(|(batch, _)| !batch.is_empty());
-    pairs.map(|(batch, wire)| wire.send(std::mem::take(batch)).is_ok()).all(|sent| sent)
+    let mut pairs = batches.iter_mut().zip(wires).filter(|(batch, _)| !batch.is_empty());
+    pairs.all(|(batch, wire)| wire.send(std::mem::take(batch)).is_ok())
 }
