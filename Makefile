@@ -26,7 +26,7 @@ check:
 	$(CARGO) xtask codegen --check
 	$(CARGO) xtask tidy
 	$(CARGO) test --workspace --locked --quiet --lib --bins
-	POLEPAIR_READER_SECONDS=1 $(CARGO) test --locked --quiet -p polepair-capture --test readers
+	POLEPAIR_READER_SECONDS=1 $(CARGO) test --workspace --locked --quiet --test readers
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package
