@@ -27,6 +27,8 @@ const PATIENCE_MIN: u64 = 3_500_000_000;
 const USUAL_MIN: u64 = 4;
 /// … which is twice the longest so far, and this besides, ns: adapters pass frames on in bunches.
 const USUAL_SLACK: u64 = 5_000_000;
+/// A host takes turns with an axis if it waited for so many answers as often as it did not for one.
+const TURNS_MIN: u64 = 16;
 /// Repetitions that belong to one request; more are questions to nobody.
 const RETRIES_MAX: u16 = 3;
 /// Requests before the first answer that nobody asked for is one: an earlier one may have been
@@ -52,8 +54,11 @@ pub(super) struct Pairing {
     now: Option<Stamp>,
     acks: u64,
     answers: u64,
-    /// The longest that an answer which came in time took, ns.
+    /// The longest that an answer which came in time took, ns, and the shortest.
     slowest: u64,
+    fastest: Option<u64>,
+    /// Requests that did not wait for the answer to the one before, to the same axis.
+    unwaited: u64,
 }
 
 /// A frame that is kept.
@@ -178,6 +183,8 @@ impl Pairing {
         if self.repeats(heard, said.axis, notices) {
             return;
         }
+        let before = self.requests.iter().rfind(|request| request.told.axis == said.axis);
+        self.unwaited += u64::from(before.is_some_and(Request::owes_answer));
         self.overtake(awaits, heard, said.axis, notices);
         let mut request = self.room(notices);
         let op = self.op(&said.kind);
@@ -331,8 +338,18 @@ impl Pairing {
     /// lost answer to a host that asks on would shift all that follow by one.
     fn is_usual(&self, request: &Request, now: Option<Stamp>) -> bool {
         let waited = request.last.zip(now).map_or(0, |(last, now)| now.since(last));
+        if self.takes_turns() {
+            let least = self.fastest.unwrap_or(0) / 2;
+            return (least..=self.slowest + self.slowest / 2).contains(&waited);
+        }
         let most = self.slowest.saturating_mul(2).saturating_add(USUAL_SLACK);
         self.answers < USUAL_MIN || waited <= most
+    }
+
+    /// Whether the host waits for an answer before it asks an axis again: when it does not, it gave
+    /// the answer up.
+    fn takes_turns(&self) -> bool {
+        self.answers >= TURNS_MIN * self.unwaited.max(1)
     }
 
     /// The request that an answer belongs to, among those that wait: one that it repeats, else the
@@ -400,7 +417,9 @@ impl Pairing {
         let refused = heard.dissector.refuses(&heard.raw, &request.frame.raw());
         let late = request.is_late(heard.time);
         if !late {
-            self.slowest = self.slowest.max(request.told.latency().unwrap_or(0));
+            let took = request.told.latency().unwrap_or(0);
+            self.slowest = self.slowest.max(took);
+            self.fastest = Some(self.fastest.map_or(took, |fastest| fastest.min(took)));
         }
         request.told.outcome = match refused {
             Some(_) => Outcome::Refused,
