@@ -85,6 +85,18 @@ fn a_rehearsal_shows_what_would_be_sent() {
     assert!(ran.err.contains("none of this was sent"), "{}", ran.err);
 }
 
+/// What a usual drive's table calls harmless may move another one: axis parameter 4 is its top speed.
+#[test]
+fn a_table_vouches_for_the_drive_that_was_named_alone() {
+    let capture = written("sets.log", "(1700000000.000000) ttyUSB0 > 01 05 04 00 00 00 00 64 6E\n");
+    let word = |more: &[&str]| {
+        let order = ["replay", capture.as_str(), "sim:tmcl", "--dry-run"];
+        ok(&[&order, more].concat()).split(' ').next().map(str::to_owned)
+    };
+    assert_eq!(word(&[]).as_deref(), Some("?"));
+    assert_eq!(word(&["--profile", "tmcm-171"]).as_deref(), Some("sets"));
+}
+
 #[test]
 fn who_is_played_and_where_is_said() {
     let capture = written("both.log", READS);
@@ -134,9 +146,9 @@ fn an_interrupted_replay_stops_what_it_moved() {
     );
     let order = ["replay", &capture, drive.link(), "--arm", "--trace", &trace];
     let held = run::Held::new(&order, &told);
-    while !std::fs::read_to_string(&trace).is_ok_and(|text| text.contains("602#2B4060000F")) {
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+    let is_sent =
+        || std::fs::read_to_string(&trace).is_ok_and(|text| text.contains("602#2B4060000F"));
+    run::until(is_sent, || std::thread::sleep(std::time::Duration::from_millis(20)));
     let ran = held.interrupt();
     assert_eq!(ran.code, 130, "{}", ran.err);
     assert!(ran.err.contains("is stopped"), "{}", ran.err);

@@ -159,8 +159,13 @@ impl Choice {
             return Effect::NOTHING;
         }
         let speaks = |p: &&Profile| dissector.language().starts_with(p.protocol);
-        let profile = self.profile.filter(speaks).or_else(|| drives::assumed(dissector));
-        dissector.effect(raw, profile)
+        match self.profile.filter(speaks) {
+            Some(stated) => dissector.effect(raw, Some(stated)),
+            // A usual drive's table warns of what it knows; it vouches for no other drive.
+            None => {
+                dissector.effect(raw, None).and(dissector.effect(raw, drives::assumed(dissector)))
+            }
+        }
     }
 }
 
