@@ -24,6 +24,8 @@ const LEAD_MS: u32 = 20;
 const LINGER_MS: u32 = 200;
 /// How long a wire may take nothing.
 const STALL: Duration = Duration::from_secs(1);
+/// How often somebody who waits looks whether it is over: a wire that is lost ends the others too.
+const LOOK_MS: u32 = 50;
 /// Units that are heard between two frames that are late.
 const HEARD_MAX: usize = 64;
 
@@ -199,8 +201,10 @@ impl<'a, M: Playable> Player<'a, M> {
 
     fn count(&mut self, item: &Item) {
         if item.effect.act >= Act::Moves {
-            self.played.moved_any |= item.axis.is_none();
-            self.played.moved.extend(item.axis);
+            // Nobody's number, or 0, is everybody's.
+            let axis = item.axis.filter(|axis| *axis > 0);
+            self.played.moved_any |= axis.is_none();
+            self.played.moved.extend(axis);
         }
     }
 
@@ -240,13 +244,14 @@ impl<'a, M: Playable> Player<'a, M> {
             if self.score.is_over() {
                 return Err(Over::Halted);
             }
-            match self.link.receive(std::borrow::BorrowMut::borrow_mut(&mut self.buffer), until)? {
+            let look = until.min(self.link.now().plus_ms(LOOK_MS));
+            match self.link.receive(std::borrow::BorrowMut::borrow_mut(&mut self.buffer), look)? {
                 Received::Bytes { len, .. } => {
                     self.played.heard += 1;
                     return Ok(Some(len));
                 }
-                Received::TimedOut => return Ok(None),
-                Received::Line { .. } | Received::Woken => {}
+                Received::TimedOut if look == until => return Ok(None),
+                Received::TimedOut | Received::Line { .. } | Received::Woken => {}
             }
         }
     }
