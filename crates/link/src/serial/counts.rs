@@ -39,39 +39,27 @@ impl Counts {
     }
 }
 
-#[cfg(all(
-    target_os = "linux",
-    any(
-        target_arch = "x86_64",
-        target_arch = "x86",
-        target_arch = "aarch64",
-        target_arch = "arm",
-        target_arch = "riscv64"
-    )
-))]
 fn counter(fd: &OwnedFd) -> Option<Counter> {
     use rustix::ioctl::{Opcode, Updater, ioctl};
     /// As on these processors; on others it has another number.
     const TIOCGICOUNT: Opcode = 0x545D;
+    if !cfg!(all(
+        target_os = "linux",
+        any(
+            target_arch = "x86_64",
+            target_arch = "x86",
+            target_arch = "aarch64",
+            target_arch = "arm",
+            target_arch = "riscv64"
+        )
+    )) {
+        return None;
+    }
     let mut counter: Counter = [0; 20];
     // SAFETY: TIOCGICOUNT writes one serial_icounter_struct through the pointer; `counter` is as
     // large, and any bits are valid integers.
     let told = unsafe { ioctl(fd, Updater::<TIOCGICOUNT, Counter>::new(&mut counter)) };
     told.ok().map(|()| counter)
-}
-
-#[cfg(not(all(
-    target_os = "linux",
-    any(
-        target_arch = "x86_64",
-        target_arch = "x86",
-        target_arch = "aarch64",
-        target_arch = "arm",
-        target_arch = "riscv64"
-    )
-)))]
-fn counter(_: &OwnedFd) -> Option<Counter> {
-    None
 }
 
 #[cfg(test)]
