@@ -144,13 +144,13 @@ class ArmedOf(Generic[A]):
         self._watchdog = watchdog
         self._before: int | None = None
 
-    @staticmethod
-    def _not_stopped(failed: PolepairError, error: BaseException | None) -> None:
-        """What went wrong first is what the caller wants to see."""
-        if error is None:
-            raise failed
-        notes = getattr(error, "__notes__", [])
-        error.__notes__ = [*notes, f"And the axis could not be stopped: {failed}"]
+
+def not_stopped(failed: PolepairError, error: BaseException | None) -> None:
+    """What went wrong first is what the caller wants to see."""
+    if error is None:
+        raise failed
+    notes = getattr(error, "__notes__", [])
+    error.__notes__ = [*notes, f"And an axis could not be stopped: {failed}"]
 
 
 class Simulation:

@@ -8,8 +8,8 @@ from types import TracebackType
 from . import _polepair as native
 from ._axis import TIMEOUT, AxisSteps, Fault
 from ._group import GroupSteps, Targets
-from ._link import ArmedOf, LinkOf, ParametersOf
-from ._steps import blocking, run
+from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
+from ._steps import Steps, blocking, run
 from .errors import PolepairError
 from .quantity import Amount, Quantity
 
@@ -233,13 +233,7 @@ class GroupArmed:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        try:
-            run(self._group._release(self._before))
-        except PolepairError as failed:
-            if error is None:
-                raise
-            notes = getattr(error, "__notes__", [])
-            error.__notes__ = [*notes, f"And an axis could not be stopped: {failed}"]
+        _released(self._group._release(self._before), error)
 
 
 class Armed(ArmedOf[Axis]):
@@ -257,10 +251,15 @@ class Armed(ArmedOf[Axis]):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        try:
-            run(self._axis._release(self._before))
-        except PolepairError as failed:
-            self._not_stopped(failed, error)
+        _released(self._axis._release(self._before), error)
+
+
+def _released(steps: Steps[None], error: BaseException | None) -> None:
+    """Stops and disables, whatever ended the block."""
+    try:
+        run(steps)
+    except PolepairError as failed:
+        not_stopped(failed, error)
 
 
 class Parameters(ParametersOf[Axis], MutableMapping[str, Quantity]):

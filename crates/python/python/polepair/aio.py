@@ -24,7 +24,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 from . import _polepair as native
 from ._axis import TIMEOUT, AxisSteps, Fault
 from ._group import GroupSteps, Targets
-from ._link import ArmedOf, LinkOf, ParametersOf
+from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
 from ._steps import Steps, Wait
 from .errors import PolepairError
 from .quantity import Amount, Quantity
@@ -315,7 +315,7 @@ async def _released(steps: Steps[None], error: BaseException | None) -> None:
         await release
         raise
     except PolepairError as failed:
-        ArmedOf._not_stopped(failed, error)
+        not_stopped(failed, error)
 
 
 class Parameters(ParametersOf[Axis]):
