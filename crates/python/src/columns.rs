@@ -20,9 +20,13 @@ use arrow_buffer::{Buffer, NullBuffer};
 use arrow_schema::ffi::FFI_ArrowSchema;
 use arrow_schema::{ArrowError, DataType, TimeUnit};
 use polepair_columns::Table;
-use pyo3::exceptions::{PyKeyError, PyRuntimeError};
+use pyo3::exceptions::{PyKeyError, PyMemoryError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule, PyDict};
+
+/// Bytes of a column of byte strings that is filled up: one long row among many short ones would take
+/// more than a machine has.
+const FILLED_MAX: usize = 1 << 30;
 
 /// One table of a decoded capture.
 #[pyclass(frozen, module = "polepair._polepair")]
@@ -125,7 +129,15 @@ impl Columns {
     fn lend_bytes(&self, py: Python<'_>, column: &str) -> PyResult<(Lent, Lent)> {
         let array = self.column(py, column)?;
         let bytes = bytes(&array, column)?;
-        let (filled, lengths, width) = py.detach(|| filled(bytes));
+        let lengths: Vec<i32> = bytes.value_offsets().windows(2).map(|at| at[1] - at[0]).collect();
+        let width = lengths.iter().copied().max().unwrap_or(0) as usize;
+        if width.saturating_mul(bytes.len()) > FILLED_MAX {
+            let (rows, max) = (bytes.len(), FILLED_MAX >> 30);
+            let what =
+                format!("{rows} rows as long as the longest, {width} bytes, are over {max} GiB");
+            return Err(PyMemoryError::new_err(format!("{what}: take to_arrow() or to_polars()")));
+        }
+        let filled = py.detach(|| filled(bytes, &lengths, width));
         let rows = bytes.len();
         let filled =
             Lent { buffer: Buffer::from_vec(filled), kind: "|u1", shape: (rows, Some(width)) };
@@ -252,18 +264,15 @@ fn bytes<'a>(array: &'a ArrayRef, column: &str) -> PyResult<&'a BinaryArray> {
     array.as_binary_opt::<i32>().ok_or_else(|| PyKeyError::new_err(column.to_owned()))
 }
 
-/// Rows of one width, their lengths, and the width.
-fn filled(rows: &BinaryArray) -> (Vec<u8>, Vec<i32>, usize) {
-    let offsets = rows.value_offsets();
-    let lengths: Vec<i32> = offsets.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let width = lengths.iter().copied().max().unwrap_or(0) as usize;
+/// Rows of one width, filled up with zeros.
+fn filled(rows: &BinaryArray, lengths: &[i32], width: usize) -> Vec<u8> {
     let mut filled = vec![0; width * rows.len()];
-    let all = rows.value_data();
-    for ((into, start), len) in filled.chunks_exact_mut(width.max(1)).zip(offsets).zip(&lengths) {
+    let (all, starts) = (rows.value_data(), rows.value_offsets());
+    for ((into, start), len) in filled.chunks_exact_mut(width.max(1)).zip(starts).zip(lengths) {
         let (start, len) = (*start as usize, *len as usize);
         into[..len].copy_from_slice(&all[start..start + len]);
     }
-    (filled, lengths, width)
+    filled
 }
 
 /// Gives the pieces of a column of words one dictionary: that of the last where each before it is
