@@ -2,9 +2,10 @@
 //!
 //! Fieldbuses know no passwords; whoever is on the wire owns the motor. So what this crate lets
 //! through is the only policy there is between a browser and a drive: [`scope`] says what a caller
-//! may do at all.
+//! may do at all, [`message`] what can be said.
 #![forbid(unsafe_code)]
 
+pub mod message;
 pub mod scope;
 
 pub use scope::{Scope, Scopes};

@@ -1,0 +1,46 @@
+//! What goes over the wire between the gateway and whoever uses it: every body of the REST
+//! interface, every message of the WebSocket, typed once.
+//!
+//! **Binding** for the server, the page and other clients, because the OpenAPI description and the
+//! page's types are made from it:
+//!
+//! - Names of fields and tags, all in `snake_case`; what is `Option` may be `null`, and a client may
+//!   leave it out.
+//! - Quantities are SI, with the unit's word beside them. A value that is not known (a scale that was
+//!   never read) is `null`, never `NaN`.
+//! - `…_ms` without more is a time since 1970 in milliseconds, for people and for the age of commands;
+//!   `…_us` counts from the server's start, which [`Welcome::t0_ms`] places in that time.
+//! - An axis is its index in [`BenchView::axes`], a link its index in [`BenchView::links`]; both stay
+//!   the same while the server runs.
+//! - An answer that is an error is [`ErrorBody`], whatever the path. [`Refused::executed`] says whether
+//!   a drive may have done it.
+//! - Epochs of leases begin at 1; 0 is nobody's.
+//! - [`telemetry`] is the one binary message.
+
+mod axis;
+mod bench;
+mod capture;
+mod command;
+mod journal;
+mod live;
+mod refused;
+pub mod telemetry;
+#[cfg(test)]
+mod tests;
+
+pub use axis::{
+    AxisState, Change, FaultTold, Given, LeaseTold, PanelView, ParameterInfo, ParameterRead,
+    SignalValue, WriteParameters,
+};
+pub use bench::{
+    ActInfo, ArgumentInfo, AxisInfo, BenchView, Clash, Counter, LimitInfo, LinkState, LinkView,
+    LockTold, SignalInfo, VerbInfo,
+};
+pub use capture::{CaptureOpened, CapturePage, ExplainedField, FrameDirection, FrameItem};
+pub use command::{
+    Act, Arguments, AxisStopped, CommandOrder, Ended, Epoch, LeaseGranted, Login, Outcome, Pace,
+    Session, StopClass, StopOrder, Stopped, TTL_MS, TakeLease,
+};
+pub use journal::{Deed, JournalRecord};
+pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};
+pub use refused::{ErrorBody, Refused};

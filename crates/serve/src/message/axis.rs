@@ -1,0 +1,163 @@
+//! An axis: its state, its parameters.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// What is known of an axis now. Nothing is fresher than its age.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AxisState {
+    /// Index among the axes.
+    pub id: u16,
+    /// Mode of operation in words; `null` while not known.
+    pub mode: Option<String>,
+    /// The motor is powered; `null` while not known.
+    pub enabled: Option<bool>,
+    /// Motion commands are let through.
+    pub armed: bool,
+    /// It moves; `null` while not known.
+    pub moving: Option<bool>,
+    /// Every signal that was read.
+    pub signals: Vec<SignalValue>,
+    /// Faults and warnings that stand.
+    pub faults: Vec<FaultTold>,
+    /// Who commands it; `null` where nobody does.
+    pub lease: Option<LeaseTold>,
+    /// What the drive's own panel shows, where it has one.
+    pub panel: Option<PanelView>,
+}
+
+/// A signal's last value.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SignalValue {
+    /// Its word.
+    pub signal: String,
+    /// SI; flags are 0 or 1. `null` where it cannot be scaled.
+    pub value: Option<f64>,
+    /// SI unit; empty for flags, codes and modes.
+    pub unit: String,
+    /// How old it was when this was said, ms.
+    pub age_ms: f64,
+}
+
+/// A fault, in words.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FaultTold {
+    /// The drive's code.
+    pub code: u32,
+    /// Its name.
+    pub name: String,
+    /// What brings it about.
+    pub cause: String,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+/// Who commands an axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LeaseTold {
+    /// The session, as in [`Welcome::session`](super::Welcome::session).
+    pub owner: String,
+    /// Goes up with each new owner.
+    pub epoch: u64,
+    /// When it ends unless it is renewed.
+    pub expires_ms: f64,
+}
+
+/// A drive's own panel.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct PanelView {
+    /// What it shows.
+    pub shows: String,
+    /// Its keys: acts of [`AxisInfo::acts`](super::AxisInfo::acts) that press them.
+    pub keys: Vec<String>,
+}
+
+/// A parameter, without its value: `GET /api/v1/axes/{id}/parameters`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ParameterInfo {
+    /// The word users type.
+    pub name: String,
+    /// What the manual calls it.
+    pub symbol: String,
+    /// The part of the manual or of the name that it belongs to; may be empty.
+    pub group: String,
+    /// What it does; may be empty.
+    pub about: String,
+    /// The unit that its value has here and is written in; empty without one.
+    pub unit: String,
+    /// Least value; `null` where the scale is not known yet.
+    pub min: Option<f64>,
+    /// Greatest value; likewise.
+    pub max: Option<f64>,
+    /// From the factory, where known.
+    pub default: Option<f64>,
+    /// It can be read.
+    pub readable: bool,
+    /// It can be written.
+    pub writable: bool,
+    /// A write goes to permanent memory by itself.
+    pub kept: bool,
+    /// Writing it may move the motor.
+    pub moves: bool,
+    /// Words for values; empty where it has none.
+    pub words: Vec<String>,
+}
+
+/// A parameter read just now: `GET /api/v1/axes/{id}/parameters/{name}`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ParameterRead {
+    /// Its name.
+    pub name: String,
+    /// In [`ParameterInfo::unit`].
+    pub value: Option<f64>,
+    /// As the drive has it.
+    pub raw: i64,
+    /// That unit.
+    pub unit: String,
+    /// The value's word, where it has one.
+    pub word: Option<String>,
+}
+
+/// `POST /api/v1/axes/{id}/parameters`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WriteParameters {
+    /// By name.
+    pub values: BTreeMap<String, Given>,
+    /// Also put them into permanent memory.
+    #[serde(default)]
+    pub keep: bool,
+    /// Tell what would change, and write nothing: needs no lease.
+    #[serde(default)]
+    pub dry_run: bool,
+    /// Of the caller's lease.
+    #[serde(default)]
+    pub epoch: u64,
+}
+
+/// A value that somebody gives.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum Given {
+    /// In the parameter's unit.
+    Number(f64),
+    /// With a unit (`1.2 A`), or a word.
+    Text(String),
+}
+
+/// A line of the plan that writing parameters is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Change {
+    /// Its name.
+    pub name: String,
+    /// What the drive had; `null` where it cannot be read.
+    pub from: Option<f64>,
+    /// What it gets.
+    pub to: f64,
+    /// Unit of both.
+    pub unit: String,
+    /// The two differ.
+    pub changed: bool,
+}

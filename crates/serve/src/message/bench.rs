@@ -1,0 +1,181 @@
+//! The bench as a whole: `GET /api/v1/bench`, and `bench` on the WebSocket.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::scope::Scope;
+
+/// What there is: links, axes, what they can do. Values are in [`AxisState`](super::AxisState).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BenchView {
+    /// The server's version.
+    pub version: String,
+    /// What the caller may do.
+    pub scopes: Vec<Scope>,
+    /// Every link, in the order of the command line.
+    pub links: Vec<LinkView>,
+    /// Every axis, in order of links, then addresses.
+    pub axes: Vec<AxisInfo>,
+    /// Addresses at which more than one drive answers.
+    pub clashes: Vec<Clash>,
+    /// Motion is locked since a stop of everything; `null` while it is not.
+    pub lock: Option<LockTold>,
+    /// How many times faster than real motors the simulated ones live; `null` where none is simulated.
+    pub time_scale: Option<f64>,
+}
+
+/// A link.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LinkView {
+    /// Index among the links.
+    pub id: u16,
+    /// Its connection string.
+    pub url: String,
+    /// `serial` or `can`.
+    pub medium: String,
+    /// The drives on it live in this process.
+    pub simulated: bool,
+    /// Whether it works.
+    pub state: LinkState,
+    /// Why it was lost, in a sentence; `null` while it is open.
+    pub reason: Option<String>,
+    /// How full its wire is, 0 to 1; `null` where nobody can tell.
+    pub load: Option<f64>,
+    /// What it counted since it was opened.
+    pub counters: Vec<Counter>,
+}
+
+/// Whether a link works.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LinkState {
+    /// It does.
+    Open,
+    /// It went away; its axes are disarmed.
+    Lost,
+}
+
+/// Something counted.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Counter {
+    /// What, `snake_case`: `sent`, `received`, `errors`, `retries`.
+    pub name: String,
+    /// How often.
+    pub count: u64,
+}
+
+/// An axis and what it can be told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AxisInfo {
+    /// Index among the axes.
+    pub id: u16,
+    /// The link that it is on.
+    pub link: u16,
+    /// Its address there.
+    pub number: u32,
+    /// Its name in a rack or in `polepair.toml`; empty without one.
+    pub name: String,
+    /// What people call it.
+    pub label: String,
+    /// The protocol's word.
+    pub protocol: String,
+    /// The product's full name.
+    pub drive: String,
+    /// The profile's word.
+    pub profile: String,
+    /// It lives in this process.
+    pub simulated: bool,
+    /// `rotary`, `linear` or `ratio`.
+    pub kind: String,
+    /// What the drive does when its host falls silent, in a sentence.
+    pub watchdog: String,
+    /// What to check before the first motion; empty where there is nothing.
+    pub caution: String,
+    /// What it can be told.
+    pub verbs: Vec<VerbInfo>,
+    /// Limits that are known without asking the drive.
+    pub limits: Vec<LimitInfo>,
+    /// What it can tell.
+    pub signals: Vec<SignalInfo>,
+    /// What can be done to it where it is simulated.
+    pub acts: Vec<ActInfo>,
+}
+
+/// A verb of an axis.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct VerbInfo {
+    /// Its word: `enable`, `velocity`, `move-to`.
+    pub verb: String,
+    /// What it takes.
+    pub arguments: Vec<ArgumentInfo>,
+    /// It powers or moves the motor.
+    pub moves: bool,
+}
+
+/// An argument of a verb.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ArgumentInfo {
+    /// A field of [`Arguments`](super::Arguments).
+    pub name: String,
+    /// Its SI unit.
+    pub unit: String,
+    /// The verb does not go without.
+    pub required: bool,
+}
+
+/// A limit of an axis, in SI.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LimitInfo {
+    /// What is limited: `position`, `velocity`, `acceleration`, `torque`, `current`.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+    /// Least value; `null` without one.
+    pub min: Option<f64>,
+    /// Greatest value; `null` without one.
+    pub max: Option<f64>,
+}
+
+/// A signal of an axis.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SignalInfo {
+    /// Its word: `position`, `velocity`, `fault`.
+    pub signal: String,
+    /// SI unit; empty for flags, codes and modes.
+    pub unit: String,
+    /// The drive sends it unasked.
+    pub pushed: bool,
+}
+
+/// Something that can be done to a simulated drive.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ActInfo {
+    /// Its word, for [`Act`](super::Act).
+    pub act: String,
+    /// What it does, in a sentence.
+    pub about: String,
+    /// Unit of its value; `null` where it takes none.
+    pub unit: Option<String>,
+}
+
+/// More than one drive at an address.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Clash {
+    /// The link.
+    pub link: u16,
+    /// The address.
+    pub number: u32,
+    /// What was seen, in a sentence.
+    pub message: String,
+}
+
+/// Who locked motion, and when.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LockTold {
+    /// The session that stopped everything.
+    pub by: String,
+    /// Since when.
+    pub at_ms: f64,
+    /// Why, in the words of whoever did it; may be empty.
+    pub reason: String,
+}

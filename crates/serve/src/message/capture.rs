@@ -1,0 +1,84 @@
+//! Frames: live ones, and those of a capture that somebody opened.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A frame, explained in a line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FrameItem {
+    /// Its number, from 0; `explain` asks by it.
+    pub n: u64,
+    /// When: since the server's start, in a capture since its first frame.
+    pub t_us: f64,
+    /// The link; in a capture an index into [`CaptureOpened::links`].
+    pub link: u16,
+    /// Who sent it; `null` where nobody can tell.
+    pub dir: Option<FrameDirection>,
+    /// Its bytes in hexadecimal; on CAN `30B#5443` as in candump's log.
+    pub raw: String,
+    /// What it says.
+    pub text: String,
+    /// The protocol's word; empty where none fits.
+    pub protocol: String,
+    /// The address that it concerns.
+    pub axis: Option<u32>,
+    /// It keeps to its protocol.
+    pub ok: bool,
+}
+
+/// Who sent a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FrameDirection {
+    /// The host, to a drive.
+    Tx,
+    /// A drive, to the host.
+    Rx,
+}
+
+/// A field of a frame.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ExplainedField {
+    /// Its first byte.
+    pub from: u16,
+    /// The byte after its last; `from` for what stands in a CAN identifier.
+    pub to: u16,
+    /// The protocol's name for it.
+    pub name: String,
+    /// Its value as text.
+    pub value: String,
+    /// What that means; empty where there is no name for it.
+    pub meaning: String,
+}
+
+/// A capture that was taken in: `POST /api/v1/captures`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CaptureOpened {
+    /// For [`CapturePage`]s; good until the server ends or newer captures push it out.
+    pub id: String,
+    /// The file's name, as it was given.
+    pub name: String,
+    /// The format that it was found to have.
+    pub format: String,
+    /// Its links.
+    pub links: Vec<String>,
+    /// What it holds and what went wrong in it, as `polepair summary` tells it.
+    pub summary: String,
+    /// Its first lines.
+    pub page: CapturePage,
+}
+
+/// Some frames of a capture: `GET /api/v1/captures/{id}?from&count&filter`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CapturePage {
+    /// The capture.
+    pub id: String,
+    /// Number of the first frame that was looked at.
+    pub from: u64,
+    /// Where the next page begins; `null` at the end.
+    pub next: Option<u64>,
+    /// Frames in the whole capture.
+    pub total: u64,
+    /// Those that pass the filter.
+    pub items: Vec<FrameItem>,
+}

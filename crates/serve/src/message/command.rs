@@ -1,0 +1,187 @@
+//! Whatever changes something: leases, commands, stops, simulated faults, logging in.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::Refused;
+use crate::scope::Scope;
+
+/// How long a command is good for where it does not say.
+pub const TTL_MS: f64 = 500.0;
+
+/// `POST /api/v1/axes/{id}/lease`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TakeLease {
+    /// Take it from whoever has it: the journal says so, and the axis is stopped.
+    #[serde(default)]
+    pub take: bool,
+}
+
+/// A lease that was given or renewed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LeaseGranted {
+    /// What commands must carry.
+    pub epoch: u64,
+    /// When it ends unless it is renewed.
+    pub expires_ms: f64,
+}
+
+/// `POST /api/v1/axes/{id}/lease/renew`, `DELETE /api/v1/axes/{id}/lease`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Epoch {
+    /// Of the caller's lease.
+    pub epoch: u64,
+}
+
+/// `POST /api/v1/axes/{id}/commands`; on the WebSocket with `axis` beside it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CommandOrder {
+    /// The client's, new for each command (a UUID): one that was seen is not carried out again.
+    pub id: String,
+    /// When the client said so, by the server's clock as `pong` tells it.
+    pub issued_ms: f64,
+    /// How long it is good for.
+    #[serde(default = "ttl_ms")]
+    pub ttl_ms: f64,
+    /// Of the caller's lease.
+    pub epoch: u64,
+    /// What to do: a word of [`VerbInfo::verb`](super::VerbInfo::verb).
+    pub verb: String,
+    /// With what.
+    #[serde(default)]
+    pub arguments: Arguments,
+}
+
+const fn ttl_ms() -> f64 {
+    TTL_MS
+}
+
+/// Arguments of a command, in SI.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Arguments {
+    /// Where to, or how far: rad, m, or a ratio.
+    pub target: Option<f64>,
+    /// How fast: per second.
+    pub velocity: Option<f64>,
+    /// How quickly: per second squared.
+    pub acceleration: Option<f64>,
+    /// N·m, or a ratio.
+    pub torque: Option<f64>,
+    /// Seconds.
+    pub jerk_time: Option<f64>,
+    /// Seconds.
+    pub period: Option<f64>,
+}
+
+/// What came of a command.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Outcome {
+    /// The client's id.
+    pub id: String,
+    /// Whether the drive did it.
+    pub outcome: Ended,
+    /// Why not, or why nobody knows.
+    pub error: Option<Refused>,
+    /// The id was seen before; this is what came of it then, and nothing was sent now.
+    pub replayed: bool,
+}
+
+/// How a command ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Ended {
+    /// The drive did it.
+    Done,
+    /// It did not, and will not.
+    NotDone,
+    /// It may have.
+    Unknown,
+}
+
+/// `POST /api/v1/stop`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct StopOrder {
+    /// Which; `null` stops all of them and locks motion.
+    pub axes: Option<Vec<u16>>,
+    /// For the journal.
+    pub reason: String,
+}
+
+/// How far a stop came.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Stopped {
+    /// Each axis.
+    pub axes: Vec<AxisStopped>,
+}
+
+/// How far the stop of one axis came.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AxisStopped {
+    /// Index among the axes.
+    pub id: u16,
+    /// What is certain.
+    pub class: StopClass,
+    /// After how long that was certain, from the moment that the server took the stop.
+    pub ms: f64,
+    /// What went wrong, if something did.
+    pub error: Option<Refused>,
+}
+
+/// What is certain of a stop; each includes those before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StopClass {
+    /// Nothing left: the link is lost.
+    Failed,
+    /// It is on the wire.
+    Sent,
+    /// The drive answered it.
+    Acknowledged,
+    /// It was seen to stand still.
+    Standing,
+}
+
+/// `POST /api/v1/simulation/{link}/{drive}`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Act {
+    /// A word of [`AxisInfo::acts`](super::AxisInfo::acts).
+    pub act: String,
+    /// Its value, where it takes one.
+    #[serde(default)]
+    pub value: Option<f64>,
+}
+
+/// `POST /api/v1/simulation/pace`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Pace {
+    /// How many times faster than real motors.
+    pub time_scale: f64,
+}
+
+/// `POST /api/v1/login`.
+#[derive(Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Login {
+    /// The token.
+    pub token: String,
+}
+
+impl std::fmt::Debug for Login {
+    /// Tokens are never shown.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Login")
+    }
+}
+
+/// Who the caller is now.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Session {
+    /// What the caller may do.
+    pub scopes: Vec<Scope>,
+}

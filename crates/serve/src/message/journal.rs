@@ -1,0 +1,54 @@
+//! A line of the journal.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// One record of the journal: what was about to be done, written before it was done.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JournalRecord {
+    /// From 0, without gaps.
+    pub n: u64,
+    /// When.
+    pub ms: f64,
+    /// The session; `server` for what nobody asked for.
+    pub who: String,
+    /// What.
+    pub deed: Deed,
+    /// The axis that it concerns.
+    pub axis: Option<u16>,
+    /// The rest: verb, arguments, old and new values, outcome.
+    #[schema(value_type = Object)]
+    pub detail: serde_json::Value,
+    /// BLAKE3 of the record before's hash and of this record without its hash, in hexadecimal.
+    pub hash: String,
+}
+
+/// What a record of the journal is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Deed {
+    /// The server began; the detail says with which links and scopes.
+    Started,
+    /// The server ended by itself.
+    Ended,
+    /// Somebody came in, or failed to.
+    Login,
+    /// An axis got an owner.
+    Lease,
+    /// An axis got another owner against the first one's will.
+    TakeOver,
+    /// A lease ended: given back, expired, revoked.
+    LeaseEnded,
+    /// A command goes out.
+    Command,
+    /// What came of a command, a write or a stop.
+    Outcome,
+    /// Parameters are written.
+    Parameters,
+    /// A stop goes out.
+    Stop,
+    /// Motion is let again.
+    Release,
+    /// A simulated drive or its time is meddled with.
+    Simulation,
+}

@@ -1,0 +1,204 @@
+//! The messages of the WebSocket: JSON texts with a `type`.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{
+    AxisState, BenchView, CommandOrder, ExplainedField, FrameItem, LockTold, Outcome, Refused,
+    Stopped,
+};
+use crate::scope::Scope;
+
+/// Client to server.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum ClientMessage {
+    /// Send this signal or parameter from now on, as binary [`telemetry`](super::telemetry). A channel
+    /// that is in use is subscribed anew.
+    Subscribe {
+        /// The client's number for it.
+        channel: u16,
+        /// Of which axis.
+        axis: u16,
+        /// A signal's word; else `parameter` is there.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        signal: Option<String>,
+        /// A parameter's name.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        parameter: Option<String>,
+        /// How often it is wanted; the answer says how often it comes.
+        hz: f64,
+    },
+    /// No more.
+    Unsubscribe {
+        /// The client's number for it.
+        channel: u16,
+    },
+    /// Send frames from now on, or no more.
+    Frames {
+        /// Whether.
+        on: bool,
+        /// Which, in the analyser's language; `null` for all.
+        #[serde(default)]
+        filter: Option<String>,
+    },
+    /// Take a frame apart.
+    Explain {
+        /// Its number.
+        n: u64,
+    },
+    /// Move, arm, clear.
+    Command {
+        /// Which axis.
+        axis: u16,
+        /// The command.
+        #[serde(flatten)]
+        command: CommandOrder,
+    },
+    /// Something about a lease.
+    Lease {
+        /// Of which axis.
+        axis: u16,
+        /// What.
+        act: LeaseAct,
+        /// Of the lease that is renewed or dropped.
+        #[serde(default)]
+        epoch: u64,
+    },
+    /// Stop.
+    Stop {
+        /// Which; `null` stops all and locks motion.
+        #[serde(default)]
+        axes: Option<Vec<u16>>,
+        /// For the journal.
+        #[serde(default)]
+        reason: String,
+    },
+    /// Let motion again.
+    Release,
+    /// Are you there?
+    Ping {
+        /// Comes back as it is.
+        client_ms: f64,
+    },
+}
+
+/// What is wanted of a lease.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LeaseAct {
+    /// To have it, if nobody else does.
+    Take,
+    /// To have it, whoever does.
+    TakeOver,
+    /// To keep it.
+    Renew,
+    /// To give it back.
+    Drop,
+}
+
+/// Server to client.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum ServerMessage {
+    /// The first message.
+    Welcome(Welcome),
+    /// The bench changed: always the whole of it. Also the second message.
+    Bench(BenchView),
+    /// An axis changed: all of its state, at most ten times a second. Each axis once after `bench`.
+    Axis(AxisState),
+    /// The answer to `subscribe`.
+    Subscribed {
+        /// The client's number for it.
+        channel: u16,
+        /// How often it comes at most.
+        hz: f64,
+        /// Where it comes from.
+        source: Source,
+        /// SI unit; empty without one.
+        unit: String,
+    },
+    /// Samples that the client did not get.
+    Gap {
+        /// The client's number for it.
+        channel: u16,
+        /// First sample lost.
+        from_us: u64,
+        /// Last sample lost.
+        to_us: u64,
+        /// How many.
+        lost: u64,
+    },
+    /// The answer to `command`.
+    Outcome(Outcome),
+    /// The answer to `lease`.
+    Leased {
+        /// Of which axis.
+        axis: u16,
+        /// What commands must carry.
+        epoch: u64,
+        /// When it ends unless it is renewed; `null` when it was given back.
+        expires_ms: Option<f64>,
+    },
+    /// Axes were stopped, by whomever. Comes again for an axis whose class rises.
+    Stopped(Stopped),
+    /// Motion is locked.
+    Locked(LockTold),
+    /// Motion is let again.
+    Unlocked,
+    /// Frames.
+    Frames {
+        /// In order.
+        items: Vec<FrameItem>,
+        /// Those that were dropped before the first of them because the client was slow.
+        lost: u64,
+    },
+    /// The answer to `explain`.
+    Explained {
+        /// The frame's number.
+        n: u64,
+        /// Its fields, in order.
+        fields: Vec<ExplainedField>,
+    },
+    /// The answer to `ping`.
+    Pong {
+        /// As it was.
+        client_ms: f64,
+        /// The server's time.
+        server_ms: f64,
+    },
+    /// A message that could not be carried out, and that is no command.
+    Error {
+        /// Why.
+        error: Refused,
+        /// `type` of the message; `null` where it could not be read.
+        about: Option<String>,
+        /// The channel of a `subscribe`, the axis of a `lease`.
+        subject: Option<u16>,
+    },
+}
+
+/// Who the client is, and how times go together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Welcome {
+    /// The server's time now.
+    pub server_ms: f64,
+    /// When `…_us` began.
+    pub t0_ms: f64,
+    /// The client's name for leases and the journal.
+    pub session: String,
+    /// What it may do.
+    pub scopes: Vec<Scope>,
+    /// How long a lease lasts that is not renewed.
+    pub lease_ms: u32,
+}
+
+/// Where a channel's samples come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// The drive sends them by itself.
+    Pushed,
+    /// The server asks for each.
+    Polled,
+}

@@ -1,0 +1,94 @@
+//! The one error of the gateway.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Why something was not done, for people and for programs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Refused {
+    /// Stable: the library's (`E401`) or the gateway's own (`gateway.lease`). The page on exit codes
+    /// explains all of them.
+    #[schema(value_type = String)]
+    pub code: Cow<'static, str>,
+    /// What is wrong, in a sentence.
+    pub message: String,
+    /// What to try; empty when there is nothing to add.
+    #[serde(default)]
+    pub hint: String,
+    /// Whether a drive did it; `null` when nobody can know.
+    pub executed: Option<bool>,
+}
+
+impl Refused {
+    /// Something that the gateway itself does not let through: nothing was sent.
+    pub fn new(code: &'static str, message: impl Into<String>) -> Self {
+        Self {
+            code: code.into(),
+            message: message.into(),
+            hint: String::new(),
+            executed: Some(false),
+        }
+    }
+
+    /// Adds what to try.
+    #[must_use]
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        self.hint = hint.into();
+        self
+    }
+
+    /// The HTTP status that goes with its code.
+    #[must_use]
+    pub fn status(&self) -> u16 {
+        match &*self.code {
+            "gateway.request" => 400,
+            "gateway.token" => 401,
+            "gateway.scope" | "gateway.origin" => 403,
+            "gateway.missing" | "E212" | "E205" | "E213" => 404,
+            "gateway.method" => 405,
+            "gateway.lease" | "gateway.expired" | "gateway.simulated" => 409,
+            "gateway.size" => 413,
+            "gateway.host" => 421,
+            "gateway.locked" => 423,
+            "gateway.limit" => 429,
+            "gateway.busy" => 503,
+            code => match code.as_bytes() {
+                [b'E', b'2', ..] => 422,
+                [b'E', b'3', ..] => 503,
+                [b'E', b'4', ..] => 504,
+                [b'E', b'5', ..] => 502,
+                [b'E', ..] => 409,
+                _ => 500,
+            },
+        }
+    }
+}
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", self.message, self.code)
+    }
+}
+
+impl std::error::Error for Refused {}
+
+impl From<polepair::Error> for Refused {
+    fn from(error: polepair::Error) -> Self {
+        Self {
+            code: error.code().into(),
+            message: error.to_string(),
+            hint: error.hint().to_owned(),
+            executed: error.executed(),
+        }
+    }
+}
+
+/// A [`Refused`] as the body of an answer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ErrorBody {
+    /// What is wrong.
+    pub error: Refused,
+}

@@ -1,0 +1,47 @@
+//! The binary message: samples of one channel, little-endian.
+//!
+//! | at | what |
+//! |---|---|
+//! | 0 | `u8` kind, 1 |
+//! | 1 | `u8` version, 1 |
+//! | 2 | `u16` channel |
+//! | 4 | `u32` count |
+//! | 8 | `u64` t0, µs since the server's start |
+//! | 16 | `u64` samples of this channel that were lost so far |
+//! | 24 | count times `u32` µs after t0, `f64` value in SI |
+
+/// Bytes before the samples.
+pub const HEAD: usize = 24;
+/// Bytes of a sample.
+pub const SAMPLE: usize = 12;
+/// Samples in a message at most: they fit into the 64 KiB that a message may have.
+pub const SAMPLES_MAX: usize = 4096;
+
+/// A value and when it was so.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// µs since the server's start.
+    pub t_us: u64,
+    /// SI.
+    pub value: f64,
+}
+
+/// The message for samples in order of time; what is more than [`SAMPLES_MAX`] or too long after the
+/// first for a `u32` is left for another message. Returns it, and how many samples it holds.
+#[must_use]
+pub fn encode(channel: u16, lost_total: u64, samples: &[Sample]) -> (Vec<u8>, usize) {
+    let t0_us = samples.first().map_or(0, |sample| sample.t_us);
+    let after = |sample: &Sample| u32::try_from(sample.t_us.saturating_sub(t0_us)).ok();
+    let count = samples.iter().take(SAMPLES_MAX).take_while(|s| after(s).is_some()).count();
+    let mut bytes = Vec::with_capacity(HEAD + count * SAMPLE);
+    bytes.extend([1, 1]);
+    bytes.extend(channel.to_le_bytes());
+    bytes.extend((count as u32).to_le_bytes());
+    bytes.extend(t0_us.to_le_bytes());
+    bytes.extend(lost_total.to_le_bytes());
+    for sample in &samples[..count] {
+        bytes.extend(after(sample).unwrap_or_default().to_le_bytes());
+        bytes.extend(sample.value.to_le_bytes());
+    }
+    (bytes, count)
+}
