@@ -257,12 +257,20 @@ impl Judge {
             dissector: *dissector,
             scope: Scope::AxisOn(link.clone(), *axis),
         });
-        let spoken = verdict.protocol.iter().chain(&verdict.others);
+        let mut spoken: Vec<_> = verdict.protocol.iter().chain(&verdict.others).collect();
+        // An identifier that two claim goes to the one in whose eyes fewer frames are broken.
+        spoken.sort_by_key(|dissector| self.broken(dissector.name(), link));
         let rule = |dissector: &&'static dyn Dissector| Rule {
             dissector: *dissector,
             scope: Scope::Link(link.clone()),
         };
-        proven.chain(spoken.map(rule)).collect()
+        proven.chain(spoken.into_iter().map(rule)).collect()
+    }
+
+    /// Frames of a link that a protocol calls broken.
+    fn broken(&self, name: &str, link: &str) -> u64 {
+        let reader = self.readers.iter().find(|reader| reader.dissector.name() == name);
+        reader.and_then(|reader| reader.tally(link)).map_or(0, |tally| tally.broken)
     }
 
     fn echoes(&self, verdict: &Verdict) -> bool {
@@ -350,10 +358,11 @@ fn prove(readers: &mut [Reader]) {
 /// names of all where none does, or several.
 fn settle_tie(ranked: &mut [Read<'_>]) -> Vec<&'static str> {
     let Some((_, first)) = ranked.first() else { return Vec::new() };
-    let (share, ids) = (first.share(), first.ids.clone());
+    let (first, share) = (*first, first.share());
     let equal = |(_, tally): &Read<'_>| {
-        let meets = tally.ids.iter().any(|id| ids.contains(id));
-        meets && tally.good_bytes > 0 && share - tally.share() < TIE
+        let meets = tally.ids.iter().any(|id| first.ids.contains(id));
+        let apart = first.is_proven_beside(tally) && tally.is_proven_beside(first);
+        meets && !apart && tally.good_bytes > 0 && share - tally.share() < TIE
     };
     let tied = ranked.iter().take_while(|read| equal(read)).count();
     if tied < 2 {
@@ -374,8 +383,10 @@ fn spoken<'a>(ranked: &[(&'a Reader, &'a Tally)]) -> (Vec<Read<'a>>, Vec<Read<'a
         let claimed = |(id, extended): &(u32, bool)| {
             spoken.iter().any(|(other, _)| other.dissector.claims(*id, *extended))
         };
-        // Identifiers that nobody else claims, or axes that answers prove on those that others do.
-        let own = !tally.ids.is_empty() && !tally.ids.iter().any(claimed);
+        // Identifiers that nobody else claims, and answers on them where others' are among those that
+        // it would claim; or axes that answers prove on identifiers that others claim.
+        let free = tally.ids.iter().filter(|id| !claimed(id)).count();
+        let own = free > 0 && (free == tally.ids.len() || tally.pairs.found >= PROOF);
         let beside = own || tally.won().next().is_some();
         let holds = match spoken.is_empty() {
             true => rivals.is_empty() && tally.is_more_than_chance(),
@@ -404,6 +415,11 @@ impl Tally {
     /// Axes that share identifiers with other protocols and are this one's all the same.
     fn won(&self) -> impl Iterator<Item = u32> + '_ {
         self.shared.keys().copied().filter(|axis| self.proven.contains(axis))
+    }
+
+    /// Answers prove it, and it has identifiers that the other has not.
+    fn is_proven_beside(&self, other: &Self) -> bool {
+        self.pairs.found >= PROOF && !self.ids.is_subset(&other.ids)
     }
 
     /// Frames on shared identifiers are whole where their axis is proven, else nobody's.

@@ -25,6 +25,12 @@ impl Stamp {
         Some(Self(seconds.checked_mul(NS)?.checked_add(ns)?))
     }
 
+    /// So many nanoseconds later.
+    #[must_use]
+    pub const fn plus(self, ns: u64) -> Self {
+        Self(self.0.saturating_add(ns))
+    }
+
     /// Nanoseconds since `earlier`, zero when that is later.
     #[must_use]
     pub const fn since(self, earlier: Self) -> u64 {

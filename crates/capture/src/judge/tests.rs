@@ -9,7 +9,7 @@ use polepair_core::proto::thruster::wire::{Command, Reply as Echo, Request as Or
 use polepair_core::proto::tmcl::opcode::{Opcode, Status};
 use polepair_core::proto::tmcl::wire::{Reply, Request};
 use polepair_core::proto::tml::online::{Cell, Online};
-use polepair_core::proto::tml::wire::{IdCode, Message};
+use polepair_core::proto::tml::wire::{IdCode, Instruction, Message};
 use polepair_core::proto::tml::{technocan, tmlcan};
 
 use super::{Judge, Verdict};
@@ -52,12 +52,24 @@ impl Bus {
 type Speaker = (&'static str, fn(&mut Bus));
 
 const TMCL: Speaker = ("tmcl", |bus| {
-    let (module, kind) = (3 + bus.random(5) as u8, bus.random(20) as u8);
-    let (opcode, value) = (Opcode::Gap, bus.random(100_000).cast_signed());
-    let ask = Request { address: module, opcode, kind, motor: 0, value: 0 };
-    let reply = Reply { host: 2, module, status: Status::Ok, opcode, value };
-    bus.pair(&ask.emit_can(module.into(), false), &reply.emit_can(2, false));
+    let module = 3 + bus.random(5) as u8;
+    parameter(bus, module, 2);
 });
+
+/// On identifiers that neither CANopen nor TechnoCAN uses.
+const TMCL_BESIDE: Speaker = ("tmcl", |bus| {
+    let module = 0x61 + bus.random(5) as u8;
+    parameter(bus, module, 0x7F);
+});
+
+/// The host asks a module for a parameter.
+fn parameter(bus: &mut Bus, module: u8, host: u8) {
+    let (kind, value) = (bus.random(20) as u8, bus.random(100_000).cast_signed());
+    let opcode = Opcode::Gap;
+    let ask = Request { address: module, opcode, kind, motor: 0, value: 0 };
+    let reply = Reply { host, module, status: Status::Ok, opcode, value };
+    bus.pair(&ask.emit_can(module.into(), false), &reply.emit_can(host.into(), false));
+}
 
 /// The host at axis 31 asks an axis for a variable.
 fn variable(bus: &mut Bus) -> (Message, Message) {
@@ -74,6 +86,16 @@ const TECHNOCAN: Speaker = ("technocan", |bus| {
     let (ask, take) = variable(bus);
     let frame = |message| technocan::encode(message).expect("fits");
     bus.pair(&frame(&ask), &frame(&take));
+});
+
+/// A group is told something, on an identifier that a TMCL module may have.
+const GROUP: Speaker = ("technocan", |bus| {
+    let to = IdCode::groups(1 << bus.random(5));
+    let words = [bus.random(9) as u16, bus.random(9) as u16, 0];
+    let count = 2 + bus.random(2) as usize;
+    let instruction = Instruction::new(0x249E, &words[..count]).expect("fits");
+    let frame = technocan::encode(&Message { to, instruction }).expect("fits");
+    bus.frame(&frame, 3000);
 });
 
 const TMLCAN: Speaker = ("tmlcan", |bus| {
@@ -111,7 +133,7 @@ const PROCESS: Speaker = ("canopen", |bus| {
     bus.frame(&Frame::standard(0x700 | node, &[5]), 500);
 });
 
-const BUSES: [&[Speaker]; 12] = [
+const BUSES: [&[Speaker]; 14] = [
     &[TMCL],
     &[TECHNOCAN],
     &[TMLCAN],
@@ -124,6 +146,8 @@ const BUSES: [&[Speaker]; 12] = [
     &[TMCL, TMLCAN],
     &[CANOPEN, PROCESS, TECHNOCAN],
     &[TMCL, THRUSTER],
+    &[CANOPEN, TECHNOCAN, TMCL_BESIDE],
+    &[CANOPEN, TECHNOCAN, GROUP, TMCL_BESIDE],
 ];
 
 fn verdict(seed: u64) -> (&'static [Speaker], Verdict, String) {

@@ -216,7 +216,7 @@ impl Canopen {
         for at in 0..self.channels.len() {
             let before = notices.len();
             self.channels[at].pass(now, notices);
-            self.hush(self.channels[at].node, before, notices);
+            self.hush(at, before, Some(now), notices);
         }
         self.lss.pass(now, notices);
         for node in self.nodes.iter_mut().flatten() {
@@ -257,14 +257,22 @@ impl Canopen {
     }
 
     /// Who looks who is there is not told that nobody is, and who asks on is told once.
-    fn hush(&mut self, node: u8, before: usize, notices: &mut Vec<Notice>) {
+    /// That a request was not answered waits for an answer that is only late.
+    fn hush(
+        &mut self,
+        channel: usize,
+        before: usize,
+        now: Option<Stamp>,
+        notices: &mut Vec<Notice>,
+    ) {
         if notices.len() == before {
             return;
         }
+        let node = self.channels[channel].node;
         let mut at = before;
         while at < notices.len() {
             let given_up = match &notices[at] {
-                Notice::Odd(Odd { kind: Oddity::Unanswered, .. }) => Some(true),
+                Notice::Odd(odd) if sdo::is_unanswered(odd) => Some(true),
                 Notice::Odd(Odd { kind: Oddity::Retry, .. }) => Some(false),
                 _ => None,
             };
@@ -275,6 +283,9 @@ impl Canopen {
                 _ => at += 1,
             }
         }
+        self.channels[channel].hold(before, now, notices);
+        let due = self.channels[channel].due();
+        self.expect(due);
     }
 
     /// The master orders something of one node, or of all that are known.
@@ -409,10 +420,10 @@ impl Canopen {
         let usual = u32::from(cob::SDO_REQUEST | u16::from(channel.node));
         let moved = renamed || heard.raw.id != Some(usual);
         say::part(channel, part, heard.raw.bytes, (false, moved), profile, said);
-        let (node, due) = (channel.node, channel.due());
+        let due = channel.due();
         self.expect(due);
         self.settle(at, notices);
-        self.hush(node, before, notices);
+        self.hush(at, before, heard.time, notices);
     }
 
     fn reply(

@@ -9,7 +9,7 @@ use polepair_core::proto::canopen::explain::say;
 use polepair_core::proto::canopen::sdo::{Abort, Object, SEGMENT, crc};
 
 use super::odd;
-use crate::session::{Exchange, Notice, Oddity, Outcome};
+use crate::session::{Exchange, Notice, Odd, Oddity, Outcome};
 use crate::stamp::Stamp;
 use block::Block;
 
@@ -17,6 +17,8 @@ use block::Block;
 pub(super) const TIMEOUT_NS: u64 = 1_000_000_000;
 /// The same where flash is written: store, restore, programs.
 pub(super) const FLASH_TIMEOUT_NS: u64 = 10_000_000_000;
+/// An answer that was given up is waited for as many times as long: late is not lost.
+const LATE: u64 = 3;
 /// What is written has its effect within this, ns.
 const MOMENT_NS: u64 = 100_000_000;
 /// Bytes of a value that are kept: the head of what may be megabytes.
@@ -149,6 +151,18 @@ struct Transfer {
     moved: Option<Stamp>,
 }
 
+/// A request that is waited for no more, and may be answered yet.
+#[derive(Debug)]
+struct GivenUp {
+    op: Op,
+    object: Object,
+    asked: At,
+    /// When an answer is not to be expected any longer.
+    until: Option<Stamp>,
+    /// That it was not answered, which is told when no answer came by then.
+    held: Vec<Notice>,
+}
+
 /// A channel between a client and a node.
 #[derive(Debug)]
 pub(super) struct Channel {
@@ -156,7 +170,7 @@ pub(super) struct Channel {
     state: State,
     transfer: Transfer,
     /// What was given up, and may be answered yet.
-    given_up: Option<(Op, Object, Option<Stamp>)>,
+    given_up: Option<GivenUp>,
     /// The node's last frame.
     reply: [u8; 8],
     /// Answers that earlier, repeated requests may still get.
@@ -224,22 +238,70 @@ impl Channel {
         self.twice >= TWICE_MAX
     }
 
-    /// When the transfer under way is given up if nothing comes.
+    /// When something is to be told if nothing comes.
     pub fn due(&self) -> Option<Stamp> {
+        let held = self.given_up.as_ref().filter(|given_up| !given_up.held.is_empty());
+        let until = held.and_then(|given_up| given_up.until);
+        self.transfer_due().into_iter().chain(until).min()
+    }
+
+    /// When the transfer under way is given up if nothing comes.
+    fn transfer_due(&self) -> Option<Stamp> {
         let moved = self.transfer.moved.filter(|_| self.state == State::Open)?;
-        Some(Stamp(moved.0.saturating_add(self.transfer.patience())))
+        Some(moved.plus(self.transfer.patience()))
     }
 
     /// Time went on to `now`.
     pub fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
-        if self.due().is_some_and(|due| due < now) {
+        if self.transfer_due().is_some_and(|due| due < now) {
             let ms = self.transfer.patience() / 1_000_000;
             self.give_up(&format!(" within {ms} ms"), notices);
         }
+        let until = self.given_up.as_ref().and_then(|given_up| given_up.until);
+        if until.is_some_and(|until| until < now) {
+            self.tell_held(notices);
+        }
+    }
+
+    /// Keeps back that a request was not answered, as it was told from `before` on: should the answer
+    /// still come, then it is late, and nothing else.
+    pub fn hold(&mut self, before: usize, now: Option<Stamp>, notices: &mut Vec<Notice>) {
+        let Some(given_up) = self.given_up.as_mut().filter(|it| it.until.is_some()) else { return };
+        let mut at = before;
+        while at < notices.len() {
+            let mine = match &mut notices[at] {
+                Notice::Odd(odd) if is_unanswered(odd) => {
+                    odd.time = now;
+                    true
+                }
+                Notice::Exchange(exchange) => exchange.asked == given_up.asked,
+                _ => false,
+            };
+            match mine {
+                true => given_up.held.push(notices.remove(at)),
+                false => at += 1,
+            }
+        }
+    }
+
+    /// No answer came.
+    fn tell_held(&mut self, notices: &mut Vec<Notice>) {
+        notices.extend(self.given_up.iter_mut().flat_map(|given_up| given_up.held.drain(..)));
+    }
+
+    /// What may be answered yet is the transfer that ends now.
+    fn given_up(&mut self, notices: &mut Vec<Notice>) {
+        self.tell_held(notices);
+        let t = &self.transfer;
+        let moved = t.moved.filter(|_| t.phase == Phase::First);
+        let until = moved.map(|moved| moved.plus(LATE * t.patience()));
+        let (op, object, asked) = (t.op, t.object, t.asked);
+        self.given_up = Some(GivenUp { op, object, asked, until, held: Vec::new() });
     }
 
     /// The capture ends. Who was not given the time to answer is not accused.
     pub fn end(&mut self, notices: &mut Vec<Notice>) {
+        self.tell_held(notices);
         if self.state == State::Open && !self.transfer.doubtful {
             self.close(Outcome::Unknown, None, notices);
         }
@@ -255,13 +317,14 @@ impl Channel {
             }
             self.give_up(" before the node started again", notices);
         }
+        self.tell_held(notices);
         (self.given_up, self.owed) = (None, 0);
     }
 
     /// Nobody goes on with the transfer under way.
     fn give_up(&mut self, why: &str, notices: &mut Vec<Notice>) {
+        self.given_up(notices);
         let t = &self.transfer;
-        let (op, object) = (t.op, t.object);
         let spelled = t.spelled();
         let (kind, text) = match t.phase {
             Phase::First => (Oddity::Unanswered, format!("{spelled} was not answered{why}")),
@@ -272,7 +335,6 @@ impl Channel {
             }
         };
         self.accuse(kind, text, notices);
-        self.given_up = Some((op, object, self.transfer.asked.1));
         let outcome = self.transfer.left_outcome();
         self.close(outcome, None, notices);
     }
@@ -399,4 +461,9 @@ impl Transfer {
             (n, None) => format!("{} bytes, {n} segments", self.got),
         }
     }
+}
+
+/// Told just now: what was kept back has its own time.
+pub(super) fn is_unanswered(odd: &Odd) -> bool {
+    odd.kind == Oddity::Unanswered && odd.time.is_none()
 }

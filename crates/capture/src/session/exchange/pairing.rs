@@ -214,8 +214,12 @@ impl Pairing {
             request.state == State::Open && request.sure() && request.frame.raw() == heard.raw
         };
         let Some(at) = self.requests.iter().rposition(same) else { return false };
-        // To a host whose answer was spoiled it is a new request, as after one whose check failed.
-        if self.requests[at].told.retries == RETRIES_MAX || self.requests[at].spoiled {
+        // To a host whose answer was spoiled it is a new request, as after one whose check failed, and
+        // to one that asked the axis something else meanwhile, and was answered.
+        let went_on = |later: &Request| later.told.axis == axis && later.state == State::Settled;
+        let went_on = self.requests.iter().skip(at + 1).any(went_on);
+        let request = &self.requests[at];
+        if request.told.retries == RETRIES_MAX || request.spoiled || went_on {
             self.give_up(at, heard.time, notices);
             return false;
         }
@@ -281,7 +285,10 @@ impl Pairing {
                 && request.acks == 0
         };
         let Some(request) = self.requests.iter_mut().find(waits) else {
-            if self.settled_beginning(heard.time) {
+            if let Some(request) = self.acknowledged(heard.time) {
+                let text = format!("{}: acknowledged twice", request.name());
+                notices.push(odd(Oddity::DuplicateReply, request.told.axis, text));
+            } else if self.settled_beginning(heard.time) {
                 let text = "an acknowledgement that no message waits for".to_owned();
                 notices.push(odd(Oddity::ForeignReply, None, text));
             }
@@ -296,6 +303,13 @@ impl Pairing {
             notices.push(Notice::Exchange(request.told));
         }
         Quality::Good
+    }
+
+    /// The last message, if it was acknowledged a moment ago: a device that says so again means it.
+    fn acknowledged(&self, now: Option<Stamp>) -> Option<&Request> {
+        let last = self.requests.back().filter(|request| request.acks > 0)?;
+        let soon = now.zip(last.last).is_none_or(|(now, sent)| now.since(sent) <= last.limit);
+        soon.then_some(last)
     }
 
     /// Takes an answer, or what may have been told unasked.
@@ -490,8 +504,10 @@ impl Pairing {
     pub fn broken(&mut self, heard: &Heard<'_>, notices: &mut Vec<Notice>) {
         let Some(at) = self.requests.iter().rposition(Request::owes_answer) else { return };
         let last = at + 1 == self.requests.len();
+        // Behind a relay several may wait: whose it was cannot be told.
+        let alone = self.requests.iter().filter(|request| request.owes_answer()).count() == 1;
         let request = &mut self.requests[at];
-        if !last || request.awaits.acks != Owed::Nothing {
+        if !last || (request.awaits.acks != Owed::Nothing && !(alone && request.acks > 0)) {
             return;
         }
         request.state = State::Settled;

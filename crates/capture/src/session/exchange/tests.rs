@@ -424,7 +424,21 @@ fn planted_in_tml() {
     let unacked = |t: &mut Tape| just(t.ask(&give(1, APOS)).answer(&take(1, APOS, 0)));
     assert_eq!(planted(&unacked), ["missing-ack"]);
     assert_eq!(planted(&|t| just(t.answer(&take(9, APOS, 0)))), ["foreign-reply"]);
-    assert_eq!(planted(&|t| just(t.answer(&[0x4F]))), ["foreign-reply"]);
+    assert_eq!(planted(&|t| just(t.answer(&[0x4F]))), ["duplicate-reply"]);
+    assert_eq!(planted(&|t| just(t.after(2000).answer(&[0x4F]))), ["foreign-reply"]);
+    // What answers one variable does not answer the other, and the host asks on.
+    let lost = |t: &mut Tape| {
+        t.ask(&give(1, APOS)).answer(&[0x4F]);
+        t.ask(&give(1, 0x022C)).answer(&[0x4F]).answer(&take(1, 0x022C, 0));
+        t.ask(&give(1, APOS)).answer(&[0x4F]).answer(&take(1, APOS, 0));
+    };
+    assert_eq!(planted(&lost), ["unanswered"]);
+    let flipped = |t: &mut Tape| {
+        let mut answer = take(1, APOS, 0);
+        answer[8] ^= 1;
+        t.ask(&give(1, APOS)).answer(&[0x4F]).answer(&answer);
+    };
+    assert_eq!(planted(&flipped), ["bad-check"]);
     let point = |counter: u8| {
         use polepair_core::proto::tml::online::PvtPoint;
         let point = PvtPoint { position: 10, velocity: 0, time: 20, counter };

@@ -17,8 +17,10 @@ use crate::profile::{Parameter, Profile};
 #[derive(Clone, Copy, Debug)]
 pub struct TmclDissector;
 
-/// CAN identifiers that are taken for TMCL unasked: modules keep small ones. Others must be named.
+/// CAN identifiers that are taken for TMCL unasked: modules keep small ones …
 const CAN_ID_MAX: u32 = 0x20;
+/// … and beside other protocols those that neither CANopen nor TechnoCAN uses. Others must be named.
+const CAN_IDS_FREE: core::ops::RangeInclusive<u32> = 0x61..=0x7F;
 
 impl Dissector for TmclDissector {
     fn name(&self) -> &'static str {
@@ -44,7 +46,7 @@ impl Dissector for TmclDissector {
     }
 
     fn claims(&self, id: u32, extended: bool) -> bool {
-        !extended && (1..=CAN_ID_MAX).contains(&id)
+        !extended && ((1..=CAN_ID_MAX).contains(&id) || CAN_IDS_FREE.contains(&id))
     }
 
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {

@@ -2,8 +2,8 @@
 
 use polepair_core::proto::canopen::sdo::{Abort, BlockSegment, Object, Reply, Segment, Short};
 
-use super::{At, Channel, Op, Part, Phase, State, TIMEOUT_NS, TWICE_MAX};
-use crate::session::{Notice, Oddity};
+use super::{At, Channel, GivenUp, Op, Part, Phase, State, TIMEOUT_NS, TWICE_MAX};
+use crate::session::{Exchange, Notice, Oddity, Outcome};
 
 impl Channel {
     /// Takes eight bytes from the node. `followed` says that requests are heard on this bus.
@@ -88,7 +88,7 @@ impl Channel {
 
     /// It answers what had been given up.
     fn is_late(&mut self, bytes: [u8; 8], at: At, notices: &mut Vec<Notice>) -> bool {
-        let Some((op, object, asked)) = self.given_up else { return false };
+        let Some(GivenUp { op, object, asked, .. }) = self.given_up else { return false };
         let reply = Reply::of(bytes);
         let fits = match (reply, op) {
             (Reply::Abort(told, _), _) => told == object,
@@ -101,12 +101,15 @@ impl Channel {
             _ => false,
         };
         if fits {
-            self.given_up = None;
             // Both sides gave up.
             if matches!(reply, Reply::Abort(_, Abort::TIMEOUT)) {
+                self.tell_held(notices);
+                self.given_up = None;
                 return true;
             }
-            let ms = at.1.zip(asked).map_or(0, |(now, asked)| now.since(asked) / 1_000_000);
+            let held = self.given_up.take().map_or_else(Vec::new, |given_up| given_up.held);
+            notices.extend(held.into_iter().filter_map(|notice| answered_late(notice, at)));
+            let ms = at.1.zip(asked.1).map_or(0, |(now, asked)| now.since(asked) / 1_000_000);
             let Object { index, sub } = object;
             let text = format!("the answer for 0x{index:04X}:{sub} came {ms} ms after its request");
             notices.push(super::odd(Oddity::LateReply, self.node, text));
@@ -323,4 +326,11 @@ impl Channel {
             self.accuse(Oddity::BadCheck, text, notices);
         }
     }
+}
+
+/// What is left of a request that was held to be unanswered, and was not.
+fn answered_late(notice: Notice, at: At) -> Option<Notice> {
+    let Notice::Exchange(exchange) = notice else { return None };
+    let (answered, outcome) = (Some(at), Outcome::Late);
+    Some(Notice::Exchange(Exchange { answered, outcome, ..exchange }))
 }

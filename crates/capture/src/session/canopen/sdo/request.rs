@@ -212,11 +212,11 @@ impl Channel {
             false => (Oddity::Incomplete, t.left_outcome(), "in the middle"),
         };
         let text = format!("the client gave up {spelled} {what}: {why}");
+        self.given_up(notices);
         // Who wants no more of a value than a number's bytes lets the rest go.
         if abort != Abort::MEMORY || first {
             self.accuse(kind, text, notices);
         }
-        self.given_up = Some((self.transfer.op, self.transfer.object, self.transfer.asked.1));
         self.close(outcome, None, notices);
         Part::Plain
     }
