@@ -3,7 +3,7 @@ CARGO ?= cargo
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 
-.PHONY: demo test check interop package python swarm soak bench clean
+.PHONY: demo test check web interop package python swarm soak bench clean
 
 ## demo: the main job on simulated drives; HEADLESS=1 ends by itself
 demo:
@@ -27,6 +27,13 @@ check:
 	$(CARGO) xtask tidy
 	$(CARGO) test --workspace --locked --quiet --lib --bins
 	POLEPAIR_READER_SECONDS=1 $(CARGO) test --workspace --locked --quiet --test readers
+
+## web: the dashboard's page, checked, tried and built into web/dist; needs Node
+web:
+	cd web && npm ci --silent --no-audit --no-fund
+	cd web && npm run --silent check
+	cd web && npm run --silent unit -- --reporter=dot
+	cd web && npm run --silent build -- --logLevel warn
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package
@@ -71,4 +78,4 @@ bench:
 
 clean:
 	$(CARGO) clean
-	rm -rf $(VENV) interop/build
+	rm -rf $(VENV) interop/build web/dist web/node_modules

@@ -1,0 +1,373 @@
+// The bench as the page knows it, and everything that can be asked of it.
+
+import { Channels } from "./channels";
+import type {
+  Arguments,
+  AxisInfo,
+  AxisState,
+  AxisStopped,
+  BenchView,
+  ExplainedField,
+  FrameItem,
+  LockTold,
+  Outcome,
+  Refused,
+  Scope,
+  ServerMessage,
+  Welcome,
+} from "./message";
+import { Problem, read, send } from "./rest";
+import { Socket } from "./socket";
+import type { Block } from "./telemetry";
+
+const TTL_MS = 500;
+/** How long the page waits for a command's outcome: homing and moves answer when they have begun. */
+const OUTCOME_MS = 15_000;
+const RENEW_MS = 500;
+/** If a stop is not confirmed on the WebSocket by then, it is said over HTTP too. */
+const STOP_AGAIN_MS = 250;
+const NOTES_MAX = 200;
+
+/** One line of what this page did, and what came of it. */
+export interface Note {
+  at: number;
+  axis: number | null;
+  text: string;
+  outcome: "pending" | "done" | "not_done" | "unknown" | "info";
+  error: Refused | null;
+}
+
+export type Connection = "connecting" | "open" | "lost" | "token";
+
+interface Pending {
+  note: Note;
+  settle: (outcome: Outcome) => void;
+}
+
+export class Bench {
+  connection = $state<Connection>("connecting");
+  view = $state.raw<BenchView | null>(null);
+  welcome = $state.raw<Welcome | null>(null);
+  lock = $state.raw<LockTold | null>(null);
+  states = $state.raw<Record<number, AxisState>>({});
+  /** When each state came, by this page's clock: ages count on from there. */
+  heard: Record<number, number> = {};
+  /** Epochs of the leases that this page holds, by axis. */
+  leases = $state.raw<Record<number, number>>({});
+  stopped = $state.raw<Record<number, AxisStopped>>({});
+  stopping = $state(false);
+  notes = $state.raw<Note[]>([]);
+  round = $state<number | null>(null);
+  /** This page's clock, some times a second, for ages. */
+  now = $state(Date.now());
+
+  readonly channels: Channels;
+  readonly framesListeners = new Set<(items: FrameItem[], lost: number) => void>();
+  readonly blockListeners = new Set<(block: Block) => void>();
+  private readonly socket: Socket;
+  private readonly pending = new Map<string, Pending>();
+  private readonly explanations = new Map<number, (fields: ExplainedField[]) => void>();
+  private t0 = Number.NaN;
+  private unlistened: ((error: Refused) => void) | null = null;
+  private wanted: { on: boolean; filter: string | null } = { on: false, filter: null };
+
+  constructor() {
+    this.socket = new Socket({
+      opened: () => this.opened(),
+      closed: () => this.closed(),
+      message: (message) => this.told(message),
+      telemetry: (block) => {
+        this.channels.telemetry(block, performance.now());
+        for (const each of this.blockListeners) each(block);
+      },
+    });
+    this.channels = new Channels((message) => this.socket.send(message));
+  }
+
+  start(): void {
+    this.socket.open();
+    window.setInterval(() => this.renew(), RENEW_MS);
+    window.setInterval(() => {
+      this.now = Date.now();
+      this.round = this.socket.clock.round;
+    }, 250);
+  }
+
+  /** Comes in by a token that somebody typed. */
+  async login(token: string): Promise<void> {
+    await send("POST", "/login", { token });
+    this.connection = "connecting";
+    this.socket.retry();
+  }
+
+  may(scope: Scope): boolean {
+    return this.view?.scopes.includes(scope) ?? false;
+  }
+
+  axis(id: number): AxisInfo | undefined {
+    return this.view?.axes.find((axis) => axis.id === id);
+  }
+
+  /** How people call an axis. */
+  title(id: number): string {
+    const axis = this.axis(id);
+    return axis ? axis.name || axis.label || `#${axis.number}` : `${id}`;
+  }
+
+  signal(id: number, signal: string): number | null {
+    return this.states[id]?.signals.find((each) => each.signal === signal)?.value ?? null;
+  }
+
+  /** Seconds since the server's start, now. */
+  get time(): number {
+    return (this.socket.now() - this.t0) / 1000;
+  }
+
+  /** The time of day of a moment of telemetry, in ms. */
+  timeOfDay(seconds: number): number {
+    return this.t0 + seconds * 1000;
+  }
+
+  take(axis: number, over: boolean): void {
+    this.socket.send({ type: "lease", axis, act: over ? "take_over" : "take", epoch: 0 });
+  }
+
+  drop(axis: number): void {
+    const epoch = this.leases[axis];
+    if (epoch === undefined) return;
+    this.socket.send({ type: "lease", axis, act: "drop", epoch });
+    this.forget(axis);
+  }
+
+  /** Tells an axis to do something, once. It always settles, if only with `unknown`. */
+  command(axis: number, verb: string, args: Arguments = {}): Promise<Outcome> {
+    const id = crypto.randomUUID();
+    const note = this.note(axis, describe(verb, args), "pending");
+    const message = {
+      type: "command" as const,
+      axis,
+      id,
+      issued_ms: this.socket.now(),
+      ttl_ms: TTL_MS,
+      epoch: this.leases[axis] ?? 0,
+      verb,
+      arguments: args,
+    };
+    return new Promise((settle) => {
+      if (!this.socket.send(message)) {
+        this.ended(note, settle, lost(id, "not_done"));
+        return;
+      }
+      this.pending.set(id, { note, settle });
+      window.setTimeout(() => this.outcome(lost(id, "unknown")), OUTCOME_MS);
+    });
+  }
+
+  /** Brings one axis to rest whatever becomes of its command, but leaves the lease where it is. */
+  async halt(axis: number): Promise<void> {
+    const outcome = await Promise.race([this.command(axis, "stop"), wait(STOP_AGAIN_MS * 4)]);
+    if (!outcome || outcome.outcome !== "done") this.stop([axis], "stop was not confirmed");
+  }
+
+  /** Stops axes, or all of them: needs no lease, and is said twice where it is not confirmed. */
+  stop(axes: number[] | null, reason: string): void {
+    if (axes === null) {
+      this.stopping = true;
+      this.stopped = {};
+    }
+    this.note(null, `stop ${axes ?? "all"}`, "info");
+    const sent = this.socket.send({ type: "stop", axes, reason });
+    const over = (): void => {
+      void send<{ axes: AxisStopped[] }>("POST", "/stop", { axes, reason })
+        .then((answer) => this.reached(answer.axes))
+        .catch((problem: unknown) => this.complain(problem));
+    };
+    if (!sent) over();
+    else {
+      window.setTimeout(() => {
+        if (axes === null && this.stopping && !this.lock) over();
+      }, STOP_AGAIN_MS);
+    }
+  }
+
+  /** Lets motion again after a stop of everything. Nothing moves by that. */
+  release(): void {
+    if (!this.socket.send({ type: "release" })) return;
+    this.note(null, "release", "info");
+  }
+
+  frames(on: boolean, filter: string | null, refused: (error: Refused) => void): void {
+    this.wanted = { on, filter };
+    this.unlistened = refused;
+    this.socket.send({ type: "frames", on, filter });
+  }
+
+  explain(n: number): Promise<ExplainedField[]> {
+    return new Promise((settle) => {
+      this.explanations.set(n, settle);
+      if (!this.socket.send({ type: "explain", n })) settle([]);
+    });
+  }
+
+  /** Does something to a simulated drive. */
+  async act(axis: AxisInfo, act: string, value: number | null): Promise<boolean> {
+    try {
+      await send("POST", `/simulation/${axis.link}/${axis.number}`, { act, value });
+      this.note(axis.id, `${act}${value === null ? "" : ` ${value}`}`, "done");
+      return true;
+    } catch (problem) {
+      this.complain(problem, axis.id);
+      return false;
+    }
+  }
+
+  /** Says in the page's own log that something did not work. */
+  complain(problem: unknown, axis: number | null = null): void {
+    if (problem instanceof Problem) this.note(axis, "", "not_done", problem.refused);
+    else this.note(axis, String(problem), "not_done");
+  }
+
+  note(
+    axis: number | null,
+    text: string,
+    outcome: Note["outcome"],
+    error: Refused | null = null,
+  ): Note {
+    const note: Note = { at: Date.now(), axis, text, outcome, error };
+    this.notes = [...this.notes.slice(1 - NOTES_MAX), note];
+    return note;
+  }
+
+  private opened(): void {
+    this.connection = "open";
+    if (this.wanted.on) this.socket.send({ type: "frames", ...this.wanted });
+  }
+
+  private closed(): void {
+    this.leases = {};
+    for (const id of [...this.pending.keys()]) this.outcome(lost(id, "unknown"));
+    for (const settle of this.explanations.values()) settle([]);
+    this.explanations.clear();
+    if (this.connection === "token") return;
+    this.connection = "lost";
+    // A handshake that was refused does not say why; a plain request does.
+    read("/bench").catch((problem: unknown) => {
+      if (problem instanceof Problem && problem.status === 401) this.connection = "token";
+    });
+  }
+
+  private told(message: ServerMessage): void {
+    if (this.channels.told(message)) return;
+    switch (message.type) {
+      case "welcome":
+        this.channels.again(message.t0_ms === this.t0);
+        this.t0 = message.t0_ms;
+        this.welcome = message;
+        break;
+      case "bench":
+        this.view = message;
+        this.lock = message.lock;
+        break;
+      case "axis":
+        this.heard[message.id] = Date.now();
+        this.states = { ...this.states, [message.id]: message };
+        this.checkLease(message);
+        break;
+      case "outcome":
+        this.outcome(message);
+        break;
+      case "leased":
+        if (message.expires_ms === null) this.forget(message.axis);
+        else this.leases = { ...this.leases, [message.axis]: message.epoch };
+        break;
+      case "stopped":
+        this.reached(message.axes);
+        break;
+      case "locked":
+        this.lock = message;
+        this.leases = {};
+        break;
+      case "unlocked":
+        this.lock = null;
+        this.stopping = false;
+        this.stopped = {};
+        break;
+      case "frames":
+        for (const each of this.framesListeners) each(message.items, message.lost);
+        break;
+      case "explained":
+        this.explanations.get(message.n)?.(message.fields);
+        this.explanations.delete(message.n);
+        break;
+      case "error":
+        this.refused(message);
+        break;
+    }
+  }
+
+  private refused(message: ServerMessage & { type: "error" }): void {
+    if (message.about === "frames" && this.unlistened) this.unlistened(message.error);
+    else if (message.about === "explain") this.explanations.forEach((settle) => settle([]));
+    else this.note(message.subject, message.about ?? "", "not_done", message.error);
+    if (message.about === "lease" && message.subject !== null) this.forget(message.subject);
+  }
+
+  private reached(axes: AxisStopped[]): void {
+    const stopped = { ...this.stopped };
+    for (const axis of axes) stopped[axis.id] = axis;
+    this.stopped = stopped;
+  }
+
+  private outcome(outcome: Outcome): void {
+    const pending = this.pending.get(outcome.id);
+    if (!pending) return;
+    this.pending.delete(outcome.id);
+    this.ended(pending.note, pending.settle, outcome);
+  }
+
+  private ended(note: Note, settle: (outcome: Outcome) => void, outcome: Outcome): void {
+    const whole: Note = { ...note, outcome: outcome.outcome, error: outcome.error };
+    this.notes = this.notes.map((each) => (each === note ? whole : each));
+    settle(outcome);
+  }
+
+  /** Someone else has the axis, or nobody: then this page does not. */
+  private checkLease(state: AxisState): void {
+    const epoch = this.leases[state.id];
+    const theirs = state.lease;
+    if (epoch === undefined || !theirs) return;
+    if (theirs.epoch > epoch) this.forget(state.id);
+  }
+
+  private forget(axis: number): void {
+    const { [axis]: _, ...others } = this.leases;
+    this.leases = others;
+  }
+
+  /** Holds on to leases, but not while nobody looks at the page: then they end, and motion with them. */
+  private renew(): void {
+    if (document.visibilityState !== "visible") return;
+    for (const [axis, epoch] of Object.entries(this.leases)) {
+      this.socket.send({ type: "lease", axis: Number(axis), act: "renew", epoch });
+    }
+  }
+}
+
+function describe(verb: string, args: Arguments): string {
+  const given = Object.entries(args).map(
+    ([name, value]) => `${name}=${Number(value).toPrecision(4)}`,
+  );
+  return [verb, ...given].join(" ");
+}
+
+function lost(id: string, outcome: Outcome["outcome"]): Outcome {
+  const executed = outcome === "unknown" ? null : false;
+  const error = { code: "page.unreachable", message: "", hint: "", executed };
+  return { id, outcome, error, replayed: false };
+}
+
+function wait(ms: number): Promise<null> {
+  return new Promise((settle) => window.setTimeout(() => settle(null), ms));
+}
+
+export const bench = new Bench();

@@ -1,0 +1,60 @@
+import { describe, expect, it } from "vitest";
+import { Channels } from "./channels";
+import type { ClientMessage } from "./message";
+
+function block(channel: number, times: number[]) {
+  const values = Float64Array.from(times, (time) => time * 2);
+  return { channel, lost: 3, times: Float64Array.from(times), values };
+}
+
+describe("channels", () => {
+  it("subscribes, takes samples of its own number alone, and unsubscribes", () => {
+    const said: ClientMessage[] = [];
+    const channels = new Channels((message) => said.push(message) > 0);
+    const one = channels.open({ axis: 2, signal: "position" }, 100, 64);
+    expect(said).toEqual([
+      { type: "subscribe", channel: one.number, axis: 2, signal: "position", hz: 100 },
+    ]);
+    channels.telemetry(block(one.number, [1, 2]), 0);
+    channels.telemetry(block(one.number + 1, [3]), 0);
+    expect(one.trace.end).toBe(2);
+    expect(one.lost).toBe(3);
+    channels.close(one);
+    expect(said.at(-1)).toEqual({ type: "unsubscribe", channel: one.number });
+    expect(channels.telemetry(block(one.number, [9]), 0)).toBeNull();
+  });
+
+  it("asks again on a new connection, and forgets traces of another server's clock", () => {
+    const said: ClientMessage[] = [];
+    const channels = new Channels((message) => said.push(message) > 0);
+    const one = channels.open({ axis: 0, signal: "velocity" }, 10, 64);
+    channels.telemetry(block(one.number, [1]), 0);
+    channels.again(true);
+    expect(one.trace.end).toBe(1);
+    channels.again(false);
+    expect(one.trace.end).toBe(0);
+    expect(said.length).toBe(3);
+  });
+
+  it("keeps what the server says of rate, unit, gaps and refusals", () => {
+    const channels = new Channels(() => true);
+    const one = channels.open({ axis: 0, signal: "velocity" }, 1000, 64);
+    const channel = one.number;
+    channels.told({ type: "subscribed", channel, hz: 400, source: "polled", unit: "rad/s" });
+    channels.told({ type: "gap", channel, from_us: 1e6, to_us: 2e6, lost: 12 });
+    expect([one.hz, one.pushed, one.unit]).toEqual([400, false, "rad/s"]);
+    expect(one.trace.gaps).toEqual([{ from: 1, to: 2, lost: 12 }]);
+    const error = { code: "E2", message: "no such signal", hint: "", executed: false };
+    channels.told({ type: "error", about: "subscribe", subject: channel, error });
+    expect(one.refused).toBe("no such signal");
+  });
+
+  it("measures the rate at which samples really come", () => {
+    const channels = new Channels(() => true);
+    const one = channels.open({ axis: 0, signal: "velocity" }, 1000, 64);
+    for (let i = 0; i <= 20; i++) {
+      channels.telemetry(block(one.number, [i, i + 0.5]), 1000 + i * 100);
+    }
+    expect(one.rate).toBe(20);
+  });
+});

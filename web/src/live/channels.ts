@@ -1,0 +1,125 @@
+// Subscriptions: each channel is one signal of one axis, remembered as a trace. They are asked for
+// again on every new connection; what went by meanwhile is a gap.
+
+import { Trace } from "../scope/trace";
+import type { ClientMessage, ServerMessage } from "./message";
+import type { Block } from "./telemetry";
+
+const RATE_OVER_MS = 1000;
+
+export type Source = { axis: number; signal: string } | { axis: number; parameter: string };
+
+export class Channel {
+  readonly trace: Trace;
+  /** As the server says it: how often a sample comes, where from, in which unit. */
+  hz = 0;
+  pushed = false;
+  unit = "";
+  /** Why there is nothing to see; empty while there is. */
+  refused = "";
+  lost = 0;
+  /** Samples a second, as they really came. */
+  rate = 0;
+  private counted = 0;
+  private since = 0;
+
+  constructor(
+    readonly number: number,
+    readonly source: Source,
+    readonly wanted: number,
+    capacity: number,
+  ) {
+    this.trace = new Trace(capacity);
+  }
+
+  /** Takes samples in; `each` sees those that are new. */
+  take(block: Block, now: number, each?: (time: number, value: number) => void): void {
+    this.lost = block.lost;
+    for (let i = 0; i < block.times.length; i++) {
+      const time = block.times[i] ?? 0;
+      const value = block.values[i] ?? 0;
+      if (!this.trace.push(time, value)) continue;
+      this.counted++;
+      each?.(time, value);
+    }
+    if (now - this.since < RATE_OVER_MS) return;
+    if (this.since) this.rate = (this.counted * 1000) / (now - this.since);
+    this.since = now;
+    this.counted = 0;
+  }
+
+  /** Seconds after which silence is drawn as such. */
+  get period_max(): number {
+    return this.hz > 0 ? Math.max(5 / this.hz, 0.1) : 1;
+  }
+
+  /** What is said to the server to have it. */
+  get subscription(): ClientMessage {
+    return { type: "subscribe", channel: this.number, ...this.source, hz: this.wanted };
+  }
+}
+
+export class Channels {
+  private readonly all = new Map<number, Channel>();
+  private next = 1;
+
+  constructor(private readonly send: (message: ClientMessage) => boolean) {}
+
+  open(source: Source, hz: number, capacity: number): Channel {
+    const channel = new Channel(this.free(), source, hz, capacity);
+    this.all.set(channel.number, channel);
+    this.send(channel.subscription);
+    return channel;
+  }
+
+  close(channel: Channel): void {
+    if (this.all.delete(channel.number)) {
+      this.send({ type: "unsubscribe", channel: channel.number });
+    }
+  }
+
+  /** Asks for all of them again: the connection is new. Its clock may be too. */
+  again(sameServer: boolean): void {
+    for (const channel of this.all.values()) {
+      if (!sameServer) channel.trace.clear();
+      this.send(channel.subscription);
+    }
+  }
+
+  telemetry(block: Block, now: number): Channel | null {
+    const channel = this.all.get(block.channel);
+    channel?.take(block, now);
+    return channel ?? null;
+  }
+
+  /** What the server says of a channel. False where the message is of something else. */
+  told(message: ServerMessage): boolean {
+    if (message.type === "subscribed") {
+      const channel = this.all.get(message.channel);
+      if (!channel) return true;
+      channel.hz = message.hz;
+      channel.pushed = message.source === "pushed";
+      channel.unit = message.unit;
+      channel.refused = "";
+      return true;
+    }
+    if (message.type === "gap") {
+      const { from_us, to_us, lost } = message;
+      this.all.get(message.channel)?.trace.gap({ from: from_us / 1e6, to: to_us / 1e6, lost });
+      return true;
+    }
+    if (message.type === "error" && message.about === "subscribe" && message.subject !== null) {
+      const channel = this.all.get(message.subject);
+      if (channel) channel.refused = message.error.message;
+      return channel !== undefined;
+    }
+    return false;
+  }
+
+  private free(): number {
+    while (this.all.has(this.next)) this.next = (this.next % 0xffff) + 1;
+    const number = this.next;
+    this.next = (this.next % 0xffff) + 1;
+    return number;
+  }
+}

@@ -1,0 +1,61 @@
+// Requests over HTTP: what is asked once. The cookie goes along by itself; the header says that the
+// request comes from this page's own code.
+
+import type { Refused } from "./message";
+
+const BASE = "/api/v1";
+
+/** The server's own refusal, or that it could not be asked. */
+export class Problem extends Error {
+  constructor(
+    readonly status: number,
+    readonly refused: Refused,
+  ) {
+    super(refused.message);
+  }
+}
+
+export function read<T>(path: string): Promise<T> {
+  return ask<T>(path, { method: "GET" });
+}
+
+export function send<T>(method: "POST" | "DELETE", path: string, body: unknown): Promise<T> {
+  return ask<T>(path, {
+    method,
+    headers: { "Content-Type": "application/json", "X-Polepair": "1" },
+    body: JSON.stringify(body),
+  });
+}
+
+/** A file as it is. */
+export function upload<T>(path: string, file: Blob): Promise<T> {
+  const headers = { "Content-Type": "application/octet-stream", "X-Polepair": "1" };
+  return ask<T>(path, { method: "POST", headers, body: file });
+}
+
+async function ask<T>(path: string, request: RequestInit): Promise<T> {
+  let answer: Response;
+  try {
+    answer = await fetch(BASE + path, { ...request, credentials: "same-origin" });
+  } catch {
+    throw new Problem(0, unreachable());
+  }
+  const body: unknown = await answer.json().catch(() => null);
+  if (answer.ok) return body as T;
+  throw new Problem(answer.status, refusal(body) ?? unexpected(answer.status));
+}
+
+function refusal(body: unknown): Refused | null {
+  const error = (body as { error?: Partial<Refused> } | null)?.error;
+  if (typeof error?.message !== "string") return null;
+  const { code = "", message, hint = "", executed = null } = error;
+  return { code, message, hint, executed };
+}
+
+function unreachable(): Refused {
+  return { code: "page.unreachable", message: "", hint: "", executed: null };
+}
+
+function unexpected(status: number): Refused {
+  return { code: "page.unexpected", message: `HTTP ${status}`, hint: "", executed: null };
+}

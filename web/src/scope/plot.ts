@@ -1,0 +1,315 @@
+// The picture: uPlot draws axes, grid and selection; curves are drawn here, from columns that keep
+// spikes, with gaps as gaps.
+
+import uPlot from "uplot";
+import type { Columns } from "./decimate";
+import type { Gap } from "./trace";
+
+/** Okabe and Ito's colours, darkened or lightened where a background would swallow them. */
+const LIGHT = [
+  "#0072b2",
+  "#d55e00",
+  "#00795a",
+  "#b3478a",
+  "#a06c00",
+  "#2289bd",
+  "#5e4fa2",
+  "#14202b",
+];
+const DARK = [
+  "#56b4e9",
+  "#e69f00",
+  "#35c79d",
+  "#e79bc6",
+  "#f0e442",
+  "#ff8458",
+  "#a9b4ff",
+  "#dfe7ec",
+];
+const DASHES = [[], [5, 3]];
+const FONT = "11px system-ui, sans-serif";
+const POINTS_FROM_PX = 10;
+
+/** The colour of a channel; from the ninth on they come again, dashed. */
+export function colour(index: number, dark: boolean): string {
+  const all = dark ? DARK : LIGHT;
+  return all[index % all.length] ?? "";
+}
+
+export function dashed(index: number): boolean {
+  return index >= LIGHT.length;
+}
+
+export interface Curve {
+  columns: Columns;
+  gaps: readonly Gap[];
+  name: string;
+  /** What it is shown in; curves of one unit share an axis. */
+  unit: string;
+  factor: number;
+  colour: string;
+  dashed: boolean;
+}
+
+export interface Mark {
+  time: number;
+  label: string;
+}
+
+export interface Frame {
+  curves: Curve[];
+  marks: Mark[];
+  from: number;
+  to: number;
+  /** The time that the axis calls 0. */
+  origin: number;
+}
+
+export interface Handlers {
+  zoomed(from: number, to: number): void;
+  clicked(time: number, second: boolean): void;
+}
+
+export class Plot {
+  private chart: uPlot | null = null;
+  private built = "";
+  private frame: Frame = { curves: [], marks: [], from: 0, to: 1, origin: 0 };
+  private readonly watcher: ResizeObserver;
+
+  constructor(
+    private readonly host: HTMLElement,
+    private readonly handlers: Handlers,
+  ) {
+    this.watcher = new ResizeObserver(() => this.chart?.setSize(this.size()));
+    this.watcher.observe(host);
+  }
+
+  destroy(): void {
+    this.watcher.disconnect();
+    this.chart?.destroy();
+  }
+
+  get canvas(): HTMLCanvasElement | null {
+    return this.chart?.ctx.canvas ?? null;
+  }
+
+  /** CSS pixels across the curves' area. */
+  get width(): number {
+    return this.chart ? this.chart.over.clientWidth : this.host.clientWidth;
+  }
+
+  draw(frame: Frame): void {
+    this.frame = frame;
+    const units = [...new Set(frame.curves.map((curve) => curve.unit))];
+    const labels = units.map((unit) => label(frame.curves, unit));
+    const key = JSON.stringify([labels, getComputedStyle(this.host).color]);
+    if (key !== this.built || !this.chart) this.build(units, labels, key);
+    this.chart?.batch((chart: uPlot) => {
+      chart.setScale("x", { min: frame.from - frame.origin, max: frame.to - frame.origin });
+      for (const unit of units) chart.setScale(scale(unit), range(frame.curves, unit));
+    });
+    this.chart?.redraw(false, true);
+  }
+
+  private size(): { width: number; height: number } {
+    return {
+      width: Math.max(this.host.clientWidth, 80),
+      height: Math.max(this.host.clientHeight, 60),
+    };
+  }
+
+  private build(units: string[], labels: string[], key: string): void {
+    this.chart?.destroy();
+    this.built = key;
+    const line = this.resolve("--line");
+    const axis = {
+      stroke: this.resolve("--soft"),
+      font: FONT,
+      labelFont: FONT,
+      labelSize: 14,
+      labelGap: 0,
+      grid: { stroke: line, width: 1 },
+      ticks: { stroke: line, width: 1, size: 4 },
+    };
+    this.chart = new uPlot(
+      {
+        ...this.size(),
+        padding: [8, units.length > 1 ? 0 : 10, 0, 0],
+        legend: { show: false },
+        cursor: { y: false, points: { show: false }, drag: { x: true, y: false, setScale: false } },
+        scales: { x: { time: false } },
+        axes: [
+          { ...axis, size: 24, values: (_, ticks) => ticks.map((tick) => `${round(tick)} s`) },
+          ...units.map((unit, i) => ({
+            ...axis,
+            scale: scale(unit),
+            side: i % 2 ? 1 : 3,
+            size: 56,
+            label: labels[i] ?? "",
+            grid: { ...axis.grid, show: i === 0 },
+          })),
+        ],
+        series: [
+          {},
+          ...units.map((unit) => ({ scale: scale(unit), show: true, paths: () => null })),
+        ],
+        hooks: {
+          draw: [(chart) => this.paint(chart)],
+          setSelect: [(chart) => this.selected(chart)],
+          ready: [(chart) => this.listen(chart)],
+        },
+      },
+      [[0, 1], ...units.map(() => [null, null])],
+      this.host,
+    );
+  }
+
+  /** What a custom property comes to, in the theme that is shown. */
+  private resolve(property: string): string {
+    const probe = document.createElement("i");
+    probe.style.color = `var(${property})`;
+    this.host.append(probe);
+    const colour = getComputedStyle(probe).color;
+    probe.remove();
+    return colour;
+  }
+
+  private listen(chart: uPlot): void {
+    chart.over.addEventListener("click", (event) => {
+      if (chart.select.width > 2) return;
+      const at = chart.posToVal(event.offsetX, "x") + this.frame.origin;
+      this.handlers.clicked(at, event.shiftKey);
+    });
+  }
+
+  private selected(chart: uPlot): void {
+    const { left, width } = chart.select;
+    if (width < 4) return;
+    const from = chart.posToVal(left, "x") + this.frame.origin;
+    const to = chart.posToVal(left + width, "x") + this.frame.origin;
+    chart.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    this.handlers.zoomed(from, to);
+  }
+
+  private paint(chart: uPlot): void {
+    const { ctx, bbox } = chart;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    for (const curve of this.frame.curves) this.curve(chart, curve);
+    for (const mark of this.frame.marks) this.mark(chart, mark);
+    ctx.restore();
+  }
+
+  private curve(chart: uPlot, curve: Curve): void {
+    const { ctx, bbox } = chart;
+    const { min = 0, max = 1 } = chart.scales[scale(curve.unit)] ?? {};
+    const { from, to } = this.frame;
+    const ratio = devicePixelRatio || 1;
+    const across = bbox.width / (to - from);
+    const up = (curve.factor * bbox.height) / ((max ?? 1) - (min ?? 0));
+    const base = bbox.top + bbox.height + ((min ?? 0) * bbox.height) / ((max ?? 1) - (min ?? 0));
+    const x = (time: number): number => bbox.left + (time - from) * across;
+    const { columns } = curve;
+    ctx.fillStyle = curve.colour;
+    ctx.globalAlpha = 0.16;
+    for (const gap of curve.gaps) {
+      if (gap.to < from || gap.from > to) continue;
+      ctx.fillRect(
+        x(gap.from),
+        bbox.top,
+        Math.max((gap.to - gap.from) * across, 2 * ratio),
+        bbox.height,
+      );
+    }
+    ctx.globalAlpha = 1;
+    ctx.strokeStyle = curve.colour;
+    ctx.lineWidth = 1.4 * ratio;
+    ctx.lineJoin = "bevel";
+    ctx.setLineDash((curve.dashed ? (DASHES[1] ?? []) : []).map((each) => each * ratio));
+    ctx.beginPath();
+    for (let i = 0; i < columns.count; i++) {
+      const at = x(columns.time[i] ?? 0);
+      const first = base - (columns.first[i] ?? 0) * up;
+      if (i === 0 || columns.broken[i]) ctx.moveTo(at, first);
+      else ctx.lineTo(at, first);
+      const low = columns.min[i] ?? 0;
+      const high = columns.max[i] ?? 0;
+      if (low === high) continue;
+      ctx.lineTo(at, base - low * up);
+      ctx.lineTo(at, base - high * up);
+      ctx.lineTo(at, base - (columns.last[i] ?? 0) * up);
+    }
+    ctx.stroke();
+    ctx.setLineDash([]);
+    if (columns.count && bbox.width / columns.count > POINTS_FROM_PX * ratio)
+      this.points(ctx, curve, x, base, up);
+  }
+
+  /** Where samples are far apart each is a dot, so that nobody takes the line for one. */
+  private points(
+    ctx: CanvasRenderingContext2D,
+    { columns, colour: fill }: Curve,
+    x: (time: number) => number,
+    base: number,
+    up: number,
+  ): void {
+    const size = 3 * (devicePixelRatio || 1);
+    ctx.fillStyle = fill;
+    for (let i = 0; i < columns.count; i++) {
+      const y = base - (columns.first[i] ?? 0) * up;
+      ctx.fillRect(x(columns.time[i] ?? 0) - size / 2, y - size / 2, size, size);
+    }
+  }
+
+  private mark(chart: uPlot, mark: Mark): void {
+    const { ctx, bbox } = chart;
+    const ratio = devicePixelRatio || 1;
+    const at =
+      bbox.left + ((mark.time - this.frame.from) * bbox.width) / (this.frame.to - this.frame.from);
+    ctx.strokeStyle = ctx.fillStyle = this.resolve("--ink");
+    ctx.lineWidth = ratio;
+    ctx.setLineDash([3 * ratio, 3 * ratio]);
+    ctx.beginPath();
+    ctx.moveTo(at, bbox.top);
+    ctx.lineTo(at, bbox.top + bbox.height);
+    ctx.stroke();
+    ctx.setLineDash([]);
+    ctx.font = `bold ${11 * ratio}px system-ui, sans-serif`;
+    ctx.textBaseline = "top";
+    ctx.textAlign = "left";
+    ctx.fillText(mark.label, at + 4 * ratio, bbox.top + 3 * ratio);
+  }
+}
+
+/** uPlot's key for a unit; units without a word have one too. */
+function scale(unit: string): string {
+  return `y ${unit}`;
+}
+
+/** What an axis is of: its signals, each once, and their unit. */
+function label(curves: Curve[], unit: string): string {
+  const names = curves.filter((curve) => curve.unit === unit).map((curve) => curve.name);
+  return `${[...new Set(names)].join(", ")}${unit && ` [${unit}]`}`;
+}
+
+function range(curves: Curve[], unit: string): { min: number; max: number } {
+  let low = Number.POSITIVE_INFINITY;
+  let high = Number.NEGATIVE_INFINITY;
+  for (const curve of curves) {
+    if (curve.unit !== unit) continue;
+    for (let i = 0; i < curve.columns.count; i++) {
+      low = Math.min(low, (curve.columns.min[i] ?? low) * curve.factor);
+      high = Math.max(high, (curve.columns.max[i] ?? high) * curve.factor);
+    }
+  }
+  if (low > high) return { min: 0, max: 1 };
+  if (low === high) return { min: low - 1, max: high + 1 };
+  const [min, max] = uPlot.rangeNum(low, high, 0.1, true);
+  return { min: min ?? low, max: max ?? high };
+}
+
+function round(value: number): string {
+  return String(Number(value.toFixed(6)));
+}

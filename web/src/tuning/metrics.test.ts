@@ -1,0 +1,65 @@
+import { describe, expect, it } from "vitest";
+import { metrics, type Response } from "./metrics";
+
+/** A second-order system's answer to a step, from its textbook formula. */
+function secondOrder(damping: number, omega: number, seconds: number, from = 0, to = 1): Response {
+  const times = Array.from({ length: seconds * 10_000 }, (_, i) => i / 10_000);
+  const damped = omega * Math.sqrt(1 - damping ** 2);
+  const values = times.map((t) => {
+    const swing =
+      Math.cos(damped * t) + (damping / Math.sqrt(1 - damping ** 2)) * Math.sin(damped * t);
+    return from + (to - from) * (1 - Math.exp(-damping * omega * t) * swing);
+  });
+  return { times, values, from, to };
+}
+
+describe("step metrics", () => {
+  it("agree with the formulas of a second-order system", () => {
+    for (const [damping, omega] of [
+      [0.3, 20],
+      [0.5, 50],
+      [0.7, 8],
+    ] as const) {
+      const got = metrics(secondOrder(damping, omega, 5));
+      const root = Math.sqrt(1 - damping ** 2);
+      expect(got?.overshoot).toBeCloseTo(Math.exp((-damping * Math.PI) / root), 4);
+      expect(got?.peak).toBeCloseTo(Math.PI / (omega * root), 3);
+      expect(got?.remaining).toBeCloseTo(0, 4);
+    }
+    // Rise time of a first-order system: ln 9 time constants; it settles to 2 % in ln 50 of them.
+    const times = Array.from({ length: 20_000 }, (_, i) => i / 10_000);
+    const values = times.map((t) => 1 - Math.exp(-t / 0.1));
+    const first = metrics({ times, values, from: 0, to: 1 });
+    expect(first?.rise).toBeCloseTo(0.1 * Math.log(9), 4);
+    expect(first?.settling).toBeCloseTo(0.1 * Math.log(50), 4);
+    expect(first?.overshoot).toBe(0);
+  });
+
+  it("are the same for a step down, and in any unit", () => {
+    const up = metrics(secondOrder(0.4, 30, 3));
+    const down = metrics(secondOrder(0.4, 30, 3, 100, -300));
+    expect(down?.rise).toBeCloseTo(up?.rise ?? 0, 9);
+    expect(down?.overshoot).toBeCloseTo(up?.overshoot ?? 0, 9);
+    expect(down?.settling).toBeCloseTo(up?.settling ?? 0, 9);
+  });
+
+  it("say what did not happen", () => {
+    const half = { times: [0, 1, 2, 3], values: [0, 0.2, 0.5, 0.5], from: 0, to: 1 };
+    expect(metrics(half)).toMatchObject({ rise: null, settling: null, remaining: 0.5 });
+    expect(metrics({ ...half, to: 0 })).toBeNull();
+    expect(metrics({ ...half, times: [-3, -2, -1, 0] })).toBeNull();
+  });
+
+  it("do not call settled what left the tolerance again", () => {
+    const times = [0, 1, 2, 3, 4];
+    expect(metrics({ times, values: [0, 1, 1, 1, 1.5], from: 0, to: 1 })?.settling).toBeNull();
+    const late = metrics({ times, values: [0, 1, 1.2, 1, 1], from: 0, to: 1 })?.settling;
+    expect(late).toBeCloseTo(2.9, 9);
+  });
+
+  it("leave out what was before the step and what is no number", () => {
+    const times = [-1, 0, 1, 2, 3];
+    const values = [9, 0, 1, Number.NaN, 1];
+    expect(metrics({ times, values, from: 0, to: 1 })?.overshoot).toBe(0);
+  });
+});

@@ -1,0 +1,147 @@
+// A report in one HTML file: pictures as SVG, nothing loaded from anywhere, no script.
+
+import { digits } from "../units";
+import type { Run } from "./run";
+
+export interface Words {
+  title: string;
+  run: string;
+  axis: string;
+  step: string;
+  rise: string;
+  overshoot: string;
+  settling: string;
+  peak: string;
+  remaining: string;
+  rate: string;
+  lost: string;
+  note: string;
+  seconds: string;
+}
+
+const WIDTH = 900;
+const HEIGHT = 380;
+const EDGE = { left: 64, right: 12, top: 12, bottom: 34 };
+const POINTS_MAX = 2000;
+const COLOURS = [
+  "#0072b2",
+  "#d55e00",
+  "#00795a",
+  "#b3478a",
+  "#a06c00",
+  "#2289bd",
+  "#5e4fa2",
+  "#14202b",
+];
+
+export function report(runs: Run[], words: Words, language: string): string {
+  const signals = [...new Set(runs.map((run) => run.signal))];
+  const pictures = signals.map((signal) =>
+    picture(
+      runs.filter((run) => run.signal === signal),
+      runs,
+    ),
+  );
+  return `<!doctype html>
+<html lang="${escape(language)}"><head><meta charset="utf-8"><title>${escape(words.title)}</title>
+<style>body{font:14px/1.5 system-ui,sans-serif;max-width:960px;margin:24px auto;padding:0 16px;color:#14202b}
+table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}td,th{border-bottom:1px solid #cfd7de;
+padding:4px 8px;text-align:right}td:first-child,th:first-child,td:nth-child(2),th:nth-child(2){text-align:left}
+svg{width:100%;height:auto;margin:12px 0}</style></head><body>
+<h1>${escape(words.title)}</h1>
+${pictures.join("\n")}
+${table(runs, words)}
+</body></html>
+`;
+}
+
+function table(runs: Run[], words: Words): string {
+  const { run, axis, step, rise, overshoot, settling, peak, remaining, rate, lost, note } = words;
+  const head = [run, axis, step, rise, overshoot, settling, peak, remaining, rate, lost, note];
+  const rows = runs.map((each, i) => {
+    const { metrics, shown } = each;
+    const mark = `<span style="color:${COLOURS[i % COLOURS.length]}">&#9632;</span>`;
+    const when = new Date(each.at).toISOString().slice(0, 19).replace("T", " ");
+    const cells = [
+      escape(`${each.axis} · ${each.drive} · ${each.signal}`),
+      `${digits(each.from * shown.factor)} → ${digits(each.to * shown.factor)} ${escape(shown.unit)}`,
+      time(metrics?.rise ?? null),
+      metrics ? `${(metrics.overshoot * 100).toFixed(1)} %` : "—",
+      time(metrics?.settling ?? null),
+      time(metrics?.peak ?? null),
+      metrics ? `${digits(metrics.remaining * shown.factor)} ${escape(shown.unit)}` : "—",
+      `${each.rate.toFixed(0)} Hz`,
+      String(each.lost),
+      escape(each.note),
+    ];
+    return `<tr><td>${mark} ${when}Z</td>${cells.map((cell) => `<td>${cell}</td>`).join("")}</tr>`;
+  });
+  const titles = head.map((each) => `<th>${escape(each)}</th>`).join("");
+  return `<table><thead><tr>${titles}</tr></thead><tbody>${rows.join("\n")}</tbody></table>`;
+}
+
+/** Curves of one signal over one another; `all` gives each run its colour. */
+export function picture(runs: Run[], all: Run[]): string {
+  const values = runs.flatMap((run) => [run.from, run.to, ...thin(run).map(([, value]) => value)]);
+  const times = runs.flatMap((run) => [0, run.times.at(-1) ?? 0]);
+  const factor = runs[0]?.shown.factor ?? 1;
+  const [low, high] = [Math.min(...values), Math.max(...values)];
+  const pad = (high - low || 1) * 0.06;
+  const start = Math.min(...runs.map((run) => run.times[0] ?? 0));
+  const end = Math.max(...times, start + 1e-3);
+  const x = (time: number): string =>
+    (EDGE.left + ((time - start) / (end - start)) * (WIDTH - EDGE.left - EDGE.right)).toFixed(1);
+  const y = (value: number): string =>
+    (
+      HEIGHT -
+      EDGE.bottom -
+      ((value - low + pad) / (high - low + 2 * pad)) * (HEIGHT - EDGE.top - EDGE.bottom)
+    ).toFixed(1);
+  const lines = runs.map((run) => {
+    const points = thin(run).map(([time, value]) => `${x(time)},${y(value)}`);
+    const stroke = COLOURS[all.indexOf(run) % COLOURS.length];
+    return `<polyline fill="none" stroke="${stroke}" stroke-width="1.6" points="${points.join(" ")}"/>`;
+  });
+  const targets = [...new Set(runs.map((run) => run.to))].map(
+    (to) =>
+      `<line x1="${EDGE.left}" x2="${WIDTH - EDGE.right}" y1="${y(to)}" y2="${y(to)}" stroke="#4f5e6c" stroke-dasharray="4 4"/>`,
+  );
+  const scale = [0, 0.25, 0.5, 0.75, 1].map((share) => {
+    const value = low + share * (high - low);
+    const time = start + share * (end - start);
+    return `<text x="${EDGE.left - 6}" y="${y(value)}" text-anchor="end">${digits(value * factor)}</text>
+<text x="${x(time)}" y="${HEIGHT - 12}" text-anchor="middle">${Number(time.toFixed(4))} s</text>`;
+  });
+  const unit = escape(`${runs[0]?.signal ?? ""} ${runs[0]?.shown.unit ?? ""}`);
+  return `<svg viewBox="0 0 ${WIDTH} ${HEIGHT}" role="img" aria-label="${unit}" font-family="system-ui" font-size="12">
+<text x="${EDGE.left + 6}" y="${EDGE.top + 12}">${unit}</text>${targets.join("")}${lines.join("")}${scale.join("")}</svg>`;
+}
+
+/** Few enough points for a file, the least and greatest of each piece among them. */
+function thin(run: Run): [number, number][] {
+  const count = run.times.length;
+  const at = (i: number): [number, number] => [run.times[i] ?? 0, run.values[i] ?? 0];
+  if (count <= POINTS_MAX) return Array.from({ length: count }, (_, i) => at(i));
+  const points: [number, number][] = [];
+  const pieces = POINTS_MAX / 2;
+  for (let piece = 0; piece < pieces; piece++) {
+    const from = Math.floor((piece * count) / pieces);
+    const to = Math.floor(((piece + 1) * count) / pieces);
+    let [least, greatest] = [from, from];
+    for (let i = from; i < to; i++) {
+      if ((run.values[i] ?? 0) < (run.values[least] ?? 0)) least = i;
+      if ((run.values[i] ?? 0) > (run.values[greatest] ?? 0)) greatest = i;
+    }
+    points.push(at(Math.min(least, greatest)));
+    if (least !== greatest) points.push(at(Math.max(least, greatest)));
+  }
+  return points;
+}
+
+function time(seconds: number | null): string {
+  return seconds === null ? "—" : `${(seconds * 1000).toFixed(1)} ms`;
+}
+
+function escape(text: string): string {
+  return text.replace(/[&<>"']/g, (each) => `&#${each.charCodeAt(0)};`);
+}
