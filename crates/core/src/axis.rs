@@ -4,12 +4,18 @@ use crate::error::{Failure, Outcome, Unsupported};
 use crate::lane::{Piece, Transfer, TransferKind};
 use crate::medium::Frame;
 use crate::plan::Argument;
-use crate::profile::{Parameter, ParameterId, Profile, Signal};
+use crate::profile::{Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, Order, TransferStep};
 use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
 use crate::stream::cyclic::{Account, Following, Order as CycleOrder, Setpoint};
 use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, Point};
 use crate::time::Instant;
+
+mod news;
+mod state;
+
+pub use news::{Change, News, Presence, TOLD_MAX, Told};
+pub use state::{Reading, State};
 
 /// What an axis can be told to do. A profile has a plan for each verb that its drive can do.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -228,63 +234,6 @@ impl Command {
     }
 }
 
-/// One value of an axis and its age.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Reading {
-    /// SI value; flags are 0 or 1, codes and modes are themselves. NaN while a parameter that the
-    /// scale depends on was never read.
-    pub value: f64,
-    /// Raw value.
-    pub raw: i64,
-    /// When its reply arrived; `None` before the first.
-    pub at: Option<Instant>,
-}
-
-/// What is known of an axis. Values carry their age: nothing here is fresher than its `at`.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct State {
-    readings: [Reading; Signal::COUNT],
-    /// Motion commands are let through.
-    pub armed: bool,
-    /// Writes to permanent memory that this lane made.
-    pub flash_writes: u32,
-}
-
-impl State {
-    /// Nothing known, disarmed.
-    pub const UNKNOWN: Self = Self {
-        readings: [Reading { value: 0.0, raw: 0, at: None }; Signal::COUNT],
-        armed: false,
-        flash_writes: 0,
-    };
-
-    /// The last reading of a signal.
-    #[must_use]
-    pub const fn reading(&self, signal: Signal) -> Reading {
-        self.readings[signal as usize]
-    }
-
-    /// Notes a reading.
-    pub const fn note(&mut self, signal: Signal, reading: Reading) {
-        self.readings[signal as usize] = reading;
-    }
-}
-
-/// What a drive told unasked.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Told {
-    /// A signal's value, where no parameter has it.
-    Signal(Signal, i64),
-    /// A parameter's raw value.
-    Parameter(ParameterId, i64),
-    /// It has restarted, or is there no more: what was learnt of it no longer holds, and it is
-    /// disarmed.
-    Gone,
-}
-
-/// Things that one message may tell.
-pub const TOLD_MAX: usize = 4;
-
 /// One protocol's translation between parameters and requests, for one axis. No queue, no clock, no
 /// executor: those are the lane's. A family overrides what its drive does differently.
 pub trait Driver {
@@ -368,6 +317,13 @@ pub trait Driver {
     fn unasked(&mut self, answer: &Self::Answer) -> [Option<Told>; TOLD_MAX] {
         let _ = answer;
         [None; TOLD_MAX]
+    }
+
+    /// A parameter that must be read before all that the drive sends by itself is understood, the
+    /// n-th of those that are not known yet, in the order in which they are to be read.
+    fn unlearnt(&self, n: usize) -> Option<ParameterId> {
+        let _ = n;
+        None
     }
 
     /// What a path that is streamed to this drive needs; `None` where it takes none.
@@ -671,6 +627,26 @@ pub trait Axes {
 
     /// The next outcome.
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)>;
+
+    /// A parameter that must be read before all that a drive sends by itself is understood: the n-th
+    /// of those that are not known yet, to be read in this order.
+    fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
+        let _ = (axis, n);
+        None
+    }
+
+    /// Begins, or ends, to keep what happens for [`poll_news`](Self::poll_news). What is so already
+    /// when it begins is not news.
+    fn listen(&mut self, on: bool) {
+        let _ = on;
+    }
+
+    /// The next thing that happened while [`listen`](Self::listen) is on: what drives said unasked,
+    /// and faults and the loss of arming whoever found them. `now` stamps what has no time of its own.
+    fn poll_news(&mut self, now: Instant) -> Option<News> {
+        let _ = now;
+        None
+    }
 
     /// Shows, step by step, what a command would send. Nothing is sent.
     ///

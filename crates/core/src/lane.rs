@@ -5,6 +5,7 @@
 mod cycle;
 mod execute;
 mod job;
+mod news;
 mod path;
 mod slot;
 mod table;
@@ -17,7 +18,7 @@ use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use core::marker::PhantomData;
 
-use crate::axis::{Axes, Command, Part, Rehearsed, RehearsedStep, State, Verb};
+use crate::axis::{Axes, Command, News, Part, Rehearsed, RehearsedStep, State, Verb};
 use crate::error::{Outcome, Unsupported};
 use crate::medium::Medium;
 use crate::plan::Step;
@@ -31,6 +32,8 @@ use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
 use cycle::Cycle;
 use job::{Asked, Run, Steps, Task, Write};
+pub use news::NEWS_MAX;
+use news::Tidings;
 use path::Path;
 pub use slot::BoxedDriver;
 use slot::Slot;
@@ -55,6 +58,8 @@ pub struct Lane<M: Medium, H: Host<M>> {
     parts: VecDeque<Part>,
     /// Axes that follow one beat, or did last.
     cycle: Option<Box<Cycle>>,
+    /// What happened and nobody has taken yet, while somebody listens.
+    tidings: Option<Box<Tidings>>,
     medium: PhantomData<fn() -> M>,
 }
 
@@ -78,6 +83,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             jobs: Table::new(),
             parts: VecDeque::with_capacity(if groups { PARTS_MAX } else { 0 }),
             cycle: None,
+            tidings: None,
             medium: PhantomData,
         }
     }
@@ -95,7 +101,8 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     #[inline]
     fn settle(&mut self, now: Instant) {
         while let Some(event) = self.host.poll_event() {
-            take(now, &mut self.jobs, &mut self.slots, &mut self.parts, event);
+            let told = (&mut self.parts, &mut self.tidings);
+            take(now, &mut self.jobs, &mut self.slots, told, event);
             if let (Some(cycle), (To::Address(address), Ok(_))) = (&mut self.cycle, event) {
                 cycle.heard(now, *address, &self.slots);
             }
@@ -154,12 +161,14 @@ fn take<R: Request, A: Copy + 'static>(
     now: Instant,
     jobs: &mut Table<R>,
     slots: &mut [Slot<R, A>],
-    parts: &mut VecDeque<Part>,
+    (parts, tidings): (&mut VecDeque<Part>, &mut Option<Box<Tidings>>),
     (to, answer): &Event<A>,
 ) {
     match (to, answer) {
         (To::Ticket(Ticket(n)), _) => jobs.answered(now, slots, *n as usize, answer),
-        (To::Address(address), Ok(answer)) => slot::unasked(now, slots, *address, answer),
+        (To::Address(address), Ok(answer)) => {
+            slot::unasked(now, slots, tidings, (*address, answer))
+        }
         (To::Part(Ticket(n), address), _) => {
             let part = jobs.part(now, slots, (*n as usize, *address), answer);
             let Some(part) = part else { return };
@@ -192,7 +201,8 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
             if self.jobs.read_answered(now, &mut self.slots, event) {
                 continue;
             }
-            take(now, &mut self.jobs, &mut self.slots, &mut self.parts, event);
+            let told = (&mut self.parts, &mut self.tidings);
+            take(now, &mut self.jobs, &mut self.slots, told, event);
             if let (Some(cycle), (To::Address(address), Ok(_))) = (&mut self.cycle, event) {
                 cycle.heard(now, *address, &self.slots);
             }
@@ -448,6 +458,23 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
         let cycle = self.cycle.as_mut().and_then(|cycle| cycle.take_outcome());
         cycle.or_else(|| self.jobs.outcome())
+    }
+
+    fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
+        self.slot(axis).ok()?.driver.unlearnt(n)
+    }
+
+    fn listen(&mut self, on: bool) {
+        let states = self.slots.iter().map(|slot| &slot.state);
+        self.tidings = on.then(|| Box::new(Tidings::new(states)));
+    }
+
+    fn poll_news(&mut self, now: Instant) -> Option<News> {
+        let tidings = self.tidings.as_mut()?;
+        tidings.take(now).or_else(|| {
+            tidings.compare(now, &self.slots);
+            tidings.take(now)
+        })
     }
 
     fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {

@@ -6,7 +6,7 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
-use crate::axis::{AnyLane, Axes, Command, Part, Rehearsed, State};
+use crate::axis::{AnyLane, Axes, Command, News, Part, Rehearsed, State};
 use crate::error::{Outcome, Unsupported};
 use crate::lane::{Piece, Transfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
@@ -273,6 +273,27 @@ impl Axes for Mux {
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
         self.lanes.iter_mut().find_map(|lane| lane.poll_outcome())
+    }
+
+    fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
+        let (lane, axis) = self.of(axis)?;
+        lane.unlearnt(axis, n)
+    }
+
+    fn listen(&mut self, on: bool) {
+        self.lanes.iter_mut().for_each(|lane| lane.listen(on));
+    }
+
+    fn poll_news(&mut self, now: Instant) -> Option<News> {
+        let mut before = 0;
+        for lane in &mut self.lanes {
+            if let Some(news) = lane.poll_news(now) {
+                return Some(News { axis: AxisIndex(before + news.axis.0), ..news });
+            }
+            // The last lane's axes may end at 256.
+            before = before.wrapping_add(lane.axes() as u8);
+        }
+        None
     }
 
     fn rehearse(

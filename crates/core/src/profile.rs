@@ -71,6 +71,18 @@ impl Profile {
         self.signals.iter().find(|source| source.signal == signal)
     }
 
+    /// The faults that a code stands for: the one of that code; where a drive tells faults as bits,
+    /// every bit that is set.
+    pub fn faults_of(&self, code: u32) -> impl Iterator<Item = &'static Fault> + use<> {
+        let faults = self.faults;
+        let whole = faults.iter().any(|fault| fault.code == code);
+        let bits = !whole && faults.iter().all(|fault| fault.code.is_power_of_two());
+        faults.iter().filter(move |fault| match bits {
+            true => fault.code & code != 0,
+            false => fault.code == code,
+        })
+    }
+
     /// The plan for a verb.
     #[must_use]
     pub fn plan(&self, verb: crate::axis::Verb) -> Option<&'static Plan> {
@@ -266,7 +278,7 @@ pub enum Certainty {
 }
 
 /// One fault or warning.
-#[derive(Debug)]
+#[derive(PartialEq, Eq, Debug)]
 pub struct Fault {
     /// The drive's code, or the bit mask in its flag word.
     pub code: u32,
@@ -347,6 +359,12 @@ impl Signal {
         Self::Mode,
         Self::Time,
     ];
+
+    /// True for what is measured or reckoned, rather than a flag or a code.
+    #[must_use]
+    pub const fn is_measured(self) -> bool {
+        !matches!(self, Self::Fault | Self::Enabled | Self::Moving | Self::Reached | Self::Mode)
+    }
 
     /// The word users type.
     #[must_use]

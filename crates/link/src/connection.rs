@@ -3,12 +3,14 @@
 //! There is one lock and one leader. Any thread may lock, submit and write; the lock is never held
 //! while waiting. The thread that waits first leads: it reads for all, wakes the others by ticket,
 //! and hands over when it leaves. The *keeper* thread leads when no caller does and something
-//! needs time by itself: a plan that nobody waits for, a link to be opened again. It is started
-//! when it is first needed, and gives way to a caller at once.
+//! needs time by itself: a plan that nobody waits for, a link to be opened again, somebody who
+//! listens for what nobody asked for. It is started when it is first needed, and gives way to a
+//! caller at once.
 
 mod engine;
 mod keeper;
 mod lead;
+mod mailbox;
 mod slots;
 mod state;
 
@@ -18,7 +20,7 @@ use std::task;
 use polepair_core::axis::Axes;
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::Medium;
-use polepair_core::station::Ticket;
+use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
@@ -27,6 +29,7 @@ use engine::{Engine, Request};
 use slots::Slots;
 use state::State;
 
+pub use mailbox::{Listening, Mailbox, Notice};
 pub use slots::PENDING_MAX;
 
 /// What a connection holds: a lane with protocol, family and host erased.
@@ -109,6 +112,19 @@ impl Connection {
     #[must_use]
     pub fn now(&self) -> Instant {
         self.0.0.now()
+    }
+
+    /// Puts what happens from now on into `mailbox`, as of the connection `source`, until the guard
+    /// is dropped: to its axes, or to one of them, and to the link. Where nobody else reads the link,
+    /// the keeper does.
+    pub fn listen(&self, mailbox: &Mailbox, source: usize, axis: Option<AxisIndex>) -> Listening {
+        self.0.0.listen(mailbox::Listener { mailbox: mailbox.clone(), source, axis });
+        Listening { connection: self.clone(), mailbox: mailbox.clone(), source }
+    }
+
+    /// Takes in what has arrived and nobody has read, without waiting, unless somebody reads.
+    pub fn catch_up(&self) {
+        self.0.0.catch_up();
     }
 
     /// Why the link is down, if it is.

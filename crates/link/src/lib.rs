@@ -52,7 +52,9 @@ pub mod tcp;
 pub mod udp;
 pub mod wake;
 
-pub use connection::{AnyLane, Connection, Interrupter, Pending, Waited};
+pub use connection::{
+    AnyLane, Connection, Interrupter, Listening, Mailbox, Notice, Pending, Waited,
+};
 pub use error::{Cause, LinkError};
 pub use link::{Link, Losses, Received};
 pub use ports::{Carries, Port, ports};

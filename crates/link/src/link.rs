@@ -48,6 +48,12 @@ pub trait Link<M: Medium>: Send + Sync {
     /// What makes a blocked [`receive`](Self::receive) return.
     fn waker(&self) -> Waker;
 
+    /// Whether time passes there, and things arrive, while nobody waits: everywhere but in a
+    /// simulation in virtual time.
+    fn runs_by_itself(&self) -> bool {
+        true
+    }
+
     /// For people: `/dev/ttyUSB0`, `10.0.0.5:4001`.
     fn describe(&self) -> String;
 

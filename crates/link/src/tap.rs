@@ -80,6 +80,10 @@ impl<M: Medium> Link<M> for Tapped<M> {
         Ok(received)
     }
 
+    fn runs_by_itself(&self) -> bool {
+        self.inner.runs_by_itself()
+    }
+
     fn set_line(&self, line: M::Line) -> Result<(), LinkError> {
         self.inner.set_line(line)
     }

@@ -608,7 +608,7 @@ impl Axis {
         Ok(signals.iter().map(|signal| state.reading(*signal)).collect())
     }
 
-    fn read_unread_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
+    pub(crate) fn read_unread_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
         let id = self.profile.parameters.iter().position(|p| std::ptr::eq(p, parameter));
         let id = id.and_then(|n| u16::try_from(n).ok()).map(ParameterId);
         let known = id.and_then(|id| self.connection.with(|axes, _| axes.to_si(self.index, id, 0)));

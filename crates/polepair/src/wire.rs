@@ -146,6 +146,9 @@ impl<M: Medium> Link<M> for Shared<M> {
     fn waker(&self) -> Waker {
         self.0.waker()
     }
+    fn runs_by_itself(&self) -> bool {
+        self.0.runs_by_itself()
+    }
     fn describe(&self) -> String {
         self.0.describe()
     }

@@ -3,6 +3,7 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
+use super::news::Tidings;
 use super::path::Path;
 use super::transfer::Transfer;
 use crate::axis::{Command, Driver, Part, Reading, State, Told};
@@ -162,6 +163,23 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         }
     }
 
+    /// Takes what the drive said unasked.
+    fn take(&mut self, now: Instant, told: Told) {
+        match told {
+            Told::Parameter(id, raw) => self.note(now, id, raw),
+            Told::Presence(presence) if presence.forgets() => self.forget(),
+            Told::Presence(_) => {}
+            Told::Signal(signal, raw) => {
+                self.state.note(signal, Reading { value: raw as f64, raw, at: Some(now) });
+            }
+        }
+    }
+
+    /// The signals that a parameter tells.
+    pub fn sources(&self, id: ParameterId) -> &[SignalSource] {
+        self.entry(id).map_or(&[], |entry| &entry.sources)
+    }
+
     /// Forgets what a restarted drive may have changed.
     pub fn forget(&mut self) {
         for factor in &mut self.factors {
@@ -276,22 +294,23 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     }
 }
 
-/// Takes what the drive at an address said unasked into the state of its axes.
+/// Takes what the drive at an address said unasked into the state of its axes, and tells listeners.
 #[cold]
 pub fn unasked<R: crate::station::Request, A: Copy + 'static>(
     now: Instant,
     slots: &mut [Slot<R, A>],
-    address: u32,
-    answer: &A,
+    tidings: &mut Option<Box<Tidings>>,
+    (address, answer): (u32, &A),
 ) {
-    for slot in slots.iter_mut().filter(|slot| slot.driver.address() == address) {
+    for (n, slot) in slots.iter_mut().enumerate() {
+        if slot.driver.address() != address {
+            continue;
+        }
         for told in slot.driver.unasked(answer).into_iter().flatten() {
-            match told {
-                Told::Parameter(id, raw) => slot.note(now, id, raw),
-                Told::Gone => slot.forget(),
-                Told::Signal(signal, raw) => {
-                    slot.state.note(signal, Reading { value: raw as f64, raw, at: Some(now) });
-                }
+            let before = tidings.is_some().then_some(slot.state);
+            slot.take(now, told);
+            if let (Some(tidings), Some(before)) = (tidings.as_mut(), &before) {
+                tidings.told(now, n, (slot, before), told);
             }
         }
     }

@@ -8,6 +8,7 @@ use polepair_core::medium::Medium;
 use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
+use super::mailbox::{Listener, Mailbox};
 use super::{Shared, Waited, keeper, lead};
 use crate::error::LinkError;
 use crate::link::Losses;
@@ -28,6 +29,9 @@ pub(super) trait Engine: Send + Sync {
     fn trouble(&self) -> Option<LinkError>;
     fn describe(&self) -> String;
     fn losses(&self) -> Losses;
+    fn listen(&self, listener: Listener);
+    fn unlisten(&self, mailbox: &Mailbox, source: usize);
+    fn catch_up(&self);
     fn interrupt(&self);
     fn dismiss(&self);
     #[cfg(test)]
@@ -59,6 +63,11 @@ impl<M: Medium> Engine for Shared<M> {
         let mut state = self.lock();
         let now = state.link.now();
         look(&mut *state.lane, now);
+        // Arming changes there.
+        if !state.listeners.is_empty() {
+            state.spread(now);
+            lead::release(self, state);
+        }
     }
 
     fn now(&self) -> Instant {
@@ -77,9 +86,22 @@ impl<M: Medium> Engine for Shared<M> {
         self.lock().link.losses()
     }
 
+    fn listen(&self, listener: Listener) {
+        lead::listen(self, listener);
+    }
+
+    fn unlisten(&self, mailbox: &Mailbox, source: usize) {
+        lead::unlisten(self, mailbox, source);
+    }
+
+    fn catch_up(&self) {
+        lead::catch_up(self);
+    }
+
     fn interrupt(&self) {
         let mut state = self.lock();
         state.interrupts += 1;
+        state.listeners.iter().for_each(|listener| listener.mailbox.interrupt());
         state.slots.unpark_all();
         state.link.waker().wake();
     }

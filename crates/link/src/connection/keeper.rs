@@ -34,7 +34,7 @@ pub(super) struct Keeper {
 pub(super) fn needed<M: Medium>(state: &State<M>) -> bool {
     match state.trouble {
         Some(_) => state.retry.tried < REOPEN_MAX,
-        None => state.due().is_some() || state.slots.anybody_asleep(),
+        None => state.due().is_some() || state.slots.anybody_asleep() || state.is_listened_to(),
     }
 }
 

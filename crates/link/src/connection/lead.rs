@@ -11,12 +11,15 @@ use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
 use super::keeper;
+use super::mailbox::{Listener, Mailbox};
 use super::state::{Leader, State};
 use super::{NOT_SENT, Request, Shared, Waited};
 use crate::link::Received;
 
 /// Reads before a submission that throw out what came while nobody read.
 const STALE_READS_MAX: usize = 64;
+/// The same, for those who catch up with what came.
+const UNREAD_MAX: usize = 1 << 17;
 /// What has lain unread for less than this before a request goes out is no different from what
 /// comes as much later; the host tells that from an answer, or nobody can. So exchanges back to
 /// back save a system call.
@@ -43,7 +46,7 @@ pub(super) fn submit<M: Medium>(
     let mut now = state.link.now();
     let unread = state.leader == Leader::Nobody && now >= state.read_at.plus_ns(FRESH_NS);
     if unread && state.trouble.is_none() {
-        read_stale(&mut state);
+        read_stale(&mut state, STALE_READS_MAX);
         now = state.link.now();
     }
     if state.trouble.is_some() {
@@ -230,11 +233,56 @@ pub(super) fn reopen<'a, M: Medium>(
     state
 }
 
-/// Takes what came while nobody read, before the next request goes out: a late answer must not
+/// Takes a listener in. The keeper reads for it when nobody else does.
+pub(super) fn listen<M: Medium>(shared: &Shared<M>, listener: Listener) {
+    let mut state = shared.lock();
+    if state.listeners.is_empty() {
+        state.lane.listen(true);
+    }
+    state.listeners.push(listener);
+    if state.is_listened_to() {
+        keeper::call(shared, &mut state);
+    }
+    release(shared, state);
+}
+
+pub(super) fn unlisten<M: Medium>(shared: &Shared<M>, mailbox: &Mailbox, source: usize) {
+    // Called while unwinding, too.
+    let Ok(mut state) = shared.state.lock() else { return };
+    state.listeners.retain(|listener| !listener.is(mailbox, source));
+    if state.listeners.is_empty() {
+        state.lane.listen(false);
+        // The keeper may read for nobody now.
+        if state.leader == Leader::Keeper {
+            state.link.waker().wake();
+        }
+    }
+    release(shared, state);
+}
+
+/// Takes in what came, for those who listen, unless a caller reads. The keeper gives way.
+pub(super) fn catch_up<M: Medium>(shared: &Shared<M>) {
+    let mut state = shared.lock();
+    if state.leader == Leader::Keeper {
+        let Some(ticket) = state.slots.open() else { return };
+        while state.leader == Leader::Keeper {
+            state = follow(shared, state, ticket, Instant::FAR);
+        }
+        state.slots.close(ticket);
+    }
+    if state.leader == Leader::Nobody && state.trouble.is_none() {
+        state.rounds = state.rounds.wrapping_add(1);
+        read_stale(&mut state, UNREAD_MAX);
+    }
+    hand_over(&state);
+    release(shared, state);
+}
+
+/// Takes what came while nobody read: before the next request goes out, a late answer must not
 /// pass for an answer to that.
-fn read_stale<M: Medium>(state: &mut State<M>) {
+fn read_stale<M: Medium>(state: &mut State<M>, reads_max: usize) {
     let mut buffer = M::buffer();
-    for _ in 0..STALE_READS_MAX {
+    for _ in 0..reads_max {
         match state.link.receive(buffer.borrow_mut(), Instant::ZERO) {
             Ok(Received::TimedOut | Received::Woken) => break,
             received => state.digest(received, buffer.borrow()),

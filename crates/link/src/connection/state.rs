@@ -4,18 +4,22 @@ use std::borrow::{Borrow, BorrowMut};
 use std::sync::Arc;
 use std::task;
 
+use polepair_core::axis::Change;
 use polepair_core::error::Outcome;
 use polepair_core::medium::Medium;
 use polepair_core::station::{LineEvent, Ticket};
 use polepair_core::time::Instant;
 
 use super::lead::REOPEN_EVERY_NS;
+use super::mailbox::{Listener, Notice};
 use super::{AnyLane, LOST, Slots};
 use crate::error::LinkError;
 use crate::link::{Link, Received};
 
 /// Units sent and outcomes told in one pump; what is left waits for the next.
 const PUMP_MAX: usize = 4096;
+/// Changes that are told in one go.
+const SPREAD_MAX: usize = 4096;
 /// Pause after an expiry that left the lane wanting time at once, lest it eats a core.
 const TICK_MIN_NS: u64 = 20_000;
 
@@ -37,6 +41,8 @@ pub(super) struct State<M: Medium> {
     pub(super) keeper: Watch,
     /// Woken by the thread that releases the lock.
     pub(super) to_wake: Vec<task::Waker>,
+    /// Who wants to hear what nobody asked for.
+    pub(super) listeners: Vec<Listener>,
     /// Threads that wait for the lane to have room.
     pub(super) crowd: u32,
     /// A request has ended since one of them was told.
@@ -82,6 +88,7 @@ impl<M: Medium> State<M> {
             line: lane.line(),
             seen: link.now(),
             read_at: Instant::ZERO,
+            listeners: Vec::new(),
             crowd: 0,
             freed: false,
             link,
@@ -152,13 +159,46 @@ impl<M: Medium> State<M> {
                 self.lose(error);
             }
         }
+        self.spread(now);
+    }
+
+    /// Whether somebody must read though nobody asks: where time passes only while somebody waits,
+    /// reading for listeners would find nothing.
+    pub(super) fn is_listened_to(&self) -> bool {
+        !self.listeners.is_empty() && self.link.runs_by_itself()
+    }
+
+    /// Tells listeners what happened to the axes.
+    pub(super) fn spread(&mut self, now: Instant) {
+        if self.listeners.is_empty() {
+            return;
+        }
+        for _ in 0..SPREAD_MAX {
+            let Some(news) = self.lane.poll_news(now) else { break };
+            if let Change::Missed(count) = news.change {
+                self.listeners.iter().for_each(|listener| listener.mailbox.miss(count));
+                continue;
+            }
+            for listener in self.listeners.iter().filter(|one| one.wants(news.axis)) {
+                let waker = listener.mailbox.put(listener.source, Notice::Axis(news));
+                self.to_wake.extend(waker);
+            }
+        }
+    }
+
+    fn announce(&mut self, notice: &Notice) {
+        for listener in &self.listeners {
+            let waker = listener.mailbox.put(listener.source, notice.clone());
+            self.to_wake.extend(waker);
+        }
     }
 
     /// Everything that hangs on the link ends. The lane disarms its axes.
     pub(super) fn lose(&mut self, error: LinkError) {
         let now = self.link.now();
-        if self.trouble.is_none() {
-            self.trouble = Some(error);
+        let lost = self.trouble.is_none();
+        if lost {
+            self.trouble = Some(error.clone());
             self.retry.next = now.plus_ns(REOPEN_EVERY_NS);
             // A leader may still be listening to the dead link.
             self.link.waker().wake();
@@ -169,6 +209,10 @@ impl<M: Medium> State<M> {
         let left: Vec<Ticket> = self.slots.pending().collect();
         for ticket in left {
             self.end(ticket, LOST);
+        }
+        if lost && !self.listeners.is_empty() {
+            self.announce(&Notice::Lost(now, Box::new(error)));
+            self.spread(now);
         }
     }
 
@@ -182,6 +226,7 @@ impl<M: Medium> State<M> {
             return self.lose(error);
         }
         self.lane.handle_line(now, LineEvent::Up);
+        self.announce(&Notice::Back(now));
         self.pump(now);
     }
 

@@ -75,7 +75,7 @@ impl Axis {
     }
 
     /// What a parameter's value is multiplied with on its way to the drive.
-    pub(super) fn factor(&self, id: ParameterId) -> f64 {
+    pub(crate) fn factor(&self, id: ParameterId) -> f64 {
         let Some(mounted) = self.own() else { return 1.0 };
         let unit = self.profile.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
         mounted.role(id).map_or(1.0, |role| mounted.factor(role, unit))
@@ -86,12 +86,18 @@ impl Axis {
         if self.own().is_none() {
             return state;
         }
-        for source in self.profile.signals.iter().filter(|source| is_value(source)) {
-            let read = state.reading(source.signal);
-            let value = read.value / self.factor(source.parameter);
-            state.note(source.signal, Reading { value, ..read });
+        for signal in Signal::ALL {
+            state.note(signal, self.reading_of_machine(signal, state.reading(signal)));
         }
         state
+    }
+
+    /// The same of one signal.
+    pub(crate) fn reading_of_machine(&self, signal: Signal, read: Reading) -> Reading {
+        match self.profile.signal(signal).filter(|source| is_value(source)) {
+            Some(source) => Reading { value: read.value / self.factor(source.parameter), ..read },
+            None => read,
+        }
     }
 
     /// The unit of an argument, as [`unit_of`](Self::unit_of) tells it of the profile's.

@@ -175,6 +175,10 @@ impl Link<Stream> for SimEnd {
         self.waker.clone()
     }
 
+    fn runs_by_itself(&self) -> bool {
+        self.shared.pace == Pace::Real
+    }
+
     fn describe(&self) -> String {
         self.name.clone()
     }
@@ -206,6 +210,10 @@ impl Link<Can> for SimEnd {
 
     fn waker(&self) -> Waker {
         self.waker.clone()
+    }
+
+    fn runs_by_itself(&self) -> bool {
+        self.shared.pace == Pace::Real
     }
 
     fn describe(&self) -> String {

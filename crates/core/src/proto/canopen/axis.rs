@@ -17,7 +17,7 @@ use super::nmt::{Command, Order, State};
 use super::pdo::{CobId, Field, frame_bits};
 use super::sdo::Object;
 use super::{NODE_MAX, text};
-use crate::axis::{Driver, TOLD_MAX, Told};
+use crate::axis::{Driver, Presence, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
 use crate::medium::{Can, Frame};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile, Severity, Signal};
@@ -298,11 +298,13 @@ impl Driver for Axis {
     fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
         let mut told = [None; TOLD_MAX];
         match *answer {
-            Answer::State(State::BootUp) => {
-                *self = Self::new(self.profile, self.node.into());
-                told[0] = Some(Told::Gone);
+            Answer::State(state) => {
+                if state == State::BootUp {
+                    *self = Self::new(self.profile, self.node.into());
+                }
+                told[0] = presence(state).map(Told::Presence);
             }
-            Answer::Lost => told[0] = Some(Told::Gone),
+            Answer::Lost => told[0] = Some(Told::Presence(Presence::Gone)),
             Answer::Emergency(Emergency { code, .. }) => told[0] = self.fault(code),
             Answer::Process(number @ 1..=4, data, len) => {
                 return self.tpdos[usize::from(number) - 1].told(data, len);
@@ -310,6 +312,16 @@ impl Driver for Axis {
             _ => {}
         }
         told
+    }
+
+    /// The mappings of TPDOs, entries first: the count makes one whole.
+    fn unlearnt(&self, n: usize) -> Option<ParameterId> {
+        let unknown = (0_u16..4).filter(|pdo| self.tpdos[usize::from(*pdo)].bytes() == 0);
+        let objects =
+            unknown.flat_map(|pdo| (1..=8).chain([0]).map(move |sub| (0x1A00 + pdo, sub)));
+        let parameters = self.profile.parameters;
+        let known = |object| parameters.iter().position(|p| (p.index, p.space) == object);
+        objects.filter_map(known).nth(n).map(|id| ParameterId(id as u16))
     }
 
     fn followed(&self, setpoint: Setpoint) -> Option<ParameterId> {
@@ -330,6 +342,17 @@ impl Driver for Axis {
         let pdos = self.rpdos.iter().chain(&self.tpdos).filter(|pdo| pdo.on && pdo.bytes() > 0);
         (pdos.map(|pdo| frame_bits(pdo.bytes())).sum(), frame_bits(0))
     }
+}
+
+/// A node's state in the words that all protocols have.
+const fn presence(state: State) -> Option<Presence> {
+    Some(match state {
+        State::BootUp => Presence::Restarted,
+        State::PreOperational => Presence::Preparing,
+        State::Operational => Presence::Operating,
+        State::Stopped => Presence::Halted,
+        State::Other(_) => return None,
+    })
 }
 
 /// CANopen as the registry knows it.

@@ -1,6 +1,6 @@
 //! The generic driver: objects from parameters and back, and what nodes say unasked.
 
-use crate::axis::{Driver, Told};
+use crate::axis::{Driver, Presence, Told};
 use crate::error::Unsupported;
 use crate::profile::{Encoding, ParameterId};
 use crate::proto::canopen::cia402::{Mode, Order, State};
@@ -95,7 +95,7 @@ fn process_data_mean_something_once_their_mapping_is_known() {
     assert_eq!(axis.unasked(&Answer::Process(1, 0x0064_0300, 3)), [None; 4], "too short");
     // After a restart nobody knows.
     let gone = axis.unasked(&Answer::State(nmt::State::BootUp));
-    assert_eq!(gone[0], Some(Told::Gone));
+    assert_eq!(gone[0], Some(Told::Presence(Presence::Restarted)));
     assert_eq!(axis.unasked(&data), [None; 4]);
 }
 
