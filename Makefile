@@ -3,7 +3,7 @@ CARGO ?= cargo
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 
-.PHONY: demo test check web interop package python swarm soak bench clean
+.PHONY: demo test check web page interop package python swarm soak bench clean
 
 ## demo: the main job on simulated drives; HEADLESS=1 ends by itself
 demo:
@@ -34,6 +34,11 @@ web:
 	cd web && npm run --silent check
 	cd web && npm run --silent unit -- --reporter=dot
 	cd web && npm run --silent build -- --logLevel warn
+
+## page: the page in a real browser on the real server; IMAGES=docs/images takes its pictures anew
+page: web
+	$(CARGO) build --release --locked --quiet -p polepair-cli
+	cd web && IMAGES=$(abspath $(IMAGES)) npm run --silent page
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package

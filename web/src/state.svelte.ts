@@ -8,6 +8,7 @@ import type { Language } from "./words";
 export type Theme = "auto" | "light" | "dark";
 
 const KEPT_AFTER_MS = 200;
+const system = matchMedia("(prefers-color-scheme: dark)");
 
 export const view: View = $state(parse(location.hash));
 
@@ -15,6 +16,16 @@ class Preferences {
   language = $state<Language>(stored("language", ["en", "zh"]) ?? spoken());
   theme = $state<Theme>(stored("theme", ["auto", "light", "dark"]) ?? "auto");
   units = $state<System>(stored("units", ["shop", "si"]) ?? "shop");
+  private night = $state(system.matches);
+
+  constructor() {
+    system.addEventListener("change", () => (this.night = system.matches));
+  }
+
+  /** Whether the page is shown light on dark. */
+  get dark(): boolean {
+    return this.theme === "dark" || (this.theme === "auto" && this.night);
+  }
 }
 
 export const preferences = new Preferences();

@@ -109,6 +109,8 @@ export const WORDS = {
   remedy: ["Remedy", "处理"],
   drive_panel: ["The drive's own display", "驱动器面板显示"],
 
+  panel_key: ["Panel key {number}", "面板按键 {number}"],
+
   // The chosen axis
   chosen_axis: ["Chosen axis", "所选轴"],
   no_axis_chosen: ["There is no axis to choose yet", "尚无可选的轴"],
@@ -250,6 +252,7 @@ export const WORDS = {
   // Simulation
   nothing_simulated: ["None of these drives is simulated", "没有仿真驱动器"],
   simulated_drive: ["Drive", "驱动器"],
+  act_off: ["Undo", "撤销"],
   time_scale: ["Time", "时间倍率"],
 
   // Log

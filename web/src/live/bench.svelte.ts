@@ -77,7 +77,7 @@ export class Bench {
       closed: () => this.closed(),
       message: (message) => this.told(message),
       telemetry: (block) => {
-        this.channels.telemetry(block, performance.now());
+        this.channels.telemetry(block);
         for (const each of this.blockListeners) each(block);
       },
     });

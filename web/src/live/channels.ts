@@ -5,7 +5,7 @@ import { Trace } from "../scope/trace";
 import type { ClientMessage, ServerMessage } from "./message";
 import type { Block } from "./telemetry";
 
-const RATE_OVER_MS = 1000;
+const RATE_OVER_S = 1;
 
 export type Source = { axis: number; signal: string } | { axis: number; parameter: string };
 
@@ -21,7 +21,7 @@ export class Channel {
   /** Samples a second, as they really came. */
   rate = 0;
   private counted = 0;
-  private since = 0;
+  private since = Number.NaN;
 
   constructor(
     readonly number: number,
@@ -32,19 +32,25 @@ export class Channel {
     this.trace = new Trace(capacity);
   }
 
-  /** Takes samples in; `each` sees those that are new. */
-  take(block: Block, now: number, each?: (time: number, value: number) => void): void {
+  /** Takes samples in. The rate is that of their own times, however late they came. */
+  take(block: Block): void {
     this.lost = block.lost;
     for (let i = 0; i < block.times.length; i++) {
       const time = block.times[i] ?? 0;
-      const value = block.values[i] ?? 0;
-      if (!this.trace.push(time, value)) continue;
-      this.counted++;
-      each?.(time, value);
+      if (this.trace.push(time, block.values[i] ?? 0)) this.count(time);
     }
-    if (now - this.since < RATE_OVER_MS) return;
-    if (this.since) this.rate = (this.counted * 1000) / (now - this.since);
-    this.since = now;
+  }
+
+  private count(time: number): void {
+    if (!(time - this.since <= 2 * RATE_OVER_S)) {
+      this.since = time;
+      this.counted = 0;
+      return;
+    }
+    this.counted++;
+    if (time - this.since < RATE_OVER_S) return;
+    this.rate = this.counted / (time - this.since);
+    this.since = time;
     this.counted = 0;
   }
 
@@ -86,9 +92,9 @@ export class Channels {
     }
   }
 
-  telemetry(block: Block, now: number): Channel | null {
+  telemetry(block: Block): Channel | null {
     const channel = this.all.get(block.channel);
-    channel?.take(block, now);
+    channel?.take(block);
     return channel ?? null;
   }
 

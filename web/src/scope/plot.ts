@@ -144,7 +144,7 @@ export class Plot {
             ...axis,
             scale: scale(unit),
             side: i % 2 ? 1 : 3,
-            size: 56,
+            size: (_: uPlot, ticks: string[] | null) => width(ticks),
             label: labels[i] ?? "",
             grid: { ...axis.grid, show: i === 0 },
           })),
@@ -286,6 +286,12 @@ export class Plot {
 /** uPlot's key for a unit; units without a word have one too. */
 function scale(unit: string): string {
   return `y ${unit}`;
+}
+
+/** Room for an axis: its longest number and its label. */
+function width(ticks: string[] | null): number {
+  const longest = Math.max(3, ...(ticks ?? []).map((tick) => tick.length));
+  return 26 + longest * 6.5;
 }
 
 /** What an axis is of: its signals, each once, and their unit. */
