@@ -22,12 +22,14 @@ mod following;
 mod mounted;
 mod program;
 mod running;
+mod stopping;
 mod streamed;
 mod together;
 
 pub use armed::Armed;
 pub use following::Following;
 pub use running::{Prepared, Running};
+pub use stopping::{Class, Stopping};
 pub use together::start_together;
 
 use crate::amount::{Amount, Meant, Value};

@@ -25,7 +25,7 @@ use end::Shared;
 pub(crate) use file::FILE_KEYS;
 pub use file::{rack_of_file, rack_of_text};
 pub use line::{DriveLine, lines};
-use polepair_core::drives::bench::{Act, Truth};
+use polepair_core::drives::bench::{Act, Bench, Truth};
 use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 use polepair_core::proto;
@@ -36,12 +36,18 @@ use polepair_sim::fault::Faults;
 use polepair_sim::rack::{Built, Rack, RackDrive, RackLink, RackWire};
 use polepair_sim::serial_line::Duplex;
 use polepair_sim::world::World;
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// Drives on one simulated link at most.
 const DRIVES_MAX: usize = 64;
+
+/// Characters of a panel.
+const PANEL_MAX: usize = 64;
+/// How many times faster than real motors simulated ones can live.
+const SCALES: RangeInclusive<f64> = 0.01..=100.0;
 
 /// How a simulation's time passes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -491,6 +497,35 @@ impl Simulation {
     #[must_use]
     pub fn pace(&self) -> Pace {
         self.shared.pace
+    }
+
+    /// How many times faster than real motors these live, where their time passes by itself.
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        self.shared.scale()
+    }
+
+    /// Has time pass so many times faster from now on: a hundredth to a hundred times. Means nothing in
+    /// virtual time.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217`.
+    pub fn set_scale(&self, scale: f64) -> Result<(), Error> {
+        if !SCALES.contains(&scale) {
+            let what = format!("time cannot pass {scale} times as fast");
+            return Err(Error::usage("E217", what, "it can from 0.01 to 100 times"));
+        }
+        self.shared.set_scale(scale);
+        Ok(())
+    }
+
+    /// What a drive's own panel shows, where it has one.
+    #[must_use]
+    pub fn panel(&self, link: usize, drive: usize) -> Option<String> {
+        let mut text = [0; PANEL_MAX];
+        let shown = |bench: &mut dyn Bench, now| bench.panel(now, &mut text);
+        let len = self.shared.with(self.built.links.get(link), drive, shown)??;
+        Some(String::from_utf8_lossy(&text[..len.min(PANEL_MAX)]).into_owned())
     }
 
     /// Does something to a drive from outside: a load, a switch, a fault. Links and drives count

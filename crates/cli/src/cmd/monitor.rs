@@ -6,7 +6,6 @@ mod keys;
 mod model;
 mod plain;
 mod screen;
-mod stopping;
 mod traffic;
 
 use std::fs::File;

@@ -17,12 +17,61 @@ const EVENTS_MAX: usize = 4096;
 pub(super) struct Shared {
     world: Mutex<World>,
     pub(super) pace: Pace,
-    started: Instant,
+    /// How the machine's time becomes the simulation's, where that passes by itself.
+    flow: Mutex<Flow>,
+    /// Who may be waiting for a time by the old flow.
+    waiting: Mutex<Vec<Waker>>,
+}
+
+/// Since when the simulation's time passes how fast.
+#[derive(Clone, Copy, Debug)]
+struct Flow {
+    wall: Instant,
+    simulated: Instant,
+    scale: f64,
+}
+
+impl Flow {
+    /// The simulation's time at one of the machine's.
+    fn simulated_at(&self, wall: Instant) -> Instant {
+        self.simulated + scaled(wall.since(self.wall), self.scale)
+    }
+
+    /// The machine's time at one of the simulation's.
+    fn wall_at(&self, simulated: Instant) -> Instant {
+        self.wall + scaled(simulated.since(self.simulated), 1.0 / self.scale)
+    }
+}
+
+/// A span that is so many times longer; to the nanosecond where it is as long.
+fn scaled(span: Duration, scale: f64) -> Duration {
+    if scale == 1.0 { span } else { Duration::from_nanos((span.as_nanos() as f64 * scale) as u64) }
 }
 
 impl Shared {
     pub(super) fn new(world: World, pace: Pace) -> Self {
-        Self { world: Mutex::new(world), pace, started: clock::now() }
+        let flow = Flow { wall: clock::now(), simulated: Instant::ZERO, scale: 1.0 };
+        let (flow, waiting) = (Mutex::new(flow), Mutex::default());
+        Self { world: Mutex::new(world), pace, flow, waiting }
+    }
+
+    fn flow(&self) -> MutexGuard<'_, Flow> {
+        self.flow.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How many times faster than the machine's its time passes.
+    pub(super) fn scale(&self) -> f64 {
+        self.flow().scale
+    }
+
+    /// Has time pass so many times faster from now on.
+    pub(super) fn set_scale(&self, scale: f64) {
+        {
+            let (mut flow, wall) = (self.flow(), clock::now());
+            *flow = Flow { wall, simulated: flow.simulated_at(wall), scale };
+        }
+        let waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        waiting.iter().for_each(Waker::wake);
     }
 
     fn lock(&self) -> MutexGuard<'_, World> {
@@ -38,7 +87,7 @@ impl Shared {
     }
 
     fn real(&self) -> Instant {
-        Instant::ZERO + clock::now().since(self.started)
+        self.flow().simulated_at(clock::now())
     }
 
     pub(super) fn now(&self) -> Instant {
@@ -47,7 +96,8 @@ impl Shared {
 
     pub(super) fn pass(&self, span: Duration) {
         if self.pace == Pace::Real {
-            clock::sleep_until(clock::now() + span);
+            let until = self.now() + span;
+            clock::sleep_until(self.flow().wall_at(until));
             return;
         }
         let mut world = self.lock();
@@ -91,6 +141,7 @@ impl SimEnd {
     pub(super) fn new(shared: Arc<Shared>, wire: WireId, name: &str) -> Result<Self, LinkError> {
         let waker = Waker::new().map_err(|error| LinkError::from_io(name, &error))?;
         let end = shared.lock().open(wire);
+        shared.waiting.lock().unwrap_or_else(PoisonError::into_inner).push(waker.clone());
         Ok(Self { shared, end, waker, name: name.to_owned() })
     }
 
@@ -138,9 +189,8 @@ impl SimEnd {
         loop {
             let wait = match self.look(take, until) {
                 Ok(received) => return received,
-                // The simulation's clock is behind the system's by when it began.
                 Err(Instant::FAR) => Instant::FAR,
-                Err(until) => self.shared.started + until.since(Instant::ZERO),
+                Err(until) => self.shared.flow().wall_at(until),
             };
             if self.waker.wait(wait) {
                 return Received::Woken;

@@ -2,13 +2,12 @@
 
 use std::time::Duration;
 
+use polepair::axis::Stopping;
 use polepair::{Axis, Error, Running, faults};
 use polepair_core::error::{Failure, Outcome};
-use polepair_core::plan::Step;
 use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
 use polepair_core::time::Instant;
 
-use super::stopping::Stopping;
 use crate::value;
 
 /// What is asked of every axis; the first that it has is asked alone, to see whether it answers.
@@ -291,17 +290,9 @@ impl Watched {
         }
     }
 
-    /// Whether its last velocity is more than what its stop takes for standing.
+    /// Whether it turned when its velocity was last read.
     pub fn turns(&self) -> bool {
-        let Some(velocity) = self.shown(Signal::Velocity) else { return false };
-        let source = self.axis.profile().signal(Signal::Velocity).map(|found| found.parameter);
-        let plan = self.axis.profile().plan(polepair_core::axis::Verb::Stop);
-        let steps = plan.map_or(&[][..], |plan| plan.steps);
-        let standing = steps.iter().find_map(|step| match step {
-            Step::Until { read, test, .. } if Some(*read) == source => Some(test),
-            _ => None,
-        });
-        standing.map_or(velocity.raw != 0, |test| !test.passes(velocity.raw))
+        self.axis.turns().unwrap_or(false)
     }
 
     /// The current, or what stands for it.

@@ -4,6 +4,8 @@ mod axes;
 mod frames;
 mod theme;
 
+use polepair::Error;
+use polepair::axis::Class;
 use ratatui_core::buffer::Buffer;
 use ratatui_core::layout::Rect;
 use ratatui_core::text::{Line, Span};
@@ -11,7 +13,6 @@ use ratatui_core::text::{Line, Span};
 use super::keys::View;
 use super::model::Monitor;
 use super::plain::trouble_counts;
-use super::stopping::Class;
 pub use theme::{Role, Theme};
 
 /// Rows from which on the link has two lines.
@@ -140,9 +141,9 @@ fn stop(monitor: &Monitor, view: &View, theme: Theme) -> Option<Line<'static>> {
     }
     let stops = || monitor.axes.iter().filter_map(|axis| Some((axis, axis.stopping.as_ref()?)));
     let mut spans = vec![theme.span("STOP", Role::Strong)];
-    let failed: Vec<(String, &str)> = stops()
+    let failed: Vec<(String, &Error)> = stops()
         .filter_map(|(axis, stop)| match stop.class() {
-            Class::Failed(why) => Some((axis.name(), why.as_str())),
+            Class::Failed(why) => Some((axis.name(), why)),
             _ => None,
         })
         .collect();

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
+use polepair::axis::{Class, Stopping};
 use polepair::listen::Listening;
 use polepair::wire::OpenWire;
 use polepair::{Axis, Link};
@@ -13,7 +14,6 @@ use polepair_core::time::Instant;
 use polepair_link::{LinkError, Losses, clock};
 
 use super::axes::Watched;
-use super::stopping::{Class, Stopping};
 use super::traffic::{Spoken, Traffic};
 use crate::ears::Ears;
 use crate::outcome;

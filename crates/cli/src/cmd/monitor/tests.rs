@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use polepair::axis::{Class, Stopping};
 use polepair::{Connector, simulate};
 use polepair_core::drives::bench::Act;
 use polepair_core::profile::Signal;
@@ -16,7 +17,6 @@ use super::axes::Doing;
 use super::draw::{Theme, draw};
 use super::keys::{Then, View};
 use super::model::Monitor;
-use super::stopping::{Class, Stopping};
 use crate::ears::Ears;
 
 const PERIOD: Duration = Duration::from_millis(100);

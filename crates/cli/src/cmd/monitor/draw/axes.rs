@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
+use polepair::axis::Class;
 use polepair_core::profile::Signal;
 use ratatui_core::text::{Line, Span};
 
 use super::super::axes::{Doing, Shown, Watched};
 use super::super::model::Monitor;
 use super::super::plain::{age, troubles};
-use super::super::stopping::Class;
 use super::{Role, Theme, cut};
 
 /// A value that is older is shown as old.

@@ -2,17 +2,19 @@
 
 use std::time::Duration;
 
-use polepair::{Axis, Error, Running};
+use super::{Axis, Running};
+use crate::error::Error;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Step;
-use polepair_core::profile::ParameterId;
+use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
 /// Readings of what a stop waits for that prove that its steps before were answered: the first may
 /// have been asked for before the stop.
 const PROOF: u32 = 2;
 
-/// The stop of one axis.
+/// The stop of one axis, for those who wait for nothing: they look again and again.
+#[derive(Debug)]
 pub struct Stopping {
     begun: Instant,
     running: Option<Running>,
@@ -23,7 +25,7 @@ pub struct Stopping {
 }
 
 /// How far a stop is known to have come.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub enum Class {
     /// It is on the wire.
     Sent,
@@ -32,37 +34,42 @@ pub enum Class {
     /// The motor stands.
     Still,
     /// It could not be sent, or was not confirmed; why.
-    Failed(String),
+    Failed(Error),
 }
 
 impl Stopping {
     /// Sends it.
+    #[must_use]
     pub fn begin(axis: &Axis) -> Self {
         let begun = axis.connection().now();
         let (running, class) = match axis.start(Command::new(Verb::Stop)) {
             Ok(running) => (Some(running), Class::Sent),
-            Err(error) => (None, Class::Failed(error.to_string())),
+            Err(error) => (None, Class::Failed(error)),
         };
         Self { begun, running, class, took: Duration::ZERO, last: None, readings: 0 }
     }
 
     /// How far it has come.
+    #[must_use]
     pub fn class(&self) -> &Class {
         &self.class
     }
 
     /// How long that took.
+    #[must_use]
     pub fn took(&self) -> Duration {
         self.took
     }
 
     /// Whether the motor stands, and has been told to for so long.
+    #[must_use]
     pub fn is_over(&self, axis: &Axis, told: Duration) -> bool {
         let age = axis.connection().now().since(self.begun);
         self.class == Class::Still && age > self.took + told
     }
 
     /// Whether its end is not known yet.
+    #[must_use]
     pub fn is_under_way(&self) -> bool {
         self.running.is_some()
     }
@@ -98,7 +105,7 @@ impl Stopping {
             Ok(None) => return self.watch(axis, &waits),
             Ok(Some(_)) if waits.is_empty() => self.class = Class::Acknowledged,
             Ok(Some(_)) => self.class = Class::Still,
-            Err(error) => self.class = Class::Failed(error.to_string()),
+            Err(error) => self.class = Class::Failed(error),
         }
         self.running = None;
     }
@@ -116,6 +123,24 @@ impl Stopping {
         if self.class == Class::Sent && self.readings >= PROOF {
             self.class = Class::Acknowledged;
         }
+    }
+}
+
+impl Axis {
+    /// Whether the last velocity that was read is more than what the drive's stop takes for standing;
+    /// `None` where none was read.
+    #[must_use]
+    pub fn turns(&self) -> Option<bool> {
+        let reading = self.state().reading(Signal::Velocity);
+        reading.at?;
+        let source = self.profile.signal(Signal::Velocity).map(|found| found.parameter);
+        let plan = self.profile.plan(Verb::Stop);
+        let steps = plan.map_or(&[][..], |plan| plan.steps);
+        let standing = steps.iter().find_map(|step| match step {
+            Step::Until { read, test, .. } if Some(*read) == source => Some(test),
+            _ => None,
+        });
+        Some(standing.map_or(reading.raw != 0, |test| !test.passes(reading.raw)))
     }
 }
 

@@ -1,0 +1,479 @@
+//! The bench: it opens links, owns them, and lets several people watch and one command each axis.
+//! There is no HTTP in here.
+//!
+//! Each wire has a hand, which alone lets through what moves and waits for nothing, and a desk, which
+//! asks what has to be waited for. So a stop never waits behind a question, nor one link behind
+//! another.
+//!
+//! ```
+//! use polepair_serve::bench::{Bench, Options};
+//! use polepair_serve::message::LeaseAct;
+//! use std::time::Duration;
+//! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+//! let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default())?;
+//! let mut lease = bench.lease(0, &"ann".into(), LeaseAct::Take, 0);
+//! bench.pass(Duration::from_millis(1));
+//! let lease = lease.take().expect("a hand answers at once")?.expect("it is given");
+//! assert_eq!(bench.axis(0)?.lease.expect("ann has it").epoch, lease.epoch);
+//! # }
+//! # Ok::<(), polepair_serve::message::Refused>(())
+//! ```
+
+mod clock;
+mod describe;
+mod desk;
+mod eyes;
+mod halt;
+mod hand;
+mod lease;
+mod once;
+mod open;
+mod parameters;
+mod reply;
+mod shared;
+mod simulated;
+mod state;
+mod wire;
+
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use polepair::Connector;
+use polepair_core::axis::{Command, Verb};
+use polepair_core::drives::bench::Truth;
+use polepair_core::time::Instant;
+use serde_json::json;
+use tokio::sync::{broadcast, oneshot};
+
+use crate::message::{
+    Act, AxisState, BenchView, CommandOrder, Deed, LeaseAct, LeaseGranted, LinkState, LockTold,
+    Outcome, Pace, Refused, StopOrder, Stopped,
+};
+use clock::{Clock, STEP};
+use halt::Report;
+use hand::{Hand, outcome};
+use once::First;
+use open::{Link, Opened};
+use shared::{Shared, held};
+use wire::{AskLease, Commanded, Do, Order, StopThese};
+
+pub use lease::Session;
+pub use reply::Reply;
+pub use shared::{Event, Journal, NoJournal, Note};
+
+/// How long a lease lasts that is not renewed.
+pub const LEASE: Duration = Duration::from_millis(1500);
+/// How long a command may be good for, ms.
+const TTL_MAX_MS: f64 = 10_000.0;
+/// How long closing waits for motors to come to rest.
+const CLOSE_MAX: Duration = Duration::from_secs(12);
+
+/// How a bench is opened.
+pub struct Options {
+    /// With which names and profiles.
+    pub connector: Connector,
+    /// How long a lease lasts that is not renewed.
+    pub lease: Duration,
+    /// Who is told what is done.
+    pub journal: Arc<dyn Journal>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let connector = Connector::default();
+        Self { connector, lease: LEASE, journal: Arc::new(NoJournal) }
+    }
+}
+
+impl std::fmt::Debug for Options {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { connector, lease, .. } = self;
+        f.debug_struct("Options").field("connector", connector).field("lease", lease).finish()
+    }
+}
+
+/// Links that are open, and their axes. Clones are the same bench.
+#[derive(Clone)]
+pub struct Bench(Arc<Inner>);
+
+struct Inner {
+    shared: Arc<Shared>,
+    links: Vec<Link>,
+    axes: Vec<Seat>,
+    opened: Instant,
+    /// In virtual time, what threads do otherwise.
+    hands: Mutex<Vec<Hand>>,
+    threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+/// Where an axis is found.
+struct Seat {
+    link: usize,
+    place: usize,
+    info: crate::message::AxisInfo,
+    drive: Option<simulated::Drive>,
+}
+
+impl std::fmt::Debug for Bench {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (links, axes) = (self.0.links.len(), self.0.axes.len());
+        write!(f, "Bench of {links} links and {axes} axes")
+    }
+}
+
+impl Bench {
+    /// Opens every link, and finds out what is on it. Without any, a simulated rack: one drive of each
+    /// family, each on a link of its own.
+    ///
+    /// Links in virtual time (`time=virtual`) have no threads: [`pass`](Self::pass) does it all.
+    ///
+    /// # Errors
+    /// As [`polepair::connect`]; `gateway.request` when only some links are in virtual time.
+    pub fn open(urls: &[String], options: Options) -> Result<Self, Refused> {
+        let Opened { links, axes, clock } = open::open(urls, &options.connector)?;
+        let shared = Arc::new(Shared::new(clock, options.lease, options.journal));
+        let hand = |link: &Link| {
+            Hand::new(Arc::clone(&link.wire), Arc::clone(&link.desk), Arc::clone(&shared))
+        };
+        let hands: Vec<Hand> = links.iter().map(hand).collect();
+        let bench = Self(Arc::new(Inner {
+            opened: shared.now(),
+            shared,
+            links,
+            axes,
+            hands: Mutex::default(),
+            threads: Mutex::default(),
+        }));
+        if bench.0.shared.clock.is_real() {
+            bench.start(hands)?;
+        } else {
+            *held(&bench.0.hands) = hands;
+        }
+        Ok(bench)
+    }
+
+    /// Gives each hand and each desk a thread.
+    fn start(&self, hands: Vec<Hand>) -> Result<(), Refused> {
+        for (link, hand) in self.0.links.iter().zip(hands) {
+            let named = |what: &str| std::thread::Builder::new().name(format!("bench-{what}"));
+            let started = named("hand").spawn(move || hand.run());
+            let started = started.map_err(|error| no_thread(&error))?;
+            link.wire.looked_after_by(started.thread().clone());
+            let eyes = eyes::Eyes::new(link, &self.0.shared);
+            let watches = named("eyes").spawn(move || eyes.run());
+            let watches = watches.map_err(|error| no_thread(&error))?;
+            held(&self.0.threads).extend([started, watches]);
+        }
+        Ok(())
+    }
+
+    /// When `…_us` began, in milliseconds since 1970.
+    #[must_use]
+    pub fn t0_ms(&self) -> f64 {
+        Clock::ms(self.0.opened)
+    }
+
+    /// Now, in milliseconds since 1970.
+    #[must_use]
+    pub fn now_ms(&self) -> f64 {
+        Clock::ms(self.0.shared.now())
+    }
+
+    /// How long a lease lasts that is not renewed.
+    #[must_use]
+    pub fn lease_lasts(&self) -> Duration {
+        self.0.shared.lease
+    }
+
+    /// Hears what happens from now on. Who listens too slowly loses the oldest.
+    #[must_use]
+    pub fn events(&self) -> broadcast::Receiver<Event> {
+        self.0.shared.events.subscribe()
+    }
+
+    /// What there is. Scopes are the caller's to fill in.
+    #[must_use]
+    pub fn snapshot(&self) -> BenchView {
+        let Inner { links, axes, shared, .. } = &*self.0;
+        BenchView {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            scopes: Vec::new(),
+            links: links.iter().map(Link::view).collect(),
+            axes: axes.iter().map(|seat| seat.info.clone()).collect(),
+            clashes: Vec::new(),
+            lock: shared.lock().clone(),
+            time_scale: open::time_scale(links),
+        }
+    }
+
+    /// What is known of an axis; nothing is asked.
+    ///
+    /// # Errors
+    /// `E212` where there is none.
+    pub fn axis(&self, id: u16) -> Result<AxisState, Refused> {
+        let (link, place) = self.seat(id)?;
+        let lease = link.wire.lease(place);
+        let panel = self.0.axes[usize::from(id)].drive.as_ref().and_then(simulated::Drive::panel);
+        Ok(AxisState { lease, panel, ..state::axis_state(id, &link.wire.axes[place].1) })
+    }
+
+    /// Takes, keeps or gives back the lease of an axis. `None` when it was given back.
+    pub fn lease(
+        &self,
+        axis: u16,
+        session: &Session,
+        act: LeaseAct,
+        epoch: u64,
+    ) -> Reply<Option<LeaseGranted>> {
+        let (tell, told) = oneshot::channel();
+        let asked = self.seat(axis).and_then(|(link, place)| {
+            let session = session.clone();
+            let ask = AskLease { axis: place, session, act, epoch, tell };
+            link.wire.order(Order::Lease(ask))
+        });
+        Reply::of(told, asked)
+    }
+
+    /// Ends every lease of a session: its client is gone.
+    pub fn gone(&self, session: &Session) {
+        for link in &self.0.links {
+            // Where so much waits, the lease ends by itself before its turn comes.
+            let _ = link.wire.order(Order::Gone(session.clone()));
+        }
+    }
+
+    /// Has an axis do something, once, if the session's lease, the lock, the arming, the limits and the
+    /// command's age let it.
+    pub fn command(&self, axis: u16, session: &Session, order: CommandOrder) -> Reply<Outcome> {
+        let (tell, told) = oneshot::channel();
+        let id = order.id.clone();
+        match self.announce(axis, session, &order) {
+            Ok(First::Yes) => {
+                let begun = self.begin(axis, session, order, tell);
+                if let Err(error) = &begun {
+                    // Nothing was sent, and nothing will be: also for whoever says it again.
+                    self.0.shared.ended(session, axis, &outcome(id, Some(error.clone())));
+                }
+                Reply::of(told, begun)
+            }
+            Ok(First::Ended(outcome)) => Reply::ready(Ok(outcome)),
+            Ok(First::UnderWay(told)) => Reply::of(told, Ok(())),
+            Err(error) => Reply::ready(Ok(outcome(id, Some(error)))),
+        }
+    }
+
+    fn announce(
+        &self,
+        axis: u16,
+        session: &Session,
+        order: &CommandOrder,
+    ) -> Result<First, Refused> {
+        self.seat(axis)?;
+        let CommandOrder { id, issued_ms, ttl_ms, verb, arguments, .. } = order;
+        if !issued_ms.is_finite() || !(0.0..=TTL_MAX_MS).contains(ttl_ms) {
+            let what = format!("a command is good for 0 to {TTL_MAX_MS} ms");
+            return Err(Refused::new("gateway.request", what));
+        }
+        let now = self.0.shared.now();
+        // However far ahead its clock is, within what is let through.
+        let stale = now + Duration::from_secs_f64((ttl_ms + 1000.0) / 1e3);
+        let first = self.0.shared.once().first(id, stale, now)?;
+        if matches!(first, First::Yes) {
+            let detail = json!({ "id": id, "verb": verb, "arguments": arguments });
+            let note = Note { who: session, deed: Deed::Command, axis: Some(axis), detail };
+            if let Err(error) = self.0.shared.journal.note(note) {
+                let outcome = outcome(id.clone(), Some(error.clone()));
+                self.0.shared.once().ended(&outcome);
+                return Err(error);
+            }
+        }
+        Ok(first)
+    }
+
+    fn begin(
+        &self,
+        axis: u16,
+        session: &Session,
+        order: CommandOrder,
+        tell: wire::Tell<Outcome>,
+    ) -> Result<(), Refused> {
+        let (link, place) = self.seat(axis)?;
+        let deed = meant(&order)?;
+        let session = session.clone();
+        let commanded = Commanded { axis: place, session, order, deed, prepared: None, tell };
+        link.wire.order(Order::Command(Box::new(commanded)))
+    }
+
+    /// Stops axes, whoever commands them: their leases end. All of them where none is named, and then
+    /// motion is locked until it is [released](Self::release).
+    ///
+    /// The reply tells, when nothing is left to be seen, how far each stop came; until then
+    /// [`Event::Stopped`] does.
+    pub fn stop(&self, session: &Session, order: &StopOrder) -> Reply<Stopped> {
+        let since = self.0.shared.now();
+        if order.axes.is_none() {
+            let (by, at_ms) = (session.to_string(), Clock::ms(since));
+            let lock = LockTold { by, at_ms, reason: order.reason.clone() };
+            *self.0.shared.lock() = Some(lock.clone());
+            self.0.shared.tell(Event::Locked(lock));
+        }
+        let every = || (0..self.0.axes.len() as u16).collect();
+        let mut axes: Vec<u16> = order.axes.clone().unwrap_or_else(every);
+        // One that is not there keeps no other from being stopped.
+        axes.retain(|id| usize::from(*id) < self.0.axes.len());
+        let (report, told) = Report::of(&axes);
+        for (n, link) in self.0.links.iter().enumerate() {
+            let its = axes.iter().map(|id| &self.0.axes[usize::from(*id)]);
+            let places: Vec<usize> = its.filter(|s| s.link == n).map(|s| s.place).collect();
+            if !places.is_empty() {
+                let (who, reason) = (session.clone(), order.reason.clone());
+                let report = Some(Arc::clone(&report));
+                link.wire.stop(StopThese { axes: places, who, reason, since, report });
+            }
+        }
+        Reply::of(told, Ok(()))
+    }
+
+    /// Lets motion again after a stop of everything.
+    ///
+    /// # Errors
+    /// When the journal does not keep it.
+    pub fn release(&self, session: &Session) -> Result<(), Refused> {
+        let note = Note { who: session, deed: Deed::Release, axis: None, detail: json!({}) };
+        self.0.shared.journal.note(note)?;
+        if self.0.shared.lock().take().is_some() {
+            self.0.shared.tell(Event::Unlocked);
+        }
+        Ok(())
+    }
+
+    /// Does something to a simulated drive: the axis of that place among those of its link.
+    ///
+    /// # Errors
+    /// `E205` where there is no such link or axis, `gateway.simulated` where it is a real one,
+    /// `gateway.request` for what cannot be done to it.
+    pub fn act(&self, session: &Session, link: u16, drive: u16, act: &Act) -> Result<(), Refused> {
+        let place = (usize::from(link), usize::from(drive));
+        let seat = self.0.axes.iter().find(|seat| (seat.link, seat.place) == place);
+        let seat = seat.ok_or_else(|| {
+            Refused::new("E212", format!("link {link} of the bench has no axis {drive}"))
+                .hint("both count from 0, in the order of the bench's list")
+        })?;
+        let simulated = seat.drive.as_ref().ok_or_else(not_simulated)?;
+        let detail = json!({ "act": act.act, "value": act.value });
+        let (deed, axis) = (Deed::Simulation, Some(seat.info.id));
+        self.0.shared.journal.note(Note { who: session, deed, axis, detail })?;
+        simulated.act(&act.act, act.value)
+    }
+
+    /// What is true of a simulated motor, whatever its drive reports.
+    #[must_use]
+    pub fn truth(&self, axis: u16) -> Option<Truth> {
+        self.0.axes.get(usize::from(axis))?.drive.as_ref()?.truth()
+    }
+
+    /// Sets how many times faster than real motors the simulated ones live.
+    ///
+    /// # Errors
+    /// `gateway.simulated` where none is simulated, `gateway.request` for a scale that is none.
+    pub fn pace(&self, session: &Session, pace: Pace) -> Result<(), Refused> {
+        let detail = json!({ "time_scale": pace.time_scale });
+        open::time_scale(&self.0.links).ok_or_else(not_simulated)?;
+        let note = Note { who: session, deed: Deed::Simulation, axis: None, detail };
+        self.0.shared.journal.note(note)?;
+        open::set_time_scale(&self.0.links, pace.time_scale)?;
+        self.0.shared.tell(Event::Bench);
+        Ok(())
+    }
+
+    /// Lets time pass: in virtual time everything that is due meanwhile is done, else it sleeps.
+    pub fn pass(&self, span: Duration) {
+        let Clock::Virtual(_) = &self.0.shared.clock else {
+            return polepair_link::clock::sleep_until(polepair_link::clock::now() + span);
+        };
+        let end = self.0.shared.now() + span;
+        loop {
+            self.0.links.iter().for_each(|link| while link.desk.work() {});
+            for hand in held(&self.0.hands).iter_mut() {
+                hand.turn();
+            }
+            let left = end.since(self.0.shared.now()).min(STEP);
+            if left.is_zero() {
+                return;
+            }
+            open::pass(&self.0.links, left);
+        }
+    }
+
+    /// Stops what moves, and ends. Commands are refused from now on.
+    pub fn shutdown(&self) {
+        self.0.shared.close();
+        self.0.links.iter().for_each(|link| link.wire.call());
+        if !self.0.shared.clock.is_real() {
+            let end = self.0.shared.now() + CLOSE_MAX;
+            while self.0.shared.now() < end && !held(&self.0.hands).iter().all(Hand::is_over) {
+                self.pass(STEP);
+            }
+        }
+        let threads = std::mem::take(&mut *held(&self.0.threads));
+        let own = std::thread::current().id();
+        threads.into_iter().filter(|thread| thread.thread().id() != own).for_each(|thread| {
+            // One that panicked is over as well.
+            let _ = thread.join();
+        });
+    }
+
+    fn seat(&self, id: u16) -> Result<(&Link, usize), Refused> {
+        let seat = self.0.axes.get(usize::from(id)).ok_or_else(|| {
+            Refused::new("E212", format!("the bench has no axis {id}"))
+                .hint("axes count from 0, in the order of the bench's list")
+        })?;
+        Ok((&self.0.links[seat.link], seat.place))
+    }
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        // Threads hold what they need, and end by themselves once all that moved was told to stop.
+        self.shared.close();
+        self.links.iter().for_each(|link| link.wire.call());
+    }
+}
+
+/// What a command's words mean.
+fn meant(order: &CommandOrder) -> Result<Do, Refused> {
+    let a = &order.arguments;
+    let all = [a.target, a.velocity, a.acceleration, a.torque, a.jerk_time, a.period];
+    if all.into_iter().flatten().any(|value| !value.is_finite()) {
+        return Err(Refused::new("gateway.request", "arguments are finite numbers"));
+    }
+    match &*order.verb {
+        describe::ARM => return Ok(Do::Arm(true)),
+        describe::DISARM => return Ok(Do::Arm(false)),
+        _ => {}
+    }
+    let mut offered = Verb::ALL.into_iter().filter(|verb| describe::is_offered(*verb));
+    let verb = offered.find(|verb| verb.name() == order.verb).ok_or_else(|| {
+        Refused::new("gateway.request", format!("`{}` is nothing to command", order.verb))
+            .hint("the bench's list has what each axis can be told")
+    })?;
+    let [target, velocity, acceleration, torque, jerk_time, period] = all;
+    Ok(Do::Run(Command { verb, target, velocity, acceleration, torque, jerk_time, period }))
+}
+
+fn not_simulated() -> Refused {
+    Refused::new("gateway.simulated", "this is no simulation").hint("only simulated drives can")
+}
+
+fn no_thread(error: &std::io::Error) -> Refused {
+    Refused::new("gateway.busy", format!("no thread can be started: {error}"))
+}
+
+impl Link {
+    fn view(&self) -> crate::message::LinkView {
+        let lost = self.wire.lost();
+        let state = if lost.is_some() { LinkState::Lost } else { LinkState::Open };
+        crate::message::LinkView { state, reason: lost, load: self.load(), ..self.told() }
+    }
+}

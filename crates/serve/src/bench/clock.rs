@@ -1,0 +1,45 @@
+//! The bench's time: the machine's, or that of a simulation in virtual time.
+
+use std::time::Duration;
+
+use polepair::simulate::{Pace, Simulation};
+use polepair_core::time::Instant;
+use polepair_link::clock;
+
+/// Longest step of virtual time between two looks.
+pub(super) const STEP: Duration = Duration::from_millis(1);
+
+/// What tells the time.
+#[derive(Clone, Debug)]
+pub(super) enum Clock {
+    /// The machine's clock; threads look after the wires.
+    Real,
+    /// Virtual time: nothing happens but in [`Bench::pass`](super::Bench::pass).
+    Virtual(Simulation),
+}
+
+impl Clock {
+    /// Virtual where a simulation is.
+    pub fn of<'a>(mut simulations: impl Iterator<Item = &'a Simulation>) -> Self {
+        let found = simulations.find(|simulation| simulation.pace() == Pace::Virtual);
+        found.map_or(Self::Real, |simulation| Self::Virtual(simulation.clone()))
+    }
+
+    /// Now.
+    pub fn now(&self) -> Instant {
+        match self {
+            Self::Real => clock::now(),
+            Self::Virtual(simulation) => simulation.now(),
+        }
+    }
+
+    /// Milliseconds since 1970.
+    pub fn ms(at: Instant) -> f64 {
+        clock::wall_ns(at) as f64 / 1e6
+    }
+
+    /// Whether threads look after the wires.
+    pub const fn is_real(&self) -> bool {
+        matches!(self, Self::Real)
+    }
+}

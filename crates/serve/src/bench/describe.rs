@@ -1,0 +1,174 @@
+//! What there is on a bench, in the words of its messages. All of it is known once it was opened.
+
+use polepair::Axis;
+use polepair_core::axis::Verb;
+use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::profile::{
+    Access, AxisKind, Parameter, ParameterId, Persistence, Profile, Signal, SignalSource, Watchdog,
+};
+use polepair_core::units::Unit;
+
+use super::simulated::Drive;
+use crate::message::{ArgumentInfo, AxisInfo, LimitInfo, ParameterInfo, SignalInfo, VerbInfo};
+
+/// Every argument, with its field in a command.
+const ARGUMENTS: [(Argument, &str); 6] = [
+    (Argument::Target, "target"),
+    (Argument::Velocity, "velocity"),
+    (Argument::Acceleration, "acceleration"),
+    (Argument::Torque, "torque"),
+    (Argument::JerkTime, "jerk_time"),
+    (Argument::Period, "period"),
+];
+/// What limits an axis: a verb's argument, by the parameter that the drive has for it.
+const LIMITS: [(Verb, Argument, &str); 4] = [
+    (Verb::MoveTo, Argument::Target, "position"),
+    (Verb::Velocity, Argument::Velocity, "velocity"),
+    (Verb::Velocity, Argument::Acceleration, "acceleration"),
+    (Verb::Torque, Argument::Torque, "torque"),
+];
+/// Words for what lets motion through; they send nothing.
+pub(super) const ARM: &str = "arm";
+pub(super) const DISARM: &str = "disarm";
+
+/// An axis.
+pub(super) fn axis_info(id: u16, link: u16, axis: &Axis, drive: Option<&Drive>) -> AxisInfo {
+    let profile = axis.profile();
+    let kind = match profile.axis {
+        AxisKind::Rotary => "rotary",
+        AxisKind::Linear => "linear",
+        AxisKind::Ratio => "ratio",
+    };
+    AxisInfo {
+        id,
+        link,
+        number: axis.number(),
+        name: axis.name().to_owned(),
+        label: axis.label(),
+        protocol: axis.protocol().to_owned(),
+        drive: profile.title.to_owned(),
+        profile: profile.name.to_owned(),
+        simulated: drive.is_some(),
+        kind: kind.to_owned(),
+        watchdog: watchdog(profile),
+        caution: profile.caution.to_owned(),
+        verbs: verbs(axis),
+        limits: LIMITS.iter().filter_map(|limit| limited(axis, *limit)).collect(),
+        signals: profile.signals.iter().map(|source| signal(axis, source)).collect(),
+        acts: drive.map_or_else(Vec::new, Drive::acts),
+    }
+}
+
+/// What the drive does when its host falls silent.
+fn watchdog(profile: &Profile) -> String {
+    match profile.watchdog {
+        Watchdog::None => "none: the motor keeps doing what it was last told".to_owned(),
+        Watchdog::Fixed { after_ms } => {
+            format!("the drive stops {after_ms} ms after its host falls silent")
+        }
+        Watchdog::Configurable { parameter } => {
+            let name = profile.parameter(parameter).map_or("?", |parameter| parameter.name);
+            format!("the drive stops after the time in `{name}` without requests, 0 is never")
+        }
+    }
+}
+
+/// Whether a verb is one that a client may give by itself: what needs a beat or a signal to go on, or
+/// permanent memory, is not.
+pub(super) fn is_offered(verb: Verb) -> bool {
+    use Verb::{Begin, Begun, GiveTime, PrepareBy, PrepareTo, Store, Unfollow, WithholdTime};
+    let others = [Begin, Begun, GiveTime, PrepareBy, PrepareTo, Store, Unfollow, WithholdTime];
+    !verb.follows() && !others.contains(&verb)
+}
+
+fn verbs(axis: &Axis) -> Vec<VerbInfo> {
+    let bare = |verb: &str, moves| VerbInfo { verb: verb.to_owned(), arguments: vec![], moves };
+    let of_drive = Verb::ALL.into_iter().filter(|verb| is_offered(*verb)).filter_map(|verb| {
+        axis.profile().plan(verb)?;
+        let arguments = ARGUMENTS.iter().filter_map(|which| argument(axis, verb, *which));
+        Some(VerbInfo { arguments: arguments.collect(), ..bare(verb.name(), verb.needs_arming()) })
+    });
+    [bare(ARM, true), bare(DISARM, false)].into_iter().chain(of_drive).collect()
+}
+
+fn argument(axis: &Axis, verb: Verb, (which, name): (Argument, &str)) -> Option<ArgumentInfo> {
+    if !verb.takes(which) {
+        return None;
+    }
+    let unit = si(axis.unit_of(verb, which)?).to_owned();
+    let steps = axis.profile().plan(verb)?.steps;
+    let needs = |operand: &Operand| *operand == Operand::Argument(which);
+    let required = steps.iter().any(|step| match step {
+        Step::Write(_, operand) | Step::Send { operand, .. } => needs(operand),
+        _ => false,
+    });
+    Some(ArgumentInfo { name: name.to_owned(), unit, required })
+}
+
+fn limited(axis: &Axis, (verb, which, name): (Verb, Argument, &str)) -> Option<LimitInfo> {
+    let parameter = axis.destination(verb, which)??;
+    let id = axis.profile().find(parameter.name)?;
+    let unit = axis.unit(id);
+    let si_of = |raw| Some(axis.value(id, raw).ok()?.value * unit.si()).filter(|v| v.is_finite());
+    let (min, max) = (si_of(parameter.min), si_of(parameter.max));
+    Some(LimitInfo { name: name.to_owned(), unit: si(unit).to_owned(), min, max })
+}
+
+fn signal(axis: &Axis, source: &SignalSource) -> SignalInfo {
+    SignalInfo {
+        signal: source.signal.name().to_owned(),
+        unit: signal_unit(axis, source).to_owned(),
+        pushed: false,
+    }
+}
+
+/// The SI unit of a signal: none of flags, codes and modes.
+pub(super) fn signal_unit(axis: &Axis, source: &SignalSource) -> &'static str {
+    use Signal::{Enabled, Fault, Mode, Moving, Reached};
+    let plain = matches!(source.signal, Enabled | Fault | Mode | Moving | Reached);
+    if plain { "" } else { si(axis.unit(source.parameter)) }
+}
+
+/// The SI unit of what is shown in a unit.
+pub(super) const fn si(unit: Unit) -> &'static str {
+    match unit {
+        Unit::Degree | Unit::Turn | Unit::Radian => "rad",
+        Unit::Rpm => "rad/s",
+        Unit::RpmPerSecond => "rad/s²",
+        Unit::Millimetre => "m",
+        Unit::MillimetrePerSecond => "m/s",
+        Unit::MillimetrePerSecondSquared => "m/s²",
+        Unit::NewtonMetre => "N·m",
+        Unit::Ampere => "A",
+        Unit::Volt => "V",
+        Unit::Celsius => "°C",
+        Unit::Millisecond | Unit::Second => "s",
+        Unit::Baud => "bit/s",
+        _ => "",
+    }
+}
+
+/// A parameter, without its value. Its limits are known as far as its scale is.
+pub(super) fn parameter_info(axis: &Axis, id: ParameterId, parameter: &Parameter) -> ParameterInfo {
+    let known = |raw: i64| {
+        let scaled = parameter.scale.times.is_none() && parameter.scale.over.is_none();
+        let value = scaled.then(|| axis.value(id, raw).ok()).flatten();
+        value.map(|value| value.value).filter(|value| value.is_finite())
+    };
+    let writable = parameter.access != Access::Read && !parameter.moves;
+    ParameterInfo {
+        name: parameter.name.to_owned(),
+        symbol: parameter.symbol.to_owned(),
+        group: parameter.section.to_owned(),
+        about: parameter.about.to_owned(),
+        unit: axis.unit(id).symbol().to_owned(),
+        min: known(parameter.min),
+        max: known(parameter.max),
+        default: parameter.default.and_then(known),
+        readable: parameter.access != Access::Write,
+        writable,
+        kept: parameter.persistence == Persistence::Always,
+        moves: parameter.moves,
+        words: parameter.values.iter().map(|(_, word)| (*word).to_owned()).collect(),
+    }
+}

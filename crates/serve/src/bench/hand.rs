@@ -1,0 +1,444 @@
+//! The hand on one wire: it alone lets anything through that moves an axis, one thing after the
+//! other, stops first. It never waits for a drive.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use polepair::{Axis, Running};
+use polepair_core::axis::Verb;
+use polepair_core::time::Instant;
+use serde_json::json;
+
+use super::clock::Clock;
+use super::desk::Desk;
+use super::halt::{Halt, Report};
+use super::lease::{Holder, Lost, Seat, Session};
+use super::shared::{Event, SERVER, Shared};
+use super::wire::{AskLease, Commanded, Do, Order, StopThese, Tell, Wire};
+use crate::message::{Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, Refused};
+
+/// A command said so far ahead of the server's clock is no better than one that is too old, ms.
+const AHEAD_MAX_MS: f64 = 1000.0;
+/// Between two looks at what is under way: while it is fresh, and later.
+const LOOK_EVERY: Duration = Duration::from_micros(500);
+const LOOK_LATER_EVERY: Duration = Duration::from_millis(5);
+/// For so long it is fresh.
+const FRESH: Duration = Duration::from_millis(20);
+/// Between two looks when nothing is under way: a link may be lost.
+const IDLE: Duration = Duration::from_millis(100);
+/// Orders that are taken before everything else is looked at again.
+const ORDERS_AT_ONCE_MAX: usize = 64;
+
+/// What looks after a wire.
+pub(super) struct Hand {
+    wire: Arc<Wire>,
+    desk: Arc<Desk>,
+    shared: Arc<Shared>,
+    axes: Vec<Watched>,
+    going: Vec<Going>,
+    lost: bool,
+    closed: bool,
+    /// When something new was last begun.
+    begun: Instant,
+}
+
+/// An axis, as its hand sees it.
+struct Watched {
+    id: u16,
+    axis: Axis,
+    seat: Seat,
+    halt: Option<Halt>,
+    /// It moved when its link was lost.
+    owed: bool,
+}
+
+/// A command under way.
+struct Going {
+    axis: usize,
+    session: Session,
+    id: String,
+    verb: Verb,
+    running: Running,
+    tell: Tell<Outcome>,
+}
+
+impl Hand {
+    pub fn new(wire: Arc<Wire>, desk: Arc<Desk>, shared: Arc<Shared>) -> Self {
+        let watched = |(id, axis): &(u16, Axis)| Watched {
+            id: *id,
+            axis: axis.clone(),
+            seat: Seat::default(),
+            halt: None,
+            owed: false,
+        };
+        let axes = wire.axes.iter().map(watched).collect();
+        let begun = shared.now();
+        Self { wire, desk, shared, axes, going: Vec::new(), lost: false, closed: false, begun }
+    }
+
+    /// Looks after the wire until the bench closes and all that moved was told to stop.
+    pub fn run(mut self) {
+        loop {
+            let next = self.turn();
+            if self.is_over() {
+                return;
+            }
+            if !self.wire.was_called() {
+                std::thread::park_timeout(next);
+            }
+        }
+    }
+
+    /// Whether the bench is closed and nothing is left to stop.
+    pub fn is_over(&self) -> bool {
+        self.closed && self.axes.iter().all(|watched| watched.halt.is_none())
+    }
+
+    /// Does all that is to be done now, and waits for nothing. Returns when to look again.
+    pub fn turn(&mut self) -> Duration {
+        self.take_stops();
+        self.look_at_link();
+        self.expire();
+        for _ in 0..ORDERS_AT_ONCE_MAX {
+            let Some(order) = self.wire.next_order() else { break };
+            self.obey(order);
+            self.take_stops();
+        }
+        if self.shared.is_closing() && !self.closed {
+            self.close();
+        }
+        self.look_at_commands();
+        self.look_at_halts();
+        self.pause()
+    }
+
+    fn pause(&self) -> Duration {
+        let now = self.shared.now();
+        let busy = !self.going.is_empty() || self.axes.iter().any(|w| w.halt.is_some());
+        let look = match now.since(self.begun) < FRESH {
+            _ if !busy => IDLE,
+            true => LOOK_EVERY,
+            false => LOOK_LATER_EVERY,
+        };
+        let ends = self.axes.iter().filter_map(|watched| Some(watched.seat.holder()?.until));
+        ends.map(|until| until.since(now)).min().map_or(look, |left| left.min(look))
+    }
+
+    fn take_stops(&mut self) {
+        while let Some(StopThese { axes, who, reason, since, report }) = self.wire.next_stop() {
+            for &axis in &axes {
+                let lost = self.axes[axis].seat.end();
+                self.halt(axis, since, report.clone());
+                if let Some(Lost { holder, .. }) = lost {
+                    self.ended(axis, &holder, "stopped");
+                }
+                let (id, detail) = (self.axes[axis].id, json!({ "reason": reason }));
+                self.shared.noted(&who, Deed::Stop, Some(id), detail);
+            }
+        }
+    }
+
+    /// Sends a stop, and disarms the axis.
+    fn halt(&mut self, axis: usize, since: Instant, report: Option<Arc<Report>>) {
+        let watched = &mut self.axes[axis];
+        watched.axis.arm(false);
+        match &mut watched.halt {
+            Some(halt) => halt.again(&watched.axis, since, report),
+            None => {
+                let reports = report.into_iter().collect();
+                watched.halt = Some(Halt::begin(&watched.axis, since, reports));
+            }
+        }
+        watched.owed = false;
+        self.begun = self.shared.now();
+    }
+
+    /// A lease ended: what it set in motion stops, and nothing moves before it is armed anew.
+    fn lose(&mut self, axis: usize, lost: Lost, why: &str) {
+        let powers = |going: &Going| going.axis == axis && going.verb.needs_arming();
+        let moved = lost.moved || self.going.iter().any(powers);
+        self.axes[axis].axis.arm(false);
+        if moved {
+            self.halt(axis, self.shared.now(), None);
+            let (id, detail) = (self.axes[axis].id, json!({ "reason": why }));
+            self.shared.noted(SERVER, Deed::Stop, Some(id), detail);
+        }
+        self.ended(axis, &lost.holder, why);
+    }
+
+    /// Tells that a lease ended.
+    fn ended(&mut self, axis: usize, holder: &Holder, why: &str) {
+        let id = self.axes[axis].id;
+        let detail = json!({ "epoch": holder.epoch, "reason": why });
+        self.shared.noted(&holder.session, Deed::LeaseEnded, Some(id), detail);
+        self.show(axis);
+    }
+
+    /// Shows everybody who has the lease now.
+    fn show(&self, axis: usize) {
+        let watched = &self.axes[axis];
+        let lease = watched.seat.holder().map(|holder| LeaseTold {
+            owner: holder.session.to_string(),
+            epoch: holder.epoch,
+            expires_ms: Clock::ms(holder.until),
+        });
+        self.wire.show_lease(axis, lease.clone());
+        self.shared.tell(Event::Lease { axis: watched.id, lease });
+    }
+
+    fn expire(&mut self) {
+        let now = self.shared.now();
+        for axis in 0..self.axes.len() {
+            if let Some(lost) = self.axes[axis].seat.expire(now) {
+                self.lose(axis, lost, "not renewed");
+            }
+        }
+    }
+
+    /// A link that is lost takes its leases with it. What moved then is stopped when it is back.
+    fn look_at_link(&mut self) {
+        let Some(watched) = self.axes.first() else { return };
+        let trouble = watched.axis.connection().trouble();
+        if trouble.is_some() == self.lost {
+            return;
+        }
+        self.lost = trouble.is_some();
+        self.wire.show_lost(trouble.as_ref().map(ToString::to_string));
+        for axis in 0..self.axes.len() {
+            let watched = &mut self.axes[axis];
+            if self.lost {
+                watched.axis.arm(false);
+                if let Some(lost) = watched.seat.end() {
+                    watched.owed |= lost.moved;
+                    self.ended(axis, &lost.holder, "the link is lost");
+                }
+            } else if watched.owed {
+                self.halt(axis, self.shared.now(), None);
+            }
+        }
+        self.shared.tell(Event::Bench);
+    }
+
+    /// The bench closes: whatever may move is stopped.
+    fn close(&mut self) {
+        self.closed = true;
+        for axis in 0..self.axes.len() {
+            let watched = &mut self.axes[axis];
+            let armed = watched.axis.state().armed || watched.axis.turns() == Some(true);
+            let lost = watched.seat.end();
+            if armed || lost.as_ref().is_some_and(|lost| lost.moved) {
+                self.halt(axis, self.shared.now(), None);
+            }
+            if let Some(lost) = lost {
+                self.ended(axis, &lost.holder, "the server ends");
+            }
+        }
+    }
+
+    fn obey(&mut self, order: Order) {
+        match order {
+            Order::Lease(ask) => self.lease(ask),
+            Order::Command(commanded) => self.command(*commanded),
+            Order::Write { axis, session, epoch, go } => {
+                go(self.may(axis, &session, epoch, false));
+            }
+            Order::Gone(session) => self.gone(&session),
+        }
+    }
+
+    fn gone(&mut self, session: &Session) {
+        for axis in 0..self.axes.len() {
+            let seat = &mut self.axes[axis].seat;
+            let its = seat.holder().is_some_and(|holder| holder.session == *session);
+            if let Some(lost) = its.then(|| seat.end()).flatten() {
+                self.lose(axis, lost, "its client is gone");
+            }
+        }
+    }
+
+    fn lease(&mut self, ask: AskLease) {
+        let AskLease { axis, session, act, epoch, tell } = ask;
+        let (now, lasts) = (self.shared.now(), self.shared.lease);
+        let refused = self.shared.is_closing() || self.lost;
+        let seat = &mut self.axes[axis].seat;
+        let granted = match act {
+            LeaseAct::Take | LeaseAct::TakeOver if refused => Err(closing(self.lost)),
+            LeaseAct::Take => seat.take(&session, false, now, lasts),
+            LeaseAct::TakeOver => seat.take(&session, true, now, lasts),
+            LeaseAct::Renew => seat.renew(&session, epoch, now, lasts).map(|held| (held, None)),
+            LeaseAct::Drop => {
+                let given_back = seat.give_back(&session, epoch, now);
+                let told = given_back.map(|lost| {
+                    lost.into_iter().for_each(|lost| self.lose(axis, lost, "given back"));
+                    None
+                });
+                // Who has gone does not want to know, here and below.
+                let _ = tell.send(told);
+                return;
+            }
+        };
+        let granted = granted.map(|(held, lost)| {
+            let over = lost.is_some();
+            lost.into_iter().for_each(|lost| self.lose(axis, lost, "taken over"));
+            if act != LeaseAct::Renew {
+                let deed = if over { Deed::TakeOver } else { Deed::Lease };
+                let (id, detail) = (self.axes[axis].id, json!({ "epoch": held.epoch }));
+                self.shared.noted(&session, deed, Some(id), detail);
+            }
+            self.show(axis);
+            Some(LeaseGranted { epoch: held.epoch, expires_ms: Clock::ms(held.until) })
+        });
+        let _ = tell.send(granted);
+    }
+
+    /// Whether a session may have an axis do something now.
+    fn may(&self, axis: usize, session: &Session, epoch: u64, moves: bool) -> Result<(), Refused> {
+        let watched = &self.axes[axis];
+        if self.shared.is_closing() {
+            return Err(closing(false));
+        }
+        if let Some(lock) = self.shared.lock().as_ref().filter(|_| moves) {
+            let what = format!("motion is locked since {} stopped everything", lock.by);
+            return Err(Refused::new("gateway.locked", what).hint("release it first"));
+        }
+        watched.seat.held(session, epoch, self.shared.now())?;
+        if moves && watched.halt.as_ref().is_some_and(Halt::is_under_way) {
+            return Err(Refused::new("gateway.busy", "the axis is being stopped")
+                .hint("wait until it stands, arm it again"));
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, commanded: Commanded) {
+        match self.start(&commanded) {
+            Ok(Started::Running(running)) => {
+                let Commanded { axis, session, order, deed, tell, .. } = commanded;
+                let Do::Run(command) = deed else { return };
+                let verb = command.verb;
+                if verb.needs_arming() && verb != Verb::Enable {
+                    self.axes[axis].seat.moves();
+                }
+                self.begun = self.shared.now();
+                let (id, running) = (order.id, *running);
+                self.going.push(Going { axis, session, id, verb, running, tell });
+            }
+            Ok(Started::Done) => self.tell(commanded, None),
+            Ok(Started::ToBePrepared) => {
+                // Where the limits depend on where it stands, that is asked first, not here.
+                self.desk.prepare(commanded);
+            }
+            Err(error) => self.tell(commanded, Some(error)),
+        }
+    }
+
+    fn tell(&self, commanded: Commanded, error: Option<Refused>) {
+        let Commanded { axis, session, order, tell, .. } = commanded;
+        let outcome = outcome(order.id, error);
+        self.shared.ended(&session, self.axes[axis].id, &outcome);
+        let _ = tell.send(Ok(outcome));
+    }
+
+    fn start(&self, commanded: &Commanded) -> Result<Started, Refused> {
+        let Commanded { axis, session, order, deed, prepared, .. } = commanded;
+        let moves = match deed {
+            Do::Arm(armed) => *armed,
+            Do::Run(command) => command.verb.needs_arming(),
+        };
+        self.may(*axis, session, order.epoch, moves)?;
+        let stops = matches!(deed, Do::Run(c) if matches!(c.verb, Verb::Stop | Verb::QuickStop));
+        if !stops && *deed != Do::Arm(false) {
+            fresh(order.issued_ms, order.ttl_ms, Clock::ms(self.shared.now()))?;
+        }
+        let watched = &self.axes[*axis];
+        let command = match deed {
+            Do::Arm(armed) => {
+                watched.axis.arm(*armed);
+                return Ok(Started::Done);
+            }
+            Do::Run(command) => *command,
+        };
+        let started = match prepared {
+            Some(prepared) => prepared.as_ref().map_err(Clone::clone)?.start(),
+            None if moves && watched.axis.has_ends() => return Ok(Started::ToBePrepared),
+            None => watched.axis.start(command),
+        };
+        Ok(Started::Running(Box::new(started?)))
+    }
+
+    fn look_at_commands(&mut self) {
+        let mut at = 0;
+        while at < self.going.len() {
+            let ended = match self.going[at].running.poll() {
+                Ok(None) => {
+                    at += 1;
+                    continue;
+                }
+                Ok(Some(_)) => None,
+                Err(error) => Some(Refused::from(error)),
+            };
+            let Going { axis, session, id, verb, tell, .. } = self.going.swap_remove(at);
+            if ended.is_none() && verb.is_stop() {
+                self.axes[axis].seat.stopped();
+            }
+            let outcome = outcome(id, ended);
+            self.shared.ended(&session, self.axes[axis].id, &outcome);
+            let _ = tell.send(Ok(outcome));
+        }
+    }
+
+    fn look_at_halts(&mut self) {
+        let now = self.shared.now();
+        for watched in &mut self.axes {
+            let Some(halt) = &mut watched.halt else { continue };
+            let (news, over) = halt.look(watched.id, &watched.axis, now);
+            if let Some(stopped) = news {
+                let detail = json!({ "class": stopped.class, "ms": stopped.ms });
+                self.shared.noted(SERVER, Deed::Outcome, Some(watched.id), detail);
+                self.shared.tell(Event::Stopped(stopped));
+            }
+            if over {
+                watched.halt = None;
+            }
+        }
+    }
+}
+
+/// What became of a command that was let through.
+enum Started {
+    Running(Box<Running>),
+    Done,
+    /// Something must be asked first.
+    ToBePrepared,
+}
+
+/// Whether a command is still good.
+fn fresh(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), Refused> {
+    let age = now_ms - issued_ms;
+    if age > ttl_ms {
+        let what = format!("said {age:.0} ms ago, and good for {ttl_ms:.0} ms");
+        return Err(Refused::new("gateway.expired", what).hint("say it again, if it still holds"));
+    }
+    if age < -AHEAD_MAX_MS {
+        let what = format!("said {:.0} ms from now", -age);
+        let hint = "take the server's time, as `pong` tells it";
+        return Err(Refused::new("gateway.expired", what).hint(hint));
+    }
+    Ok(())
+}
+
+fn closing(lost: bool) -> Refused {
+    match lost {
+        true => Refused::new("gateway.busy", "the link is lost").hint("see to its cable and power"),
+        false => Refused::new("gateway.busy", "the server ends").hint("start it again"),
+    }
+}
+
+/// The outcome that an error means.
+pub(super) fn outcome(id: String, error: Option<Refused>) -> Outcome {
+    let ended = match error.as_ref().map(|error| error.executed) {
+        None | Some(Some(true)) => Ended::Done,
+        Some(Some(false)) => Ended::NotDone,
+        Some(None) => Ended::Unknown,
+    };
+    Outcome { id, outcome: ended, error, replayed: false }
+}

@@ -1,0 +1,183 @@
+//! Who commands an axis: one owner at a time, by an epoch that goes up with each, for as long as it
+//! is renewed. Nothing here sends or reads a clock.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+
+use crate::message::Refused;
+
+/// A client's session, as leases and the journal name it.
+pub type Session = Arc<str>;
+
+/// The right to command one axis.
+#[derive(Debug, Default)]
+pub(super) struct Seat {
+    holder: Option<Holder>,
+    /// Of the last lease that was given; 0 is nobody's.
+    epoch: u64,
+    /// Something was set in motion under the lease, and no stop followed.
+    moved: bool,
+}
+
+/// Whoever has the lease.
+#[derive(Clone, Debug)]
+pub(super) struct Holder {
+    /// Who.
+    pub session: Session,
+    /// The lease's epoch.
+    pub epoch: u64,
+    /// When it ends unless it is renewed.
+    pub until: Instant,
+}
+
+/// A lease that ended.
+#[derive(Debug)]
+pub(super) struct Lost {
+    /// Whose it was.
+    pub holder: Holder,
+    /// It set the axis in motion: somebody has to stop it.
+    pub moved: bool,
+}
+
+impl Seat {
+    /// Who has it.
+    pub fn holder(&self) -> Option<&Holder> {
+        self.holder.as_ref()
+    }
+
+    /// Gives the lease to a session; from another one only if it is to `take` it. Returns the lease,
+    /// and the one that ended with it.
+    pub fn take(
+        &mut self,
+        session: &Session,
+        take: bool,
+        now: Instant,
+        lasts: Duration,
+    ) -> Result<(Holder, Option<Lost>), Refused> {
+        if let Some(holder) = self.live(now).filter(|holder| holder.session == *session) {
+            let renewed = Holder { until: now + lasts, ..holder.clone() };
+            self.holder = Some(renewed.clone());
+            return Ok((renewed, None));
+        }
+        if let Some(holder) = self.live(now).filter(|_| !take) {
+            let what = format!("{} commands this axis", holder.session);
+            return Err(lease(what).hint("wait until it is given back, or take it over"));
+        }
+        let lost = self.end();
+        self.epoch += 1;
+        let holder = Holder { session: session.clone(), epoch: self.epoch, until: now + lasts };
+        self.holder = Some(holder.clone());
+        Ok((holder, lost))
+    }
+
+    /// Keeps it for longer.
+    pub fn renew(
+        &mut self,
+        session: &Session,
+        epoch: u64,
+        now: Instant,
+        lasts: Duration,
+    ) -> Result<Holder, Refused> {
+        let holder = self.held(session, epoch, now)?;
+        let renewed = Holder { until: now + lasts, ..holder.clone() };
+        self.holder = Some(renewed.clone());
+        Ok(renewed)
+    }
+
+    /// Gives it back.
+    pub fn give_back(
+        &mut self,
+        session: &Session,
+        epoch: u64,
+        now: Instant,
+    ) -> Result<Option<Lost>, Refused> {
+        self.held(session, epoch, now)?;
+        Ok(self.end())
+    }
+
+    /// Ends it, whoever has it. What it set in motion is the caller's to stop.
+    pub fn end(&mut self) -> Option<Lost> {
+        let moved = std::mem::take(&mut self.moved);
+        self.holder.take().map(|holder| Lost { holder, moved })
+    }
+
+    /// Ends it if its time is over.
+    pub fn expire(&mut self, now: Instant) -> Option<Lost> {
+        let over = self.holder.as_ref().is_some_and(|holder| holder.until <= now);
+        if over { self.end() } else { None }
+    }
+
+    /// The lease, if it is this session's and of this epoch, and not over.
+    pub fn held(&self, session: &Session, epoch: u64, now: Instant) -> Result<&Holder, Refused> {
+        match self.live(now) {
+            Some(holder) if holder.session == *session && holder.epoch == epoch => Ok(holder),
+            Some(holder) if holder.session == *session => {
+                let what = format!("epoch {epoch} is over, this is {}", holder.epoch);
+                Err(lease(what).hint("what was said under an older lease is not carried out"))
+            }
+            Some(holder) => Err(lease(format!("{} commands this axis", holder.session))
+                .hint("wait until it is given back, or take it over")),
+            None => Err(lease("nobody has the lease of this axis").hint("take it, and renew it")),
+        }
+    }
+
+    /// Notes that something was set in motion under the lease.
+    pub fn moves(&mut self) {
+        self.moved = true;
+    }
+
+    /// Notes that what was set in motion was told to stop.
+    pub fn stopped(&mut self) {
+        self.moved = false;
+    }
+
+    fn live(&self, now: Instant) -> Option<&Holder> {
+        self.holder.as_ref().filter(|holder| now < holder.until)
+    }
+}
+
+fn lease(what: impl Into<String>) -> Refused {
+    Refused::new("gateway.lease", what)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LASTS: Duration = Duration::from_millis(1500);
+
+    fn at(ms: u32) -> Instant {
+        Instant::ZERO.plus_ms(ms)
+    }
+
+    #[test]
+    fn a_lease_is_one_sessions_until_it_ends_or_is_taken() {
+        let (ann, bob): (Session, Session) = ("ann".into(), "bob".into());
+        let mut seat = Seat::default();
+        let (lease, lost) = seat.take(&ann, false, at(0), LASTS).unwrap();
+        assert!(lease.epoch == 1 && lost.is_none());
+        assert_eq!(seat.take(&bob, false, at(1), LASTS).unwrap_err().code, "gateway.lease");
+        seat.moves();
+        let (taken, lost) = seat.take(&bob, true, at(2), LASTS).unwrap();
+        assert_eq!(taken.epoch, 2);
+        assert!(lost.is_some_and(|lost| lost.moved && lost.holder.session == ann));
+        assert!(seat.renew(&ann, 1, at(3), LASTS).is_err());
+        assert!(seat.held(&bob, 1, at(3)).is_err(), "an older epoch");
+        assert!(seat.held(&bob, 2, at(3)).is_ok());
+    }
+
+    #[test]
+    fn a_lease_that_is_not_renewed_ends_by_itself() {
+        let ann: Session = "ann".into();
+        let mut seat = Seat::default();
+        seat.take(&ann, false, at(0), LASTS).unwrap();
+        seat.renew(&ann, 1, at(1000), LASTS).unwrap();
+        assert!(seat.expire(at(2499)).is_none());
+        assert!(seat.held(&ann, 1, at(2500)).is_err(), "over, though nobody looked yet");
+        assert!(seat.expire(at(2500)).is_some());
+        let (again, _) = seat.take(&ann, false, at(2600), LASTS).unwrap();
+        assert_eq!(again.epoch, 2, "what was said before is not carried out after");
+    }
+}

@@ -1,0 +1,178 @@
+//! Opening: connection strings to links, wires and axes, in the order in which the bench counts them.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use polepair::simulate::Simulation;
+use polepair::wire::OpenWire;
+use polepair::{Axis, Connector};
+use polepair_core::drives;
+use polepair_core::medium::MediumKind;
+
+use super::Seat;
+use super::clock::Clock;
+use super::describe::axis_info;
+use super::desk::Desk;
+use super::simulated::Drive;
+use super::wire::Wire;
+use crate::message::{Counter, LinkState, LinkView, Refused};
+
+/// Axes of a bench.
+const AXES_MAX: usize = 256;
+
+/// A link of the bench: one wire, whatever its connection string opens besides.
+pub(super) struct Link {
+    pub id: u16,
+    pub url: String,
+    pub wire: Arc<Wire>,
+    pub desk: Arc<Desk>,
+    pub open: OpenWire,
+    /// Its simulation, and the link's number there.
+    pub simulation: Option<(Simulation, usize)>,
+    /// Keeps the link open.
+    link: polepair::Link,
+}
+
+/// A bench that was opened.
+pub(super) struct Opened {
+    pub links: Vec<Link>,
+    pub axes: Vec<Seat>,
+    pub clock: Clock,
+}
+
+/// Opens every connection string, or the rack that there is without any.
+pub(super) fn open(urls: &[String], connector: &Connector) -> Result<Opened, Refused> {
+    let rack = rack();
+    let urls = if urls.is_empty() { &rack } else { urls };
+    let (mut links, mut axes) = (Vec::new(), Vec::new());
+    for url in urls {
+        let opened = connector.connect(url)?;
+        take(url, &opened, &mut links, &mut axes);
+    }
+    if axes.len() > AXES_MAX {
+        let what = format!("{} axes are more than a bench holds, {AXES_MAX}", axes.len());
+        return Err(Refused::new("gateway.request", what));
+    }
+    let clock = Clock::of(links.iter().filter_map(|link| Some(&link.simulation.as_ref()?.0)));
+    let is_virtual = |link: &Link| match &link.simulation {
+        Some((simulation, _)) => simulation.pace() == polepair::simulate::Pace::Virtual,
+        None => false,
+    };
+    if !clock.is_real() && !links.iter().all(is_virtual) {
+        let what = "some links are in virtual time, others are not";
+        return Err(
+            Refused::new("gateway.request", what).hint("say time=virtual on all, or on none")
+        );
+    }
+    Ok(Opened { links, axes, clock })
+}
+
+/// One drive of each family, on the wire that it usually has.
+fn rack() -> Vec<String> {
+    let mut families: Vec<&str> = Vec::new();
+    let mut urls = Vec::new();
+    for profile in drives::profiles() {
+        if !families.contains(&profile.family) {
+            families.push(profile.family);
+            urls.push(format!("sim:{}", profile.name));
+        }
+    }
+    urls
+}
+
+/// The wires of an opened link, with their axes.
+fn take(url: &str, opened: &polepair::Link, links: &mut Vec<Link>, seats: &mut Vec<Seat>) {
+    let own = own_links(opened.simulation());
+    let by_wire = opened.axes().chunk_by(|one, other| one.connection().is(other.connection()));
+    for (n, (axes, open)) in by_wire.zip(opened.wires()).enumerate() {
+        let id = links.len() as u16;
+        let simulation = opened.simulation().cloned().zip(own.get(n).copied());
+        let mut ids = Vec::new();
+        for (place, axis) in axes.iter().enumerate() {
+            let seat_id = seats.len() as u16;
+            let drive = simulation.as_ref().and_then(|(simulation, link)| {
+                Drive::find(simulation, *link, axis.number(), place)
+            });
+            let info = axis_info(seat_id, id, axis, drive.as_ref());
+            seats.push(Seat { link: links.len(), place, info, drive });
+            ids.push((seat_id, axis.clone()));
+        }
+        let wire = Arc::new(Wire::new(ids));
+        let desk = Arc::new(Desk::new(&wire));
+        let (url, open, link) = (url.to_owned(), open.clone(), opened.clone());
+        links.push(Link { id, url, wire, desk, open, simulation, link });
+    }
+}
+
+/// The links of a simulation that a host has an end of: what a relay brings it to is none.
+fn own_links(simulation: Option<&Simulation>) -> Vec<usize> {
+    let Some(simulation) = simulation else { return Vec::new() };
+    let description = simulation.description();
+    (0..simulation.links()).filter(|n| description.relay_to(*n).is_none()).collect()
+}
+
+impl Link {
+    /// Its first axis, which stands for the wire.
+    fn axis(&self) -> Option<&Axis> {
+        self.wire.axes.first().map(|(_, axis)| axis)
+    }
+
+    /// The share of the time so far in which it was busy, where that is known.
+    pub fn load(&self) -> Option<f64> {
+        let (simulation, link) = self.simulation.as_ref()?;
+        simulation.load(*link).map(|(_, load)| load)
+    }
+
+    /// All but whether it works.
+    pub fn told(&self) -> LinkView {
+        let medium = match self.open.medium {
+            MediumKind::Serial => "serial",
+            MediumKind::Can => "can",
+        };
+        LinkView {
+            id: self.id,
+            url: self.url.clone(),
+            medium: medium.to_owned(),
+            simulated: self.simulation.is_some(),
+            state: LinkState::Open,
+            reason: None,
+            load: None,
+            counters: self.axis().map_or_else(Vec::new, |axis| self.counters(axis)),
+        }
+    }
+
+    fn counters(&self, axis: &Axis) -> Vec<Counter> {
+        let c = self.link.counters(axis);
+        let counts = [
+            ("sent", c.sent),
+            ("received", c.answered),
+            ("retries", c.resent),
+            ("silent", c.silent),
+            ("errors", c.corrupt + c.foreign + c.late),
+            ("echoed", c.echoed),
+            ("skipped", c.skipped),
+        ];
+        counts.map(|(name, count)| Counter { name: name.to_owned(), count }).into()
+    }
+}
+
+/// How many times faster than real motors the simulated ones live.
+pub(super) fn time_scale(links: &[Link]) -> Option<f64> {
+    let mut simulations = links.iter().filter_map(|link| link.simulation.as_ref());
+    simulations.next().map(|(simulation, _)| simulation.scale())
+}
+
+/// Sets it, for all of them.
+pub(super) fn set_time_scale(links: &[Link], scale: f64) -> Result<(), Refused> {
+    let mut simulations = links.iter().filter_map(|link| link.simulation.as_ref());
+    Ok(simulations.try_for_each(|(simulation, _)| simulation.set_scale(scale))?)
+}
+
+/// Lets virtual time pass, once for each simulation: links of one share its world.
+pub(super) fn pass(links: &[Link], span: Duration) {
+    for (simulation, n) in links.iter().filter_map(|link| link.simulation.as_ref()) {
+        if own_links(Some(simulation)).first() == Some(n) {
+            simulation.pass(span);
+        }
+    }
+}

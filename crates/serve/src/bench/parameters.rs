@@ -1,0 +1,203 @@
+//! Parameters: told without values, read, and written by a plan that was shown. Nothing here moves a
+//! motor: parameters that could are left to commands.
+
+use std::collections::BTreeMap;
+
+use polepair::{Amount, Axis};
+use polepair_core::profile::{Access, Parameter, ParameterId};
+use serde_json::json;
+use tokio::sync::oneshot;
+
+use super::describe::parameter_info;
+use super::lease::Session;
+use super::reply::Reply;
+use super::shared::{Note, Shared};
+use super::wire::Order;
+use super::{Bench, Link};
+use crate::message::{Change, Deed, Given, ParameterInfo, ParameterRead, Refused, WriteParameters};
+
+/// Parameters of one request.
+const WRITES_MAX: usize = 1024;
+
+/// A parameter that is to have a value.
+struct Wanted {
+    id: ParameterId,
+    parameter: &'static Parameter,
+    raw: i64,
+}
+
+impl Bench {
+    /// The parameters of an axis, without their values; nothing is asked.
+    ///
+    /// # Errors
+    /// `E212` where there is no such axis.
+    pub fn parameters(&self, axis: u16) -> Result<Vec<ParameterInfo>, Refused> {
+        let (link, place) = self.seat(axis)?;
+        let axis = &link.wire.axes[place].1;
+        let all = (0..).map(ParameterId).zip(axis.params());
+        Ok(all.map(|(id, parameter)| parameter_info(axis, id, parameter)).collect())
+    }
+
+    /// Reads a parameter now.
+    pub fn read_parameter(&self, axis: u16, name: &str) -> Reply<ParameterRead> {
+        let (tell, told) = oneshot::channel();
+        let asked = self.seat(axis).map(|(link, place)| {
+            let (axis, name) = (link.wire.axes[place].1.clone(), name.to_owned());
+            link.desk.ask(tell, move || read(&axis, &name));
+        });
+        Reply::of(told, asked)
+    }
+
+    /// Tells what parameters have and would get and, unless that is all that is asked, writes those that
+    /// differ: every name and value is checked before the first is written. A dry run needs no lease.
+    pub fn apply(
+        &self,
+        axis: u16,
+        session: &Session,
+        write: WriteParameters,
+    ) -> Reply<Vec<Change>> {
+        let (tell, told) = oneshot::channel();
+        let asked = self.seat(axis).and_then(|(link, place)| {
+            if write.values.len() > WRITES_MAX {
+                let what = format!("at most {WRITES_MAX} parameters are written at once");
+                return Err(Refused::new("gateway.request", what));
+            }
+            let (epoch, dry) = (write.epoch, write.dry_run);
+            let writer = Writer::new(self, link, place, axis, session, write);
+            let desk = std::sync::Arc::clone(&link.desk);
+            if dry {
+                desk.ask(tell, move || writer.plan().map(|plan| plan.0));
+                return Ok(());
+            }
+            let go = Box::new(move |may: Result<(), Refused>| match may {
+                Ok(()) => desk.ask(tell, move || writer.write()),
+                // Who has gone does not want to know.
+                Err(refused) => drop(tell.send(Err(refused))),
+            });
+            link.wire.order(Order::Write { axis: place, session: session.clone(), epoch, go })
+        });
+        Reply::of(told, asked)
+    }
+}
+
+fn read(axis: &Axis, name: &str) -> Result<ParameterRead, Refused> {
+    let id = axis.find(name)?;
+    let raw = axis.read(id)?;
+    let value = axis.value(id, raw)?;
+    Ok(ParameterRead {
+        name: axis.profile().parameter(id).map_or(name, |parameter| parameter.name).to_owned(),
+        value: Some(value.value).filter(|value| value.is_finite()),
+        raw,
+        unit: value.unit.symbol().to_owned(),
+        word: value.word.map(str::to_owned),
+    })
+}
+
+/// What writes the parameters of one request.
+struct Writer {
+    axis: Axis,
+    id: u16,
+    place: usize,
+    session: Session,
+    epoch: u64,
+    values: BTreeMap<String, Given>,
+    keep: bool,
+    wire: std::sync::Arc<super::wire::Wire>,
+    shared: std::sync::Arc<Shared>,
+}
+
+impl Writer {
+    fn new(
+        bench: &Bench,
+        link: &Link,
+        place: usize,
+        id: u16,
+        session: &Session,
+        write: WriteParameters,
+    ) -> Self {
+        let WriteParameters { values, keep, epoch, .. } = write;
+        let (wire, shared) = (link.wire.clone(), bench.0.shared.clone());
+        let (axis, session) = (link.wire.axes[place].1.clone(), session.clone());
+        Self { axis, id, place, session, epoch, values, keep, wire, shared }
+    }
+
+    /// What would change, and the writes that make it so.
+    fn plan(&self) -> Result<(Vec<Change>, Vec<Wanted>), Refused> {
+        let wanted = self.values.iter().map(|(name, given)| self.wanted(name, given));
+        let wanted = wanted.collect::<Result<Vec<_>, _>>()?;
+        let (mut changes, mut writes) = (Vec::new(), Vec::new());
+        for wanted in wanted {
+            let change = self.change(&wanted)?;
+            if change.changed || self.keep {
+                writes.push(wanted);
+            }
+            changes.push(change);
+        }
+        Ok((changes, writes))
+    }
+
+    fn wanted(&self, name: &str, given: &Given) -> Result<Wanted, Refused> {
+        let id = self.axis.find(name)?;
+        let missing = || Refused::new("E213", format!("there is no parameter `{name}`"));
+        let parameter = self.axis.profile().parameter(id).ok_or_else(missing)?;
+        if parameter.moves {
+            let what = format!("`{}` may move the motor", parameter.name);
+            return Err(Refused::new("E219", what).hint("that is for commands, not for settings"));
+        }
+        if parameter.access == Access::Read {
+            return Err(Refused::new("E214", format!("`{}` can only be read", parameter.name)));
+        }
+        let amount = match given {
+            Given::Number(number) => Amount::Number(*number),
+            Given::Text(text) => Amount::Text(text.clone()),
+        };
+        let raw = self.axis.raw_of(id, &amount)?;
+        if !(parameter.min..=parameter.max).contains(&raw) {
+            let (min, max) =
+                (self.axis.value(id, parameter.min)?, self.axis.value(id, parameter.max)?);
+            let what = format!("`{}` takes {min} to {max}", parameter.name);
+            return Err(Refused::new("E216", what).hint("nothing was written"));
+        }
+        Ok(Wanted { id, parameter, raw })
+    }
+
+    fn change(&self, wanted: &Wanted) -> Result<Change, Refused> {
+        let readable = wanted.parameter.access != Access::Write;
+        let now = readable.then(|| self.axis.read(wanted.id)).transpose()?;
+        let to = self.axis.value(wanted.id, wanted.raw)?;
+        let from = now.map(|raw| self.axis.value(wanted.id, raw)).transpose()?;
+        Ok(Change {
+            name: wanted.parameter.name.to_owned(),
+            from: from.map(|from| from.value).filter(|from| from.is_finite()),
+            to: to.value,
+            unit: to.unit.symbol().to_owned(),
+            changed: now != Some(wanted.raw),
+        })
+    }
+
+    fn write(&self) -> Result<Vec<Change>, Refused> {
+        let (changes, writes) = self.plan()?;
+        let detail = json!({ "keep": self.keep, "changes": changes });
+        let (deed, axis) = (Deed::Parameters, Some(self.id));
+        self.shared.journal.note(Note { who: &self.session, deed, axis, detail })?;
+        let written = writes.iter().try_for_each(|wanted| {
+            self.still_holds()?;
+            Ok(self.axis.write(wanted.id, wanted.raw, self.keep)?)
+        });
+        let detail = json!({ "error": written.as_ref().err() });
+        self.shared.noted(&self.session, Deed::Outcome, Some(self.id), detail);
+        written.map(|()| changes)
+    }
+
+    /// A lease that ended meanwhile ends the writing as well.
+    fn still_holds(&self) -> Result<(), Refused> {
+        let lease = self.wire.lease(self.place);
+        let its = lease.is_some_and(|l| l.epoch == self.epoch && *l.owner == *self.session);
+        let ended = || Refused::new("gateway.lease", "the lease ended while this was written");
+        if its {
+            Ok(())
+        } else {
+            Err(ended().hint("see what was written, and write the rest again"))
+        }
+    }
+}

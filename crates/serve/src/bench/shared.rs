@@ -1,0 +1,154 @@
+//! What the wires of a bench share: the lock, the commands that were seen, the journal, those who
+//! want to hear what happens.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+use serde_json::{Value, json};
+use tokio::sync::broadcast;
+
+use super::clock::Clock;
+use super::once::Once;
+use crate::message::{AxisStopped, Deed, LeaseTold, LockTold, Outcome, Refused};
+
+/// Things that happened and that a listener has not heard yet.
+const EVENTS_MAX: usize = 1024;
+/// Who did what nobody asked for.
+pub(super) const SERVER: &str = "server";
+
+/// Keeps what is done: see [`Options::journal`](super::Options::journal).
+///
+/// It is told before anything is sent, stops excepted: those go first. It is called on threads that
+/// look after motors, so it must not wait for a disk.
+pub trait Journal: Send + Sync {
+    /// Takes a note.
+    ///
+    /// # Errors
+    /// When it cannot be kept: what it announces is then not done, stops excepted.
+    fn note(&self, note: Note<'_>) -> Result<(), Refused>;
+}
+
+/// What is about to be done, or was.
+#[derive(Debug)]
+pub struct Note<'a> {
+    /// The session; `server` for what nobody asked for.
+    pub who: &'a str,
+    /// What.
+    pub deed: Deed,
+    /// The axis that it concerns.
+    pub axis: Option<u16>,
+    /// The rest.
+    pub detail: Value,
+}
+
+/// A journal that keeps nothing, for benches that nobody else commands.
+#[derive(Debug)]
+pub struct NoJournal;
+
+impl Journal for NoJournal {
+    fn note(&self, _note: Note<'_>) -> Result<(), Refused> {
+        Ok(())
+    }
+}
+
+/// Something that happened.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// An axis got an owner, or has none any more.
+    Lease {
+        /// Which axis.
+        axis: u16,
+        /// Who commands it.
+        lease: Option<LeaseTold>,
+    },
+    /// A stop came further.
+    Stopped(AxisStopped),
+    /// Motion is locked.
+    Locked(LockTold),
+    /// Motion is let again.
+    Unlocked,
+    /// A link was lost or is back, or time passes otherwise: the bench's list has it.
+    Bench,
+}
+
+/// What the wires share.
+pub(super) struct Shared {
+    pub clock: Clock,
+    pub lease: Duration,
+    pub journal: Arc<dyn Journal>,
+    pub events: broadcast::Sender<Event>,
+    once: Mutex<Once>,
+    lock: Mutex<Option<LockTold>>,
+    closing: AtomicBool,
+}
+
+impl std::fmt::Debug for Shared {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Shared").field("clock", &self.clock).finish_non_exhaustive()
+    }
+}
+
+impl Shared {
+    pub fn new(clock: Clock, lease: Duration, journal: Arc<dyn Journal>) -> Self {
+        Self {
+            clock,
+            lease,
+            journal,
+            events: broadcast::Sender::new(EVENTS_MAX),
+            once: Mutex::default(),
+            lock: Mutex::default(),
+            closing: AtomicBool::new(false),
+        }
+    }
+
+    pub fn now(&self) -> Instant {
+        self.clock.now()
+    }
+
+    pub fn once(&self) -> MutexGuard<'_, Once> {
+        held(&self.once)
+    }
+
+    /// Who locked motion.
+    pub fn lock(&self) -> MutexGuard<'_, Option<LockTold>> {
+        held(&self.lock)
+    }
+
+    /// Tells whoever listens.
+    pub fn tell(&self, event: Event) {
+        // Nobody may be listening.
+        let _ = self.events.send(event);
+    }
+
+    /// Notes in the journal what was done already and cannot be refused any more.
+    pub fn noted(&self, who: &str, deed: Deed, axis: Option<u16>, detail: Value) {
+        let note = Note { who, deed, axis, detail };
+        if let Err(error) = self.journal.note(note) {
+            tracing::error!(%error, "the journal does not keep what is done");
+        }
+    }
+
+    /// Notes how a command ended, for whoever says it again as well.
+    pub fn ended(&self, who: &str, axis: u16, outcome: &Outcome) {
+        self.once().ended(outcome);
+        let detail = json!({
+            "id": outcome.id, "outcome": outcome.outcome, "error": outcome.error,
+        });
+        self.noted(who, Deed::Outcome, Some(axis), detail);
+    }
+
+    pub fn close(&self) {
+        self.closing.store(true, Ordering::SeqCst);
+    }
+
+    pub fn is_closing(&self) -> bool {
+        self.closing.load(Ordering::SeqCst)
+    }
+}
+
+/// What is behind a lock, whatever became of who had it.
+pub(super) fn held<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

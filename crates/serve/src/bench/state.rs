@@ -1,0 +1,80 @@
+//! What is known of an axis, in the words of its message. Nothing is asked.
+
+use polepair::Axis;
+use polepair_core::axis::State;
+use polepair_core::profile::{Severity, Signal, SignalSource};
+use polepair_core::time::Instant;
+
+use super::describe::signal_unit;
+use crate::message::{AxisState, FaultTold, SignalValue};
+
+/// All but lease and panel.
+pub(super) fn axis_state(id: u16, axis: &Axis) -> AxisState {
+    let (state, now) = (axis.state(), axis.connection().now());
+    let flag = |signal| {
+        let reading = state.reading(signal);
+        (axis.profile().signal(signal).is_some() && reading.at.is_some())
+            .then_some(reading.raw != 0)
+    };
+    let known = |source: &SignalSource| signal_value(axis, &state, source, now);
+    AxisState {
+        id,
+        mode: mode(axis, &state),
+        enabled: flag(Signal::Enabled),
+        armed: state.armed,
+        moving: flag(Signal::Moving).or_else(|| axis.turns()),
+        signals: axis.profile().signals.iter().filter_map(known).collect(),
+        faults: faults(axis, &state),
+        lease: None,
+        panel: None,
+    }
+}
+
+fn signal_value(
+    axis: &Axis,
+    state: &State,
+    source: &SignalSource,
+    now: Instant,
+) -> Option<SignalValue> {
+    let reading = state.reading(source.signal);
+    let at = reading.at?;
+    Some(SignalValue {
+        signal: source.signal.name().to_owned(),
+        value: Some(reading.value).filter(|value| value.is_finite()),
+        unit: signal_unit(axis, source).to_owned(),
+        age_ms: now.since(at).as_secs_f64() * 1e3,
+    })
+}
+
+fn mode(axis: &Axis, state: &State) -> Option<String> {
+    let source = axis.profile().signal(Signal::Mode)?;
+    let reading = state.reading(Signal::Mode);
+    reading.at?;
+    let own = axis.profile().parameter(source.parameter).map_or(&[][..], |p| p.values);
+    let names = if source.values.is_empty() { own } else { source.values };
+    let word = names.iter().find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
+    Some(word.map_or_else(|| reading.raw.to_string(), str::to_owned))
+}
+
+/// Faults and warnings that stand; a code that nobody knows is told as it is.
+fn faults(axis: &Axis, state: &State) -> Vec<FaultTold> {
+    let reading = state.reading(Signal::Fault);
+    let raw = u32::try_from(reading.raw).unwrap_or(0);
+    if reading.at.is_none() || raw == 0 {
+        return Vec::new();
+    }
+    let known = polepair::faults(axis.profile(), raw);
+    if known.is_empty() {
+        let name = format!("fault {raw:#x}");
+        let remedy = "look it up in the drive's manual".to_owned();
+        return vec![FaultTold { code: raw, name, cause: String::new(), remedy }];
+    }
+    let stands = known.into_iter().filter(|fault| fault.severity != Severity::Note);
+    let told = stands.map(|fault| FaultTold {
+        code: fault.code,
+        name: if fault.text.is_empty() { fault.name } else { fault.text }.to_owned(),
+        cause: fault.cause.to_owned(),
+        remedy: fault.remedy.to_owned(),
+    });
+    told.collect()
+}

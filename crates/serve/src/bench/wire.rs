@@ -1,0 +1,200 @@
+//! What is asked of a wire, and what everybody may see of it: the hand takes orders from here.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::thread::Thread;
+
+use polepair::Axis;
+use polepair::axis::Prepared;
+use polepair_core::axis::Command;
+use polepair_core::time::Instant;
+use tokio::sync::oneshot;
+
+use super::halt::Report;
+use super::lease::Session;
+use super::shared::held;
+use crate::message::{CommandOrder, LeaseGranted, LeaseTold, Outcome, Refused};
+
+/// Orders that wait for one wire; stops have places of their own.
+const ORDERS_MAX: usize = 1024;
+/// Stops that wait for one wire; the axes of more are added to the last.
+const STOPS_MAX: usize = 64;
+
+/// A wire and its axes.
+pub(super) struct Wire {
+    /// Its axes, with their numbers among all of the bench.
+    pub axes: Vec<(u16, Axis)>,
+    orders: Mutex<VecDeque<Order>>,
+    stops: Mutex<VecDeque<StopThese>>,
+    hand: OnceLock<Thread>,
+    leases: Mutex<Vec<Option<LeaseTold>>>,
+    lost: Mutex<Option<String>>,
+    /// Orders came since the hand last looked.
+    called: AtomicBool,
+}
+
+/// What a hand is told.
+pub(super) enum Order {
+    /// A lease is wanted, kept, or given back.
+    Lease(AskLease),
+    /// An axis is to do something.
+    Command(Box<Commanded>),
+    /// Parameters are about to be written: `go` hears whether they may.
+    Write { axis: usize, session: Session, epoch: u64, go: Go },
+    /// A client has gone: its leases end.
+    Gone(Session),
+}
+
+/// What goes on when it is known whether it may. It must not wait.
+pub(super) type Go = Box<dyn FnOnce(Result<(), Refused>) + Send>;
+
+/// Tells what came of something.
+pub(super) type Tell<T> = oneshot::Sender<Result<T, Refused>>;
+
+/// What is wanted of a lease.
+#[derive(Debug)]
+pub(super) struct AskLease {
+    pub axis: usize,
+    pub session: Session,
+    pub act: crate::message::LeaseAct,
+    pub epoch: u64,
+    pub tell: Tell<Option<LeaseGranted>>,
+}
+
+/// A command on its way.
+#[derive(Debug)]
+pub(super) struct Commanded {
+    pub axis: usize,
+    pub session: Session,
+    pub order: CommandOrder,
+    pub deed: Do,
+    /// Made ready, where that took a question.
+    pub prepared: Option<Result<Prepared, Refused>>,
+    pub tell: Tell<Outcome>,
+}
+
+/// What a command's word means.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) enum Do {
+    /// Let motion commands through, or no longer.
+    Arm(bool),
+    /// A verb of the drive.
+    Run(Command),
+}
+
+/// Axes that are to stop.
+#[derive(Debug)]
+pub(super) struct StopThese {
+    pub axes: Vec<usize>,
+    pub who: Session,
+    pub reason: String,
+    pub since: Instant,
+    pub report: Option<Arc<Report>>,
+}
+
+impl StopThese {
+    fn add(&mut self, axes: Vec<usize>) {
+        for axis in axes {
+            if !self.axes.contains(&axis) {
+                self.axes.push(axis);
+            }
+        }
+    }
+}
+
+impl Wire {
+    pub fn new(axes: Vec<(u16, Axis)>) -> Self {
+        Self {
+            leases: Mutex::new(vec![None; axes.len()]),
+            axes,
+            orders: Mutex::default(),
+            stops: Mutex::default(),
+            hand: OnceLock::new(),
+            lost: Mutex::default(),
+            called: AtomicBool::new(false),
+        }
+    }
+
+    /// Whose thread is called when there is something to do.
+    pub fn looked_after_by(&self, thread: Thread) {
+        let _ = self.hand.set(thread);
+    }
+
+    /// Gives an order.
+    pub fn order(&self, order: Order) -> Result<(), Refused> {
+        {
+            let mut orders = held(&self.orders);
+            if orders.len() == ORDERS_MAX {
+                let what = "too many commands wait for this link";
+                return Err(Refused::new("gateway.busy", what).hint("ask less often"));
+            }
+            orders.push_back(order);
+        }
+        self.call();
+        Ok(())
+    }
+
+    /// Gives an order that had its place already.
+    pub fn order_next(&self, order: Order) {
+        held(&self.orders).push_front(order);
+        self.call();
+    }
+
+    /// Orders a stop: there is always room for one.
+    pub fn stop(&self, stop: StopThese) {
+        {
+            let mut stops = held(&self.stops);
+            let stops_full = stops.len() == STOPS_MAX;
+            match stops.back_mut().filter(|_| stops_full) {
+                // The stop itself is not lost, only the word of how far it came.
+                Some(last) => last.add(stop.axes),
+                None => stops.push_back(stop),
+            }
+        }
+        self.call();
+    }
+
+    /// The next stop.
+    pub fn next_stop(&self) -> Option<StopThese> {
+        held(&self.stops).pop_front()
+    }
+
+    /// The next order.
+    pub fn next_order(&self) -> Option<Order> {
+        held(&self.orders).pop_front()
+    }
+
+    /// Has the hand look now.
+    pub fn call(&self) {
+        self.called.store(true, Ordering::SeqCst);
+        if let Some(thread) = self.hand.get() {
+            thread.unpark();
+        }
+    }
+
+    /// Whether somebody called since this was last asked.
+    pub fn was_called(&self) -> bool {
+        self.called.swap(false, Ordering::SeqCst)
+    }
+
+    /// Who commands an axis.
+    pub fn lease(&self, axis: usize) -> Option<LeaseTold> {
+        held(&self.leases).get(axis).cloned().flatten()
+    }
+
+    pub fn show_lease(&self, axis: usize, lease: Option<LeaseTold>) {
+        if let Some(shown) = held(&self.leases).get_mut(axis) {
+            *shown = lease;
+        }
+    }
+
+    /// Why the link is lost, if it is.
+    pub fn lost(&self) -> Option<String> {
+        held(&self.lost).clone()
+    }
+
+    pub fn show_lost(&self, why: Option<String>) {
+        *held(&self.lost) = why;
+    }
+}
