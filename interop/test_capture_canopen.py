@@ -141,3 +141,27 @@ def test_a_data_sheet_names_what_the_capture_does_not(tmp_path):
     assert all(n["quality"] == "good" for n in signals.values())
     own = [n for name, n in signals.items() if n["exact"] == 7]
     assert len(own) == 1 and own[0]["name"], signals
+
+
+def test_a_configuration_is_read_as_the_node_is_configured(tmp_path):
+    text = MOTOR.read_text().replace("\r\n", "\n")
+    for before, after in [
+        ("DefaultValue=1\nPDOMapping=0\n\n[1A00sub1]",
+         "DefaultValue=1\nParameterValue=2\nPDOMapping=0\n\n[1A00sub1]"),
+        ("DefaultValue=0x60410010\nPDOMapping=0\n\n[1A01]",
+         "DefaultValue=0x60410010\nParameterValue=0x60640020\nPDOMapping=0\n\n"
+         "[1A00sub2]\nParameterName=2\nObjectType=0x7\nDataType=0x0007\nAccessType=rw\n"
+         "DefaultValue=0\nParameterValue=0x60410010\nPDOMapping=0\n\n[1A01]"),
+    ]:
+        assert text.count(before) == 1
+        text = text.replace(before, after)
+    sheet, path = tmp_path / "motor.dcf", tmp_path / "bus.log"
+    sheet.write_text(text + "\n[DeviceComissioning]\nNodeID=5\nBaudrate=500\n")
+    path.write_text("(1.0) can0 185#FEFFFFFF3706\n(1.1) can0 185#FEFF\n")
+    frames = decoded(path, "--profile", str(sheet))
+    signals = {n["name"]: n for n in notices(frames, "signal")}
+    assert signals["Actual/Position"]["exact"] == -2
+    assert signals["State/Enabled"]["exact"] == 1
+    assert all(n["quality"] == "good" for n in signals.values())
+    # The sheet's own mapping, once a frame fitted it, holds the others to its length.
+    assert [notice["kind"] for notice in notices(frames, "odd")] == ["length"]

@@ -46,6 +46,8 @@ pub struct Event<'a> {
     pub extended: bool,
     /// True for a CAN remote request.
     pub remote: bool,
+    /// Bytes that a CAN remote request asks for; 0 where it is none.
+    pub wanted: u8,
     /// The host's own request, heard back through its adapter.
     pub echo: bool,
     /// These bytes have not the shape of a frame.
@@ -73,6 +75,7 @@ impl<'a> Event<'a> {
             id: None,
             extended: false,
             remote: false,
+            wanted: 0,
             echo: false,
             stray: false,
             explained,
@@ -456,6 +459,7 @@ impl Decoder {
             id: None,
             extended: false,
             remote: false,
+            wanted: 0,
             echo,
             stray: piece.shape == Shape::Junk,
             explained: &self.explained,
@@ -524,6 +528,7 @@ impl Decoder {
             id: Some(frame.id),
             extended: frame.extended,
             remote: frame.remote,
+            wanted: if frame.remote { frame.len } else { 0 },
             echo: false,
             stray: false,
             explained: &self.explained,

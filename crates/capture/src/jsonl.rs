@@ -35,6 +35,10 @@ pub fn write(event: &Event<'_>, out: &mut Vec<u8>) {
     maybe(out, event.id, unsigned);
     key(out, "extended");
     maybe(out, event.id.map(|_| event.extended), flag);
+    if event.remote {
+        key(out, "remote");
+        unsigned(out, event.wanted);
+    }
     meaning(event, out);
     key(out, "number");
     unsigned(out, event.number);

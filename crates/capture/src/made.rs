@@ -40,6 +40,7 @@ impl Made {
             id: Some(0x180 + axis),
             extended: false,
             remote: false,
+            wanted: 0,
             echo: false,
             stray: false,
             explained: &explained,

@@ -133,6 +133,9 @@ impl Text {
             let digits = &digits.as_flattened()[if event.extended { 0 } else { 5 }..];
             out.extend_from_slice(digits);
             out.extend_from_slice(if event.remote { b"#R" } else { b"#" });
+            if event.wanted > 0 {
+                out.push(b'0' + event.wanted.min(8));
+            }
         }
         let Style { colour, marks, .. } = self.style;
         let mask = if colour || marks { self.changes.take(event) } else { 0 };

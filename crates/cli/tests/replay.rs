@@ -133,6 +133,55 @@ fn as_fast_as_the_drive_answers_and_again_and_again() {
     assert_eq!(answers, 30, "{explained}");
 }
 
+#[test]
+fn remote_requests_ask_for_as_many_bytes_as_they_did() {
+    let text = "(1700000000.000000) can0 702#R1\n(1700000000.010000) can0 00000123#R8\n\
+        (1700000000.020000) can0 123#R\n";
+    let capture = written("remote.log", text);
+    let lines = ok(&["decode", &capture, "--as", "canopen", "--format", "jsonl"]);
+    for (name, text) in [("remote-again.log", text), ("remote.jsonl", &lines)] {
+        let (capture, trace) = (written(name, text), written("remote-trace.log", ""));
+        let both = ["--direction", "both", "--arm", "--trace", &trace];
+        let ran = polepair(&[&["replay", &capture, "sim:canopen:2"][..], &both].concat());
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        let sent = std::fs::read_to_string(&trace).expect("a trace");
+        for frame in ["702#R1", "00000123#R8", "123#R "] {
+            assert!(sent.contains(&format!(" {frame}")), "{name}: {frame} is not in {sent}");
+        }
+    }
+}
+
+/// Served drives of every kind of end that answer what is played to them.
+#[cfg(unix)]
+#[test]
+fn onto_each_kind_of_link_a_capture_is_played() {
+    let line = |ms: u32| format!("(1700000000.{ms:03}000) ttyUSB0 > 01 06 01 00 00 00 00 00 08\n");
+    let bytes = written("line.log", &(0..10).map(|n| line(n * 90)).collect::<String>());
+    let frames = written("bus.log", READS);
+    let port = std::env::temp_dir().join(format!("polepair-replay-pty-{}", std::process::id()));
+    let port = port.to_str().expect("text");
+    let ends: [(&[&str], _, _, _); 5] = [
+        (&["tmcl:1", "--pty", port], &bytes, "tmcl", 10),
+        (&["tmcl:1", "--tcp", "127.0.0.1:0"], &bytes, "tmcl", 10),
+        (&["canopen:2", "--pty", port], &frames, "canopen", 2),
+        (&["canopen:2", "--tcp", "127.0.0.1:0"], &frames, "canopen", 2),
+        (&["canopen:2", "--socketcand", "127.0.0.1:0"], &frames, "canopen", 2),
+    ];
+    for (end, capture, protocol, asked) in ends {
+        let drive = run::Served::with(end);
+        let trace = written("ends-trace.log", "");
+        let ran = polepair(&["replay", capture, drive.link(), "--fast", "--trace", &trace]);
+        assert_eq!(ran.code, 0, "{end:?}: {}", ran.err);
+        assert!(ran.err.contains(&format!("{asked} frames sent")), "{end:?}: {}", ran.err);
+        let explained = ok(&["decode", &trace, "--as", protocol, "--format", "jsonl"]);
+        let kinds = ["\"kind\":\"SDO value\"", "\"kind\":\"GAP\""];
+        let answers = explained.lines().filter(|line| line.contains("\"direction\":\"rx\""));
+        let answers = answers.filter(|line| kinds.iter().any(|kind| line.contains(kind)));
+        assert_eq!(answers.count(), asked, "{end:?}: {explained}");
+        drive.end();
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_replay_stops_what_it_moved() {

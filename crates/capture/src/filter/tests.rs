@@ -30,6 +30,7 @@ fn wants(filter: &str, notices: &[Notice], wrong: Option<Wrong>) -> bool {
         id: Some(0x602),
         extended: false,
         remote: false,
+        wanted: 0,
         echo: false,
         stray: false,
         explained: &explained,

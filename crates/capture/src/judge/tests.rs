@@ -193,3 +193,24 @@ fn unseen_captures_are_told_apart_or_left_undecided() {
 fn words(speakers: &[Speaker]) -> Vec<&'static str> {
     speakers.iter().map(|(word, _)| *word).collect()
 }
+
+/// The same bytes in the same order: a drive answers at once, mapped values that look alike do not.
+#[test]
+fn where_bytes_leave_doubt_the_time_to_answer_decides() {
+    let proven = |after: u32| {
+        let mut bus = Bus { seed: 1, us: 1_700_000_000_000_000, log: String::new() };
+        for data in 0..5 {
+            let echo = Echo { command: Command::QP, sub: 0, data };
+            bus.frame(&Order::plain(Command::QP).frame(20), 1_000_000);
+            bus.frame(&echo.frame(20), after);
+        }
+        let mut judge = Judge::new();
+        judge.feed(bus.log.as_bytes());
+        let (mut verdicts, _) = judge.decide();
+        let verdict = verdicts.remove(0);
+        assert!(!verdict.shared.is_empty() || verdict.protocol.is_some(), "{verdict}");
+        verdict.protocol.map(|dissector| dissector.name())
+    };
+    assert_eq!(proven(400), Some("thruster"));
+    assert_eq!(proven(400_000), None);
+}

@@ -33,6 +33,8 @@ struct Object<'a> {
     bytes: Cow<'a, str>,
     id: Option<u32>,
     extended: Option<bool>,
+    /// Bytes that a remote request asks for.
+    remote: Option<u8>,
     #[serde(borrow)]
     kind: Option<Cow<'a, str>>,
     #[serde(borrow)]
@@ -78,9 +80,10 @@ impl Object<'_> {
             return Err(Bad("the identifier is too great"));
         }
         let says = |word: &str| self.text.as_ref().is_some_and(|text| text.starts_with(word));
-        let remote = bytes.is_empty() && says(REMOTE_REQUEST);
+        let remote = self.remote.is_some() || bytes.is_empty() && says(REMOTE_REQUEST);
+        let len = self.remote.map_or(bytes.len(), |wanted| usize::from(wanted.min(8)));
         Ok(Some(match bytes.len() {
-            0..=8 => Shape::Frame(classic(id, extended, remote, bytes.len() as u8, bytes)),
+            0..=8 => Shape::Frame(classic(id, extended, remote, len as u8, bytes)),
             9..=64 => Shape::Fd { id, extended, flags: 0 },
             _ => return Err(Bad("a CAN frame has at most 64 bytes")),
         }))

@@ -13,6 +13,9 @@ const DAYS: [&str; 7] = ["Sun", "Mon", "Tue", "Wed", "Thu", "Fri", "Sat"];
 const MONTHS: [&str; 12] =
     ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"];
 
+/// Of a line's flags, the one of CAN FD; bit rate switch and error state stand above it.
+const FDF: u32 = 0x1000;
+
 /// The writer of such lines.
 #[derive(Debug, Default)]
 pub(super) struct Asc {
@@ -52,6 +55,10 @@ impl Sink for Asc {
                     "CANFD {channel:>3} {way:<4} {id:>11}  {brs} {esi} {code:x} {len:>2}"
                 );
                 bytes(fd.bytes, out);
+                // Duration and length in bits, which a capture does not have, the kind of frame, check
+                // and bit timing: can-utils reads no line without them.
+                let flags = FDF | u32::from(brs) << 13 | u32::from(esi) << 14;
+                let _ = write!(out, "        0    0 {flags:>8X}        0        0        0");
             }
             // Whether bytes there are or not, this is a line of its own kind.
             Data::Error(_) | Data::Bytes(_) => {

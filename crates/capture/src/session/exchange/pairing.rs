@@ -57,6 +57,8 @@ pub(super) struct Pairing {
     /// The longest that an answer which came in time took, ns, and the shortest.
     slowest: u64,
     fastest: Option<u64>,
+    /// What it took lately, as a mean that forgets.
+    lately: Option<u64>,
     /// Requests that did not wait for the answer to the one before, to the same axis.
     unwaited: u64,
 }
@@ -329,10 +331,14 @@ impl Pairing {
             let quality = self.settle(at, heard, notices);
             return Settled { asked: true, quality };
         }
-        let known = self
-            .requests
-            .iter()
-            .rposition(|request| fits(request) && self.may_come_again(request, heard));
+        let again = |request: &Request| fits(request) && self.may_come_again(request, heard);
+        // What was given up a moment ago is still owed; what has its answer is not.
+        let owed = |request: &Request| {
+            let waited = request.last.zip(heard.time).map_or(0, |(last, now)| now.since(last));
+            request.state == State::GivenUp && waited <= request.patience() && fits(request)
+        };
+        let owed = self.requests.iter().rposition(owed);
+        let known = owed.or_else(|| self.requests.iter().rposition(again));
         let mut quality = Quality::Good;
         match known {
             Some(at) if self.requests[at].state == State::GivenUp || !tells => {
@@ -366,19 +372,29 @@ impl Pairing {
         self.answers >= TURNS_MIN * self.unwaited.max(1)
     }
 
-    /// The request that an answer belongs to, among those that wait: one that it repeats, else the
-    /// oldest that may be answered so soon, else the oldest that is not late, else the oldest.
+    /// How far from what answers took lately an answer now would be, where the host takes turns.
+    fn strangeness(&self, request: &Request, now: Option<Stamp>) -> u64 {
+        let waited = request.last.zip(now).map(|(last, now)| now.since(last));
+        let lately = self.lately.filter(|_| self.takes_turns());
+        waited.zip(lately).map_or(0, |(waited, lately)| waited.abs_diff(lately))
+    }
+
+    /// The request that an answer belongs to, among those that wait: one that it repeats, else one
+    /// that may be answered so soon, else one that is not late, else any. Of several the oldest, or
+    /// where the host takes turns that whose answer would take the time that answers take.
     fn candidate(&self, heard: &Heard<'_>) -> Option<usize> {
         let fits = |request: &Request| {
             request.owes_answer() && heard.dissector.answers(&heard.raw, &request.frame.raw())
         };
-        let mut best: Option<(u8, usize)> = None;
+        let mut best: Option<((u8, u64), usize)> = None;
         for (at, request) in self.requests.iter().enumerate().filter(|(_, r)| fits(r)) {
             let rank = match request.frame.bytes == heard.raw.bytes {
                 true => 0,
                 false if request.is_late(heard.time) => 3,
                 false => 1 + u8::from(!self.is_usual(request, heard.time)),
             };
+            let strange = if rank == 1 { self.strangeness(request, heard.time) } else { 0 };
+            let rank = (rank, strange);
             if best.is_none_or(|(least, _)| rank < least) {
                 best = Some((rank, at));
             }
@@ -434,6 +450,7 @@ impl Pairing {
             let took = request.told.latency().unwrap_or(0);
             self.slowest = self.slowest.max(took);
             self.fastest = Some(self.fastest.map_or(took, |fastest| fastest.min(took)));
+            self.lately = Some(self.lately.map_or(took, |lately| lately - lately / 8 + took / 8));
         }
         request.told.outcome = match refused {
             Some(_) => Outcome::Refused,

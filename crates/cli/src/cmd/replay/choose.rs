@@ -182,8 +182,9 @@ fn unit(event: &Event<'_>) -> Unit {
     let Some(id) = event.id else { return Unit::Bytes(event.bytes.to_vec()) };
     let mut frame =
         Frame { id, extended: event.extended, remote: event.remote, ..Frame::default() };
-    frame.len = event.bytes.len().min(8) as u8;
-    frame.data[..usize::from(frame.len)].copy_from_slice(&event.bytes[..usize::from(frame.len)]);
+    let bytes = &event.bytes[..event.bytes.len().min(8)];
+    frame.len = if event.remote { event.wanted } else { bytes.len() as u8 };
+    frame.data[..bytes.len()].copy_from_slice(bytes);
     Unit::Frame(frame)
 }
 

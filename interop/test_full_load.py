@@ -1,0 +1,94 @@
+"""What is recorded at the full speed of a line and of a bus: everything, or the loss is told."""
+
+import os
+import pty
+import re
+import signal
+import socket
+import subprocess
+import time
+import tty
+
+from conftest import PATIENCE, POLEPAIR, until
+
+GROUP = "239.74.163.2"
+BAUD, SECONDS = 921_600, 3
+BIT_RATE, FRAME_BITS = 1_000_000, 130
+
+
+class Recorder:
+    """`polepair record`, until it is told to end."""
+
+    def __init__(self, url, path):
+        words = [POLEPAIR, "record", url, "-o", str(path)]
+        self.process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+        while not (line := self.process.stderr.readline()).startswith("recording to"):
+            assert line, "it ended"
+
+    def ended(self):
+        """How many it says were dropped; its exit code says the same."""
+        self.process.send_signal(signal.SIGINT)
+        said = self.process.communicate(timeout=PATIENCE)[1]
+        dropped = int(re.search(r"(\d+) dropped", said)[1])
+        assert self.process.returncode == (7 if dropped else 0), said
+        return dropped
+
+
+def words_of(path):
+    """What a log holds behind its times."""
+    return [line.split(" ", 2)[2] for line in path.read_text().splitlines()]
+
+
+def test_a_serial_line_at_its_full_speed(tmp_path):
+    ear, slave = pty.openpty()
+    tty.setraw(slave)
+    path = tmp_path / "line.log"
+    recorder = Recorder(f"tmcl+serial://{os.ttyname(slave)}:{BAUD}", path)
+    sent, began = bytearray(), time.monotonic()
+    while (now := time.monotonic() - began) < SECONDS:
+        # Ten bits a byte, as they would have come by now.
+        due = int(now * BAUD / 10) - len(sent)
+        chunk = bytes((len(sent) + n) * 31 % 251 for n in range(due))
+        os.write(ear, chunk)
+        sent += chunk
+        time.sleep(0.001)
+
+    def kept():
+        return b"".join(bytes.fromhex(words) for words in words_of(path))
+
+    assert until(lambda: len(kept()) == len(sent)), (len(kept()), len(sent))
+    assert recorder.ended() == 0
+    assert kept() == sent
+    os.close(ear)
+    os.close(slave)
+
+
+def test_a_bus_at_its_full_speed(tmp_path):
+    count = SECONDS * BIT_RATE // FRAME_BITS
+    frames = [f"{0x180 + n % 127:03X}#{n:016X}" for n in range(count)]
+    capture = tmp_path / "full.log"
+    capture.write_text("".join(
+        f"({1700000000 + n * FRAME_BITS / BIT_RATE:.6f}) can0 {frame}\n"
+        for n, frame in enumerate(frames)
+    ))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        link = f"canopen+udp://{GROUP}:{probe.getsockname()[1]}"
+    path = tmp_path / "bus.log"
+    recorder = Recorder(link, path)
+    polepair_replays(capture, link)
+
+    def kept():
+        return [words.split(" ")[0] for words in words_of(path)]
+
+    until(lambda: len(kept()) == count, seconds=2)
+    dropped, found = recorder.ended(), kept()
+    # A machine that is busy elsewhere may lose some: then it says how many.
+    assert len(found) + dropped == count
+    assert dropped or found == frames
+
+
+def polepair_replays(capture, link):
+    words = ["replay", capture, link, "--as", "canopen", "--direction", "both", "--arm", "--detach"]
+    done = subprocess.run([POLEPAIR, *words], capture_output=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, done.stderr.decode()
