@@ -17,6 +17,7 @@
 //! ```
 
 mod armed;
+mod bytes;
 mod fail;
 mod following;
 mod mounted;

@@ -242,10 +242,17 @@ impl Events {
         }
     }
 
-    /// Tells whether an event is there; else `waker` is woken when one is.
+    /// Tells whether an event is there; else `waker` is woken when one is, or when somebody
+    /// [interrupts](Self::interrupt).
     #[must_use]
     pub fn ready_or_wake(&self, waker: &task::Waker) -> bool {
         self.mailbox.ready_or_wake(waker)
+    }
+
+    /// Whether time passes only while somebody waits here: in a simulation in virtual time.
+    #[must_use]
+    pub fn in_virtual_time(&self) -> bool {
+        self.simulation.is_some()
     }
 
     /// How many events were thrown away so far because nobody took them in time.

@@ -260,3 +260,32 @@ fn every_axis_of_a_link_is_stopped() {
     link.sleep(Duration::from_secs(1));
     assert!(speeds().iter().all(|speed| speed.abs() < 0.5), "{:?}", speeds());
 }
+
+#[test]
+fn the_protocols_own_bytes_are_held_to_its_words() {
+    let link = connect("sim:tmcl?time=virtual#1").unwrap();
+    let axis = &link.axes()[0];
+    let current = axis.raw("GAP 6, 0").unwrap();
+    let bytes = [1, 6, 6, 0, 0, 0, 0, 0, 13];
+    assert_eq!(axis.raw_bytes(&bytes, None).unwrap(), current);
+    let sent = link.counters(axis).sent;
+    let foreign = axis.raw_bytes(&[2, 6, 6, 0, 0, 0, 0, 0, 14], None).unwrap_err();
+    assert_eq!((foreign.code(), foreign.executed()), ("E221", Some(false)));
+    assert!(foreign.to_string().contains("for axis 2"), "{foreign}");
+    let broken = axis.raw_bytes(&[1, 6, 6, 0, 0, 0, 0, 0, 14], None).unwrap_err();
+    assert!(broken.to_string().contains("checksum"), "{broken}");
+    // What moves the motor needs an armed axis, however it is said.
+    let turning = axis.raw_bytes(&[1, 1, 0, 0, 0, 0, 1, 0x5E, 0x61], None).unwrap_err();
+    assert_eq!(turning.code(), "E219");
+    assert_eq!(link.counters(axis).sent, sent);
+}
+
+#[test]
+fn on_can_bytes_come_with_their_identifier() {
+    let link = connect("sim:cia402:2?time=virtual").unwrap();
+    let axis = &link.axes()[0];
+    let read = [0x40, 0x41, 0x60, 0, 0, 0, 0, 0];
+    let status = axis.raw("read 0x6041:0").unwrap();
+    assert_eq!(axis.raw_bytes(&read, Some(0x602)).unwrap(), status);
+    assert_eq!(axis.raw_bytes(&read, Some(0x603)).unwrap_err().code(), "E221");
+}

@@ -7,8 +7,10 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::{self, Access, ParameterId, Persistence, Signal, Watchdog};
 use pyo3::prelude::*;
+use pyo3::pybacked::{PyBackedBytes, PyBackedStr};
 
 use crate::errors::{raised, usage};
+use crate::events::Events;
 use crate::outside::Outside;
 use crate::request::{Request, SLICE};
 
@@ -95,6 +97,24 @@ impl From<Given> for Amount {
     }
 }
 
+/// A request in a protocol's own words, or its own bytes.
+#[derive(FromPyObject, Debug)]
+pub enum Said {
+    /// `GAP 1`.
+    Text(PyBackedStr),
+    /// A whole frame.
+    Bytes(PyBackedBytes),
+}
+
+impl Said {
+    fn start(&self, axis: &Inner, id: Option<u32>) -> Result<Running, polepair::Error> {
+        match self {
+            Self::Text(text) => axis.start_raw(text),
+            Self::Bytes(bytes) => axis.start_raw_bytes(bytes, id),
+        }
+    }
+}
+
 #[pymethods]
 impl Axis {
     #[getter]
@@ -162,9 +182,10 @@ impl Axis {
         self.begun(py, |axis| axis.start_write(ParameterId(id), raw, keep))
     }
 
-    /// Begins a request in the protocol's own text.
-    fn start_raw(&self, py: Python<'_>, text: &str) -> PyResult<Request> {
-        self.begun(py, |axis| axis.start_raw(text))
+    /// Begins a request in the protocol's own text or bytes, on CAN with their identifier.
+    #[pyo3(signature = (said, id=None))]
+    fn start_raw(&self, py: Python<'_>, said: Said, id: Option<u32>) -> PyResult<Request> {
+        self.begun(py, |axis| said.start(axis, id))
     }
 
     /// Reads a parameter by name, raw.
@@ -177,9 +198,10 @@ impl Axis {
         self.ended(py, |axis| axis.start_write(axis.find(name)?, raw, false)).map(drop)
     }
 
-    /// Sends a request in the protocol's own text, and waits for the answer.
-    fn raw(&self, py: Python<'_>, text: &str) -> PyResult<i64> {
-        self.ended(py, |axis| axis.start_raw(text))
+    /// Sends a request in the protocol's own text or bytes, and waits for the answer.
+    #[pyo3(signature = (said, id=None))]
+    fn raw(&self, py: Python<'_>, said: Said, id: Option<u32>) -> PyResult<i64> {
+        self.ended(py, |axis| said.start(axis, id))
     }
 
     /// The raw value of an amount; may read what its scale depends on.
@@ -240,6 +262,17 @@ impl Axis {
     #[getter]
     fn is_armed(&self, py: Python<'_>) -> PyResult<bool> {
         self.done(py, |axis| Ok(axis.state().armed))
+    }
+
+    /// Listens to what happens to this axis and its link from now on.
+    fn events(&self, py: Python<'_>) -> PyResult<Events> {
+        let events = self.done(py, Inner::events)?;
+        Ok(Events::new(events, vec![self.0.ours(py)?.clone()]))
+    }
+
+    /// Reads how what the drive sends by itself is laid out, as far as it is not known.
+    fn learn(&self, py: Python<'_>) -> PyResult<()> {
+        self.done(py, Inner::learn)
     }
 
     /// Verbs that this drive has a plan for.

@@ -16,6 +16,7 @@ mod capture;
 mod codec;
 mod columns;
 mod errors;
+mod events;
 mod explain;
 mod given;
 mod layout;
@@ -35,6 +36,7 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<axis::Axis>()?;
     module.add_class::<axis::Parameter>()?;
     module.add_class::<request::Request>()?;
+    module.add_class::<events::Events>()?;
     module.add_class::<bus::CanWire>()?;
     module.add_class::<simulation::Simulation>()?;
     module.add_class::<simulation::Truth>()?;

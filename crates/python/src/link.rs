@@ -11,6 +11,7 @@ use pyo3::prelude::*;
 
 use crate::axis::Axis;
 use crate::errors::raised;
+use crate::events::Events;
 use crate::given;
 use crate::outside::Outside;
 use crate::simulation::Simulation;
@@ -154,6 +155,13 @@ impl Link {
     fn stop_all(&self, py: Python<'_>) -> PyResult<()> {
         let link = self.inner.ours(py)?;
         py.detach(|| link.stop_all()).map_err(|error| raised(py, &error))
+    }
+
+    /// Listens to what happens on every wire and axis from now on.
+    fn events(&self, py: Python<'_>) -> PyResult<Events> {
+        let link = self.inner.ours(py)?;
+        let events = py.detach(|| link.events()).map_err(|error| raised(py, &error))?;
+        Ok(Events::new(events, link.axes().to_vec()))
     }
 
     /// The simulation behind it, if it is one.

@@ -57,8 +57,8 @@ impl Request {
     }
 }
 
-/// A Python function that is called when a request has ended.
-struct Call(Py<PyAny>);
+/// A Python function that is called when a request has ended, or something happened.
+pub struct Call(pub Py<PyAny>);
 
 impl Wake for Call {
     fn wake(self: Arc<Self>) {

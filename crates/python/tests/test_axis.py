@@ -159,3 +159,10 @@ def test_a_scan_finds_drives() -> None:
     found = polepair.scan("sim:tmcl:3,7?time=virtual", 1, 10, progress=progress)
     assert [(drive.number, drive.product) for drive in found] == [(3, "tmcm-171"), (7, "tmcm-171")]
     assert asked == list(range(1, 11))
+
+
+def test_bytes_are_sent_as_they_are(axis: polepair.Axis) -> None:
+    said = polepair.encode("tmcl", "GAP 6, 0", axis=1)
+    assert axis.raw(said) == axis.raw("GAP 6, 0")
+    with pytest.raises(polepair.Unsupported, match="for axis 2"):
+        axis.raw(polepair.encode("tmcl", "GAP 6, 0", axis=2))

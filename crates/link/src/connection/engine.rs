@@ -101,9 +101,13 @@ impl<M: Medium> Engine for Shared<M> {
     fn interrupt(&self) {
         let mut state = self.lock();
         state.interrupts += 1;
-        state.listeners.iter().for_each(|listener| listener.mailbox.interrupt());
+        for n in 0..state.listeners.len() {
+            let waker = state.listeners[n].mailbox.interrupted_by_connection();
+            state.to_wake.extend(waker);
+        }
         state.slots.unpark_all();
         state.link.waker().wake();
+        lead::release(self, state);
     }
 
     fn dismiss(&self) {

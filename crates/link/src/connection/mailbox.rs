@@ -87,7 +87,7 @@ impl Mailbox {
         }
     }
 
-    /// Tells whether there is a notice; else `waker` is woken when there is.
+    /// Tells whether there is a notice; else `waker` is woken when there is, or upon an interrupt.
     #[must_use]
     pub fn ready_or_wake(&self, waker: &task::Waker) -> bool {
         let mut queue = self.lock();
@@ -110,8 +110,17 @@ impl Mailbox {
 
     /// Ends the wait under way, or the next.
     pub fn interrupt(&self) {
-        self.lock().interrupted = true;
+        if let Some(waker) = self.interrupted_by_connection() {
+            waker.wake();
+        }
+    }
+
+    /// The same. Gives the waker to be woken once the connection's lock is released.
+    pub(super) fn interrupted_by_connection(&self) -> Option<task::Waker> {
+        let mut queue = self.lock();
+        queue.interrupted = true;
         self.0.came.notify_all();
+        queue.waker.take()
     }
 
     /// Puts a notice in. Gives the waker to be woken once the connection's lock is released.

@@ -32,14 +32,16 @@ from ._sync import (
 from .captures import Capture, decode
 from .columns import Arrays, Table, Tables
 from .errors import DriveFault, NoReply, PolepairError, ProtocolError, Refused, Unsupported
-from .explained import Explained, Meaning, Part, explain
 from .quantity import Amount, Quantity
-from .trace import StepResponse, Trace
 
 if TYPE_CHECKING:
     import can
 
     from . import aio as aio
+    from . import events as events
+    from .events import Events, Happening, Subscription
+    from .explained import Explained, Meaning, Part, explain
+    from .trace import StepResponse, Trace
 
 __all__ = [
     "Amount",
@@ -50,11 +52,13 @@ __all__ = [
     "Codec",
     "DriveFault",
     "Event",
+    "Events",
     "Explained",
     "Fault",
     "Found",
     "Group",
     "GroupMotion",
+    "Happening",
     "Layout",
     "Link",
     "Losses",
@@ -71,6 +75,7 @@ __all__ = [
     "Refused",
     "Simulation",
     "StepResponse",
+    "Subscription",
     "Table",
     "Tables",
     "Trace",
@@ -81,6 +86,7 @@ __all__ = [
     "connect",
     "decode",
     "encode",
+    "events",
     "explain",
     "profiles",
     "scan",
@@ -176,10 +182,33 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_native.forked)
 
 
-def __getattr__(name: str) -> object:
-    # asyncio takes longer to import than all of this; who does not use it does not wait for it.
-    if name == "aio":
-        import importlib
+# What takes long to import, and not every program uses.
+_LATER = {
+    "Events": "events",
+    "Explained": "explained",
+    "Happening": "events",
+    "Meaning": "explained",
+    "Part": "explained",
+    "StepResponse": "trace",
+    "Subscription": "events",
+    "Trace": "trace",
+    "aio": "aio",
+    "events": "events",
+    "explain": "explained",
+}
 
-        return importlib.import_module(".aio", __name__)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+def __getattr__(name: str) -> object:
+    module = _LATER.get(name)
+    if module is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
+    found = importlib.import_module(f".{module}", __name__)
+    value: object = found if name == module else getattr(found, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import _polepair as native
 from ._steps import Call, Steps, Wait
 from .errors import NoReply, PolepairError, Unsupported
 from .quantity import Amount, Quantity, given
-from .trace import StepResponse, Trace
+
+if TYPE_CHECKING:
+    from .trace import StepResponse, Trace
 
 TIMEOUT = 60.0
 """Seconds that a move or a homing may take where the caller does not say."""
@@ -27,8 +28,7 @@ STEPS = {
 """What a step can be of: the verb that tells it, and which of its arguments."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
+class Fault(NamedTuple):
     """A fault or a warning that a drive reports, in the words of its profile."""
 
     code: int
@@ -226,6 +226,8 @@ class AxisSteps:
             for signal, value in row.items():
                 columns[signal].append(value)
             yield Call(self._native.sleep, max(0.0, 1.0 / rate - (answered - asked)))
+        from .trace import Trace
+
         return Trace(self.label, times, columns)
 
     def _step(
@@ -255,6 +257,8 @@ class AxisSteps:
         began = self._native.now
         trace = yield from self._sampled([signal], rate, began, seconds)
         times, values = [0.0, *trace.times], [before[signal], *trace[signal]]
+        from .trace import Trace
+
         return Trace(trace.axis, times, {signal: values}).step(signal, goal, band=band)
 
     def _faults(self) -> Steps[list[Fault]]:
@@ -262,9 +266,9 @@ class AxisSteps:
         rows = yield Call(self._native.faults)
         return [Fault(*row) for row in rows]
 
-    def _raw(self, text: str) -> Steps[int]:
-        """Sends a request in the protocol's own text, `GAP 1`, and gives the value answered."""
-        return (yield Wait(self._native.start_raw(text)))  # type: ignore[no-any-return]
+    def _raw(self, said: str | bytes, id: int | None = None) -> Steps[int]:
+        """Sends a request in the protocol's own text or bytes, and gives the value answered."""
+        return (yield Wait(self._native.start_raw(said, id)))  # type: ignore[no-any-return]
 
     def _get(self, name: str) -> Steps[Quantity]:
         """Reads a parameter by name, in its unit."""

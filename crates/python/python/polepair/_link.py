@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, Generic, NamedTuple, TypeVar
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from . import _polepair as native
 from ._axis import ELSEWHERE, AxisSteps
 from .errors import PolepairError
 
+if TYPE_CHECKING:
+    from .events import AsyncEvents, Events, Happening, Subscription
+
+E = TypeVar("E", bound="Events | AsyncEvents")
 A = TypeVar("A", bound=AxisSteps)
 
 
@@ -30,9 +34,10 @@ class Losses(NamedTuple):
 class LinkOf(Generic[A]):
     """An open link and its axes."""
 
-    __slots__ = ("_axes", "_native")
+    __slots__ = ("_axes", "_listening", "_native")
 
     def __init__(self, link: native.Link) -> None:
+        self._listening: list[Callable[[], Events | AsyncEvents | None]] = []
         self._native: native.Link | None = link
         self._axes = [self._axis(axis) for axis in link.axes()]
 
@@ -79,8 +84,23 @@ class LinkOf(Generic[A]):
     def _chosen(self, which: tuple[int | str, ...]) -> list[A]:
         return [self.axis(one) for one in which] if which else self.axes
 
+    def _heard(self, events: E) -> E:
+        from weakref import ref
+
+        self._listening = [one for one in self._listening if one() is not None]
+        self._listening.append(ref(events))
+        return events
+
+    def _subscribed(self, function: Callable[[Happening], object]) -> Subscription:
+        from .events import Events, Subscription
+
+        return Subscription(self._heard(Events(self._open().events())), function)
+
     def close(self) -> None:
-        """Closes it. Axes that are still held keep it open."""
+        """Closes it, and ends its events. Axes that are still held keep it open."""
+        for one in self._listening:
+            if (events := one()) is not None:
+                events.close()
         self._native = None
         self._axes = []
 

@@ -11,7 +11,7 @@ import functools
 from collections.abc import Callable, Generator
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from ._polepair import Request
+from ._polepair import Events, Request
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -31,11 +31,11 @@ class Call:
 
 
 class Wait:
-    """The end of a request, or None when it goes on after `timeout` seconds."""
+    """The end of a request, or the next event; None when it did not come within `timeout` seconds."""
 
     __slots__ = ("request", "timeout")
 
-    def __init__(self, request: Request, timeout: float | None = None) -> None:
+    def __init__(self, request: Request | Events, timeout: float | None = None) -> None:
         self.request = request
         self.timeout = timeout
 

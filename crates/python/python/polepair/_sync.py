@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from . import _polepair as native
 from ._axis import TIMEOUT, AxisSteps, Fault
@@ -12,6 +13,9 @@ from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
 from ._steps import Steps, blocking, run
 from .errors import PolepairError
 from .quantity import Amount, Quantity
+
+if TYPE_CHECKING:
+    from .events import Events, Happening, Subscription
 
 __all__ = [
     "Armed",
@@ -57,9 +61,19 @@ class Axis(AxisSteps):
     capture = blocking(AxisSteps._capture)
     step = blocking(AxisSteps._step)
 
-    def raw(self, text: str) -> int:
-        """Sends a request in the protocol's own text, `GAP 1`, and gives the value answered."""
-        return self._native.raw(text)
+    def raw(self, said: str | bytes, *, id: int | None = None) -> int:
+        """Sends a request in the protocol's own text, `GAP 1`, and gives the value answered.
+
+        Or in its own bytes: a whole frame to this axis, on CAN with its identifier. `Unsupported`
+        E221 for what is no request to it: nothing was sent.
+        """
+        return self._native.raw(said, id)
+
+    def events(self) -> Events:
+        """Listens to what happens to this axis and its link: `for event in axis.events()`."""
+        from .events import Events
+
+        return Events(self._native.events())
 
     def faults(self) -> list[Fault]:
         """The faults and warnings that are there now, in words, with cause and remedy."""
@@ -309,6 +323,18 @@ class Link(LinkOf[Axis]):
     def group(self, *which: int | str) -> Group:
         """Axes that move together, by number or name; all of them if none is named."""
         return Group(self._chosen(which))
+
+    def events(self) -> Events:
+        """Listens to what happens on every wire and axis: `for event in link.events()`."""
+        from .events import Events
+
+        return self._heard(Events(self._open().events()))
+
+    def on_event(self, function: Callable[[Happening], object]) -> Subscription:
+        """Has a function called with each event, in a thread of its own, until `end` of what it
+        returns, or until the link is closed. What it raises is reported and ends nothing.
+        """
+        return self._subscribed(function)
 
     def stop(self) -> None:
         """Stops every axis: all stops are sent before the first is waited for."""

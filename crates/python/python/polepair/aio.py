@@ -19,7 +19,7 @@ import functools
 from collections.abc import AsyncIterator, Awaitable, Callable, Generator
 from os import PathLike
 from types import TracebackType
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from . import _polepair as native
 from ._axis import TIMEOUT, AxisSteps, Fault
@@ -28,6 +28,9 @@ from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
 from ._steps import Steps, Wait
 from .errors import PolepairError
 from .quantity import Amount, Quantity
+
+if TYPE_CHECKING:
+    from .events import AsyncEvents, Happening, Subscription
 
 __all__ = [
     "Armed",
@@ -65,7 +68,7 @@ async def arun(steps: Steps[R]) -> R:
         return end.value  # type: ignore[no-any-return]
 
 
-async def _ended(step: Wait) -> int | None:
+async def _ended(step: Wait) -> Any:
     loop = asyncio.get_running_loop()
     ended = loop.create_future()
 
@@ -135,9 +138,16 @@ class Axis(AxisSteps):
         """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC."""
         return await self._in_turn(self._read(*signals))
 
-    async def raw(self, text: str) -> int:
-        """Sends a request in the protocol's own text, `GAP 1`, and gives the value answered."""
-        return await self._in_turn(self._raw(text))
+    async def raw(self, said: str | bytes, *, id: int | None = None) -> int:
+        """Sends a request in the protocol's own text or bytes, and gives the value answered."""
+        return await self._in_turn(self._raw(said, id))
+
+    async def events(self) -> AsyncEvents:
+        """Listens to what happens to this axis and its link: `async for event in await …`."""
+        from .events import AsyncEvents
+
+        loop = asyncio.get_running_loop()
+        return AsyncEvents(await loop.run_in_executor(None, self._native.events))
 
     async def faults(self) -> list[Fault]:
         """The faults and warnings that are there now, in words, with cause and remedy."""
@@ -355,6 +365,27 @@ class Link(LinkOf[Axis]):
     def group(self, *which: int | str) -> Group:
         """Axes that move together, by number or name; all of them if none is named."""
         return Group(self._chosen(which))
+
+    async def events(self) -> AsyncEvents:
+        """Listens to what happens on every wire and axis: `async for event in await …`."""
+        from .events import AsyncEvents
+
+        loop = asyncio.get_running_loop()
+        return self._heard(
+            AsyncEvents(await loop.run_in_executor(None, self._open().events))
+        )
+
+    def on_event(self, function: Callable[[Happening], object]) -> Subscription:
+        """Has a function called in this event loop with each event, until `end` of what it returns.
+
+        What it raises goes to the loop's exception handler.
+        """
+        loop = asyncio.get_running_loop()
+
+        def tell(event: Happening) -> None:
+            loop.call_soon_threadsafe(function, event)
+
+        return self._subscribed(tell)
 
     async def stop(self) -> None:
         """Stops every axis: all stops are sent before the first is waited for."""
