@@ -308,6 +308,7 @@ export class Bench {
   private refused(message: ServerMessage & { type: "error" }): void {
     if (message.about === "frames" && this.unlistened) this.unlistened(message.error);
     else if (message.about === "explain") this.explanations.forEach((settle) => settle([]));
+    else if (message.about === "unsubscribe") return;
     else this.note(message.subject, message.about ?? "", "not_done", message.error);
     if (message.about === "lease" && message.subject !== null) this.forget(message.subject);
   }

@@ -49,6 +49,23 @@ describe("channels", () => {
     expect(one.refused).toBe("no such signal");
   });
 
+  it("takes a refusal that names no channel for all that were not confirmed", () => {
+    const channels = new Channels(() => true);
+    const [one, two] = ["position", "velocity"].map((signal) =>
+      channels.open({ axis: 0, signal }, 10, 64),
+    );
+    channels.told({
+      type: "subscribed",
+      channel: one?.number ?? 0,
+      hz: 10,
+      source: "polled",
+      unit: "rad",
+    });
+    const error = { code: "gateway.request", message: "not shown", hint: "", executed: false };
+    channels.told({ type: "error", about: "subscribe", subject: null, error });
+    expect([one?.refused, two?.refused]).toEqual(["", "not shown"]);
+  });
+
   it("measures the rate at which samples really come", () => {
     const channels = new Channels(() => true);
     const one = channels.open({ axis: 0, signal: "velocity" }, 1000, 64);

@@ -114,10 +114,13 @@ export class Channels {
       this.all.get(message.channel)?.trace.gap({ from: from_us / 1e6, to: to_us / 1e6, lost });
       return true;
     }
-    if (message.type === "error" && message.about === "subscribe" && message.subject !== null) {
-      const channel = this.all.get(message.subject);
-      if (channel) channel.refused = message.error.message;
-      return channel !== undefined;
+    if (message.type === "error" && message.about === "subscribe") {
+      for (const channel of this.all.values()) {
+        // A server that does not say which channel means each that it has not confirmed.
+        const meant = message.subject === null ? !channel.hz : message.subject === channel.number;
+        if (meant) channel.refused = message.error.message;
+      }
+      return true;
     }
     return false;
   }
