@@ -19,10 +19,14 @@
 //! # Ok::<(), polepair_serve::message::Refused>(())
 //! ```
 
+mod captures;
 mod clock;
 mod describe;
 mod desk;
+mod ears;
+mod explained;
 mod eyes;
+mod frames;
 mod halt;
 mod hand;
 mod lease;
@@ -33,6 +37,7 @@ mod reply;
 mod shared;
 mod simulated;
 mod state;
+mod telemetry;
 mod wire;
 
 use std::sync::{Arc, Mutex};
@@ -40,27 +45,36 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use polepair::Connector;
+use polepair::events::Events;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::drives::bench::Truth;
+use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use serde_json::json;
 use tokio::sync::{broadcast, oneshot};
 
 use crate::message::{
-    Act, AxisState, BenchView, CommandOrder, Deed, LeaseAct, LeaseGranted, LinkState, LockTold,
-    Outcome, Pace, Refused, StopOrder, Stopped,
+    Act, AxisInfo, AxisState, BenchView, CommandOrder, Deed, LeaseAct, LeaseGranted, LinkState,
+    LockTold, Outcome, Pace, Refused, StopOrder, Stopped,
 };
+use captures::Captures;
 use clock::{Clock, STEP};
+use ears::Ears;
+use eyes::Eyes;
+use frames::{Reader, Traffic};
 use halt::Report;
 use hand::{Hand, outcome};
 use once::First;
 use open::{Link, Opened};
 use shared::{Shared, held};
+use telemetry::Telemetry;
 use wire::{AskLease, Commanded, Do, Order, StopThese};
 
+pub use frames::Frames;
 pub use lease::Session;
 pub use reply::Reply;
 pub use shared::{Event, Journal, NoJournal, Note};
+pub use telemetry::{Channel, Gap};
 
 /// How long a lease lasts that is not renewed.
 pub const LEASE: Duration = Duration::from_millis(1500);
@@ -102,16 +116,28 @@ struct Inner {
     links: Vec<Link>,
     axes: Vec<Seat>,
     opened: Instant,
+    telemetry: Arc<Telemetry>,
+    traffic: Arc<Traffic>,
+    captures: Captures,
     /// In virtual time, what threads do otherwise.
-    hands: Mutex<Vec<Hand>>,
+    by_hand: Mutex<ByHand>,
     threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+/// What looks after a bench in virtual time.
+#[derive(Default)]
+struct ByHand {
+    hands: Vec<Hand>,
+    eyes: Vec<Eyes>,
+    ears: Vec<Ears>,
+    reader: Option<Reader>,
 }
 
 /// Where an axis is found.
 struct Seat {
     link: usize,
     place: usize,
-    info: crate::message::AxisInfo,
+    info: AxisInfo,
     drive: Option<simulated::Drive>,
 }
 
@@ -131,41 +157,100 @@ impl Bench {
     /// # Errors
     /// As [`polepair::connect`]; `gateway.request` when only some links are in virtual time.
     pub fn open(urls: &[String], options: Options) -> Result<Self, Refused> {
-        let Opened { links, axes, clock } = open::open(urls, &options.connector)?;
+        let traffic = Arc::new(Traffic::default());
+        let Opened { links, roots, axes, clock } = open::open(urls, &options.connector, &traffic)?;
         let shared = Arc::new(Shared::new(clock, options.lease, options.journal));
-        let hand = |link: &Link| {
-            Hand::new(Arc::clone(&link.wire), Arc::clone(&link.desk), Arc::clone(&shared))
-        };
-        let hands: Vec<Hand> = links.iter().map(hand).collect();
+        let telemetry = Arc::new(Telemetry::new(axes.len()));
+        let opened = shared.now();
+        for link in &links {
+            link.wire.time();
+        }
         let bench = Self(Arc::new(Inner {
-            opened: shared.now(),
             shared,
             links,
             axes,
-            hands: Mutex::default(),
+            opened,
+            telemetry,
+            traffic,
+            captures: Captures::default(),
+            by_hand: Mutex::default(),
             threads: Mutex::default(),
         }));
-        if bench.0.shared.clock.is_real() {
-            bench.start(hands)?;
-        } else {
-            *held(&bench.0.hands) = hands;
+        match bench.0.shared.clock.is_real() {
+            true => bench.start(roots)?,
+            false => bench.look_after(&roots)?,
         }
         Ok(bench)
     }
 
-    /// Gives each hand and each desk a thread.
-    fn start(&self, hands: Vec<Hand>) -> Result<(), Refused> {
-        for (link, hand) in self.0.links.iter().zip(hands) {
-            let named = |what: &str| std::thread::Builder::new().name(format!("bench-{what}"));
+    /// Gives everything that looks after a link a thread.
+    fn start(&self, roots: Vec<(u16, polepair::Link)>) -> Result<(), Refused> {
+        let named = |what: &str| std::thread::Builder::new().name(format!("bench-{what}"));
+        let mut threads = held(&self.0.threads);
+        for link in &self.0.links {
+            let (hand, eyes) = (self.hand(link), self.eyes(link));
             let started = named("hand").spawn(move || hand.run());
             let started = started.map_err(|error| no_thread(&error))?;
             link.wire.looked_after_by(started.thread().clone());
-            let eyes = eyes::Eyes::new(link, &self.0.shared);
+            threads.push(started);
             let watches = named("eyes").spawn(move || eyes.run());
-            let watches = watches.map_err(|error| no_thread(&error))?;
-            held(&self.0.threads).extend([started, watches]);
+            threads.push(watches.map_err(|error| no_thread(&error))?);
+        }
+        let reader = self.reader();
+        let reads = named("frames").spawn(move || reader.run());
+        threads.push(reads.map_err(|error| no_thread(&error))?);
+        for (base, link) in roots {
+            let hears = self.listener(base, &link);
+            // To listen, drives are asked first what they send; nobody waits for that.
+            let listens = named("ears").spawn(move || match link.events() {
+                Ok(events) => hears(events).run(),
+                Err(error) => tracing::warn!(%error, "what drives send unasked is not heard"),
+            });
+            threads.push(listens.map_err(|error| no_thread(&error))?);
         }
         Ok(())
+    }
+
+    /// Keeps what looks after the links, for [`pass`](Self::pass).
+    fn look_after(&self, roots: &[(u16, polepair::Link)]) -> Result<(), Refused> {
+        let mut by_hand = held(&self.0.by_hand);
+        by_hand.hands.extend(self.0.links.iter().map(|link| self.hand(link)));
+        by_hand.eyes.extend(self.0.links.iter().map(|link| self.eyes(link)));
+        by_hand.reader = Some(self.reader());
+        for (base, link) in roots {
+            by_hand.ears.push(self.listener(*base, link)(link.events()?));
+        }
+        Ok(())
+    }
+
+    fn hand(&self, link: &Link) -> Hand {
+        Hand::new(Arc::clone(&link.wire), Arc::clone(&link.desk), Arc::clone(&self.0.shared))
+    }
+
+    fn eyes(&self, link: &Link) -> Eyes {
+        Eyes::new(link, &self.0.shared, &self.0.telemetry)
+    }
+
+    /// What explains frames.
+    fn reader(&self) -> Reader {
+        let Inner { links, traffic, shared, .. } = &*self.0;
+        let decoders = links.iter().map(Link::decoder).collect();
+        let zeros = links.iter().map(|link| link.wire.time().1).collect();
+        let (traffic, shared) = (Arc::clone(traffic), Arc::clone(shared));
+        Reader { traffic, shared, decoders, zeros, count: 0 }
+    }
+
+    /// What hears an opened connection string, once it has its events.
+    fn listener(
+        &self,
+        base: u16,
+        link: &polepair::Link,
+    ) -> impl FnOnce(Events) -> Ears + Send + 'static {
+        let seats = &self.0.axes[usize::from(base)..][..link.axes().len()];
+        let wires: Vec<_> = seats.iter().map(|seat| self.0.links[seat.link].wire.clone()).collect();
+        let zeros = wires.iter().map(|wire| wire.time().1).collect();
+        let (telemetry, shared) = (self.0.telemetry.clone(), self.0.shared.clone());
+        move |events| Ears { events, base, zeros, wires, telemetry, shared, lost: 0 }
     }
 
     /// When `…_us` began, in milliseconds since 1970.
@@ -200,11 +285,21 @@ impl Bench {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             scopes: Vec::new(),
             links: links.iter().map(Link::view).collect(),
-            axes: axes.iter().map(|seat| seat.info.clone()).collect(),
+            axes: axes.iter().map(|seat| self.seen(&seat.info)).collect(),
             clashes: Vec::new(),
             lock: shared.lock().clone(),
             time_scale: open::time_scale(links),
         }
+    }
+
+    /// What is told of an axis, with what its drive was seen to send.
+    fn seen(&self, info: &AxisInfo) -> AxisInfo {
+        let mut info = info.clone();
+        for told in &mut info.signals {
+            let signal = Signal::ALL.into_iter().find(|signal| signal.name() == told.signal);
+            told.pushed = signal.is_some_and(|signal| self.0.telemetry.sends(info.id, signal));
+        }
+        info
     }
 
     /// What is known of an axis; nothing is asked.
@@ -395,9 +490,7 @@ impl Bench {
         let end = self.0.shared.now() + span;
         loop {
             self.0.links.iter().for_each(|link| while link.desk.work() {});
-            for hand in held(&self.0.hands).iter_mut() {
-                hand.turn();
-            }
+            held(&self.0.by_hand).turn();
             let left = end.since(self.0.shared.now()).min(STEP);
             if left.is_zero() {
                 return;
@@ -412,7 +505,9 @@ impl Bench {
         self.0.links.iter().for_each(|link| link.wire.call());
         if !self.0.shared.clock.is_real() {
             let end = self.0.shared.now() + CLOSE_MAX;
-            while self.0.shared.now() < end && !held(&self.0.hands).iter().all(Hand::is_over) {
+            while self.0.shared.now() < end
+                && !held(&self.0.by_hand).hands.iter().all(Hand::is_over)
+            {
                 self.pass(STEP);
             }
         }
@@ -430,6 +525,20 @@ impl Bench {
                 .hint("axes count from 0, in the order of the bench's list")
         })?;
         Ok((&self.0.links[seat.link], seat.place))
+    }
+}
+
+impl ByHand {
+    /// Does what is due.
+    fn turn(&mut self) {
+        for hand in &mut self.hands {
+            hand.turn();
+        }
+        for eyes in &mut self.eyes {
+            eyes.sample();
+        }
+        self.ears.iter_mut().for_each(Ears::turn);
+        self.reader.iter_mut().for_each(|reader| reader.turn(Duration::ZERO));
     }
 }
 

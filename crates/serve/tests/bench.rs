@@ -252,3 +252,206 @@ fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
     assert_eq!(deeds[..2], [Deed::Lease, Deed::Command]);
     assert!(deeds.contains(&Deed::Stop) && deeds.contains(&Deed::Outcome));
 }
+
+/// Clients that hold leases, lose touch, forget to renew, take over, stop and release, by seed.
+struct Crowd {
+    desk: Desk,
+    random: u64,
+    clients: Vec<Client>,
+    /// Commands under way: who, under which epoch, when it was too old.
+    replies: Vec<Reply<Outcome>>,
+    locked: bool,
+}
+
+struct Client {
+    name: Session,
+    epoch: u64,
+    /// It hears nothing and says nothing until then, ms.
+    away_until: f64,
+    last: Option<CommandOrder>,
+}
+
+impl Crowd {
+    fn new(seed: u64) -> Self {
+        let desk = Desk::new(&format!("sim:tmcl?time=virtual&baud=0&seed={}", seed + 1));
+        let count = 2 + seed % 7;
+        let client = |n| Client {
+            name: format!("client-{n}").into(),
+            epoch: 0,
+            away_until: 0.0,
+            last: None,
+        };
+        let clients = (0..count).map(client).collect();
+        let random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+        Self { desk, random, clients, replies: Vec::new(), locked: false }
+    }
+
+    fn below(&mut self, most: u64) -> u64 {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        self.random % most
+    }
+
+    /// One client does something.
+    fn step(&mut self) {
+        let (n, what) = (self.below(self.clients.len() as u64) as usize, self.below(100));
+        let now = self.desk.bench.now_ms();
+        if self.clients[n].away_until > now {
+            return;
+        }
+        let (who, epoch) = (self.clients[n].name.clone(), self.clients[n].epoch);
+        match what {
+            0..20 => self.lease(n, LeaseAct::Take),
+            20..24 => self.lease(n, LeaseAct::TakeOver),
+            24..50 => self.lease(n, LeaseAct::Renew),
+            50..53 => self.lease(n, LeaseAct::Drop),
+            53..63 => self.say(n, "arm", None, 0.0),
+            63..84 => {
+                let (speed, late) = (self.below(20) as f64, self.below(2000) as f64);
+                self.say(n, "velocity", Some(speed), if late < 1400.0 { 0.0 } else { late });
+            }
+            84..89 => self.again(n),
+            89..93 => self.clients[n].away_until = now + self.below(4000) as f64,
+            93..95 => self.stop_all(&who),
+            95..99 if self.locked => {
+                self.desk.bench.release(&who).unwrap();
+                self.locked = false;
+            }
+            _ => drop(self.desk.bench.lease(0, &who, LeaseAct::Renew, epoch.wrapping_sub(1))),
+        }
+    }
+
+    fn lease(&mut self, n: usize, act: LeaseAct) {
+        let Client { name, epoch, .. } = &self.clients[n];
+        let reply = self.desk.bench.lease(0, name, act, *epoch);
+        if let Ok(Some(lease)) = self.desk.hear(reply) {
+            self.clients[n].epoch = lease.epoch;
+        }
+    }
+
+    /// Says a command, perhaps one that was long on its way.
+    fn say(&mut self, n: usize, verb: &str, velocity: Option<f64>, late_ms: f64) {
+        let (who, epoch) = (self.clients[n].name.clone(), self.clients[n].epoch);
+        let mut order = self.desk.order(epoch, verb, velocity);
+        order.issued_ms -= late_ms;
+        self.clients[n].last = Some(order.clone());
+        self.send(&who, order);
+    }
+
+    /// Says the last command once more.
+    fn again(&mut self, n: usize) {
+        let Some(order) = self.clients[n].last.clone() else { return };
+        let who = self.clients[n].name.clone();
+        let starts = self.starts();
+        let mut reply = self.desk.bench.command(0, &who, order);
+        if let Some(Ok(outcome)) = reply.take() {
+            assert!(outcome.replayed);
+            assert_eq!(self.starts(), starts, "a command was carried out twice");
+        }
+    }
+
+    fn send(&mut self, who: &Session, order: CommandOrder) {
+        let now = self.desk.bench.now_ms();
+        let held = self.desk.bench.axis(0).unwrap().lease;
+        let its = held.is_some_and(|l| l.owner == **who && l.epoch == order.epoch);
+        let fresh = now - order.issued_ms <= order.ttl_ms;
+        let moves = order.verb == "velocity";
+        let starts = self.starts();
+        let reply = self.desk.bench.command(0, who, order);
+        if its && fresh && !self.locked {
+            self.replies.push(reply);
+            return;
+        }
+        let outcome = self.desk.hear(reply).unwrap();
+        assert_eq!(outcome.outcome, Ended::NotDone, "{outcome:?}");
+        // Others' commands may be under way; without them nothing is sent.
+        if moves && self.replies.is_empty() {
+            assert_eq!(self.starts(), starts, "what was refused was sent");
+        }
+    }
+
+    fn stop_all(&mut self, who: &Session) {
+        let stopped = self.desk.hear(self.desk.bench.stop(who, &StopOrder::default())).unwrap();
+        assert_eq!(stopped.axes[0].class, StopClass::Standing, "a stop lands: {stopped:?}");
+        self.locked = true;
+    }
+
+    fn starts(&self) -> u64 {
+        self.desk.bench.truth(0).unwrap().starts
+    }
+
+    /// What holds at any time.
+    fn check(&mut self) {
+        self.replies.retain_mut(|reply| reply.take().is_none());
+        if self.locked {
+            assert!(self.desk.speed() < 0.1, "it moves though everything was stopped");
+        }
+        let idle = self.clients.iter().all(|c| c.away_until > self.desk.bench.now_ms() + 3500.0);
+        if idle || self.desk.bench.axis(0).unwrap().lease.is_none() {
+            assert!(!self.desk.bench.axis(0).unwrap().armed, "armed by nobody");
+        }
+    }
+}
+
+#[test]
+fn whoever_loses_touch_nothing_moves_but_under_its_lease() {
+    let seeds = std::env::var("POLEPAIR_SEEDS").ok().and_then(|n| n.parse().ok()).unwrap_or(300);
+    for seed in 0..seeds {
+        let mut crowd = Crowd::new(seed);
+        for _ in 0..150 {
+            crowd.step();
+            let span = crowd.below(40) as u32;
+            crowd.desk.bench.pass(span * MS);
+            crowd.check();
+        }
+        // All of them lose touch: a lease later, and a ramp, it stands.
+        crowd.desk.bench.pass(5000 * MS);
+        assert!(crowd.desk.speed() < 0.1, "seed {seed}: {}", crowd.desk.speed());
+        assert!(!crowd.desk.bench.axis(0).unwrap().armed, "seed {seed}");
+    }
+}
+
+#[test]
+fn frames_are_filtered_explained_and_counted_from_when_somebody_watches() {
+    let desk = Desk::new("sim:tmcl?time=virtual");
+    desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
+    let mut all = desk.bench.frames(None).unwrap();
+    let mut none = desk.bench.frames(Some("not ok")).unwrap();
+    assert_eq!(desk.bench.frames(Some("axis =")).unwrap_err().code, "gateway.request");
+    desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
+    desk.bench.pass(MS);
+    let (items, lost) = all.take(100);
+    assert!(items.len() == 2 && lost == 0, "a question and its answer: {items:?}");
+    assert!(items.iter().all(|item| item.ok && !item.text.is_empty() && item.axis == Some(1)));
+    assert!(items[0].t_us <= items[1].t_us && items[0].n + 1 == items[1].n);
+    let fields = desk.bench.explain(items[0].n).unwrap();
+    assert!(fields.iter().any(|field| field.to > field.from && !field.name.is_empty()));
+    assert_eq!(desk.bench.explain(99).unwrap_err().code, "gateway.missing");
+    assert_eq!(none.take(100), (vec![], 0));
+}
+
+#[test]
+fn a_capture_is_summed_up_and_shown_page_by_page() {
+    let desk = Desk::new("sim:tmcl?time=virtual");
+    let mut log = String::new();
+    for n in 0..3000 {
+        log.push_str(&format!("(17000000{:02}.{:06}) can0 123#{n:04X}\n", n / 1000, n % 1000));
+    }
+    let opened = desk.bench.open_capture("bus.log", log.into_bytes()).unwrap();
+    assert_eq!((opened.page.total, opened.page.items.len()), (3000, 1000));
+    assert!(opened.links == ["can0"] && opened.summary.contains("3000"), "{}", opened.summary);
+    let page = |from, filter| desk.bench.capture_page(&opened.id, from, 1000, filter).unwrap();
+    let second = page(1000, None);
+    assert_eq!((second.items[0].n, second.next), (1000, Some(2000)));
+    assert_eq!(page(2000, None).next, None);
+    assert_eq!(page(500, None).items[0].raw, "123#01F4");
+    let found = page(0, Some("bytes ~ \"07 FF\""));
+    assert_eq!(found.items.iter().map(|item| item.n).collect::<Vec<_>>(), [0x7FF]);
+    let nothing = desk.bench.open_capture("x", b"\0\0nonsense".to_vec()).unwrap_err();
+    assert_eq!(nothing.code, "E510");
+    assert_eq!(
+        desk.bench.capture_page("capture-9", 0, 1, None).unwrap_err().code,
+        "gateway.missing"
+    );
+}

@@ -12,7 +12,9 @@ use polepair_core::time::Instant;
 use super::desk::Desk;
 use super::open::Link;
 use super::shared::Shared;
+use super::telemetry::{Telemetry, What};
 use super::wire::{StopThese, Wire};
+use crate::message::telemetry::Sample;
 
 /// How often an axis is asked for its state.
 const STATE_EVERY: Duration = Duration::from_millis(100);
@@ -28,6 +30,7 @@ pub(super) struct Eyes {
     wire: Arc<Wire>,
     desk: Arc<Desk>,
     shared: Arc<Shared>,
+    telemetry: Arc<Telemetry>,
     axes: Vec<Looked>,
     /// Whose turn it is.
     turn: usize,
@@ -37,6 +40,7 @@ pub(super) struct Eyes {
 
 /// An axis, and what is still to be asked of it.
 struct Looked {
+    id: u16,
     axis: Axis,
     /// Parameters that signals read.
     ids: Vec<ParameterId>,
@@ -45,8 +49,9 @@ struct Looked {
 }
 
 impl Eyes {
-    pub fn new(link: &Link, shared: &Arc<Shared>) -> Self {
-        let looked = |(_, axis): &(u16, Axis)| Looked {
+    pub fn new(link: &Link, shared: &Arc<Shared>, telemetry: &Arc<Telemetry>) -> Self {
+        let looked = |(id, axis): &(u16, Axis)| Looked {
+            id: *id,
             ids: ids(axis),
             axis: axis.clone(),
             to_ask: Vec::new(),
@@ -57,6 +62,7 @@ impl Eyes {
             wire: Arc::clone(&link.wire),
             desk: Arc::clone(&link.desk),
             shared: Arc::clone(shared),
+            telemetry: Arc::clone(telemetry),
             turn: 0,
             rest_until: Instant::ZERO,
         }
@@ -65,20 +71,50 @@ impl Eyes {
     /// Looks until the bench closes.
     pub fn run(mut self) {
         while !self.shared.is_closing() {
-            if self.desk.work() {
+            if self.desk.work() || self.sample() {
                 continue;
             }
             let now = self.shared.now();
             if now < self.rest_until {
-                self.desk.wait(self.rest_until.since(now).min(IDLE));
+                self.desk.wait(self.rest_until.since(now).min(self.idle()));
             } else if self.ask() {
                 self.rest_until = self.shared.now() + self.shared.now().since(now);
             } else {
-                self.desk.wait(IDLE);
+                self.desk.wait(self.idle());
             }
         }
         // What is left is told that it comes too late.
         while self.desk.work() {}
+    }
+
+    /// Asks for what somebody watches and the drive does not send, once, if it is due. False when
+    /// nothing is.
+    pub fn sample(&mut self) -> bool {
+        let (now, zero) = self.wire.time();
+        let now_us = now.since(zero).as_micros() as u64;
+        for looked in &self.axes {
+            for source in self.telemetry.of(looked.id) {
+                if source.due(now_us).is_none_or(|due| now < due) {
+                    continue;
+                }
+                source.asked(now);
+                if let Some((at, value)) = looked.ask(source.what) {
+                    let t_us = at.since(zero).as_micros() as u64;
+                    source.answered(Sample { t_us, value });
+                }
+                return true;
+            }
+        }
+        false
+    }
+
+    /// How long nothing is due.
+    fn idle(&self) -> Duration {
+        let (now, zero) = self.wire.time();
+        let now_us = now.since(zero).as_micros() as u64;
+        let sources = self.axes.iter().flat_map(|looked| self.telemetry.of(looked.id));
+        let due = sources.filter_map(|source| source.due(now_us)).min();
+        due.map_or(IDLE, |due| due.since(now).min(IDLE))
     }
 
     /// Asks one thing of the axis whose turn it is. False when none is to be asked.
@@ -91,7 +127,13 @@ impl Eyes {
                 looked.to_ask.clone_from(&looked.ids);
                 looked.next = now + STATE_EVERY;
             }
-            if let Some(id) = looked.to_ask.pop() {
+            let stale = loop {
+                match looked.to_ask.pop() {
+                    Some(id) if looked.is_fresh(id) => {}
+                    found => break found,
+                }
+            };
+            if let Some(id) = stale {
                 looked.read(id, now);
                 self.hold_back();
                 return true;
@@ -131,6 +173,28 @@ fn ids(axis: &Axis) -> Vec<ParameterId> {
 }
 
 impl Looked {
+    /// What is watched, as it is now; `None` where it is not told.
+    fn ask(&self, what: What) -> Option<(Instant, f64)> {
+        let (at, value) = match what {
+            What::Signal(signal) => {
+                let reading = self.axis.signals(&[signal]).ok()?[0];
+                (reading.at?, reading.value)
+            }
+            What::Parameter(id) => {
+                let raw = self.axis.read(id).ok()?;
+                (self.axis.connection().now(), self.axis.value(id, raw).ok()?.value)
+            }
+        };
+        value.is_finite().then_some((at, value))
+    }
+
+    /// Whether all that a parameter tells was sent or asked for just now.
+    fn is_fresh(&self, id: ParameterId) -> bool {
+        let (state, now) = (self.axis.state(), self.axis.connection().now());
+        let mut its = self.axis.profile().signals.iter().filter(|s| s.parameter == id);
+        its.all(|s| state.reading(s.signal).at.is_some_and(|at| now.since(at) < STATE_EVERY / 2))
+    }
+
     fn read(&mut self, id: ParameterId, now: Instant) {
         let Err(error) = self.axis.read(id) else { return };
         let polepair::Error::Failed { outcome, .. } = error else {

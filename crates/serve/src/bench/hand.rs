@@ -239,8 +239,12 @@ impl Hand {
         match order {
             Order::Lease(ask) => self.lease(ask),
             Order::Command(commanded) => self.command(*commanded),
-            Order::Write { axis, session, epoch, go } => {
-                go(self.may(axis, &session, epoch, false));
+            Order::Say { axis, session, epoch, moves, go } => {
+                let may = self.may(axis, &session, epoch, moves);
+                if moves && may.is_ok() {
+                    self.axes[axis].seat.moves();
+                }
+                go(may);
             }
             Order::Gone(session) => self.gone(&session),
         }

@@ -6,6 +6,7 @@ use std::time::Duration;
 use polepair::simulate::Simulation;
 use polepair::wire::OpenWire;
 use polepair::{Axis, Connector};
+use polepair_capture::{Decoder, Rules};
 use polepair_core::drives;
 use polepair_core::medium::MediumKind;
 
@@ -13,6 +14,7 @@ use super::Seat;
 use super::clock::Clock;
 use super::describe::axis_info;
 use super::desk::Desk;
+use super::frames::Traffic;
 use super::simulated::Drive;
 use super::wire::Wire;
 use crate::message::{Counter, LinkState, LinkView, Refused};
@@ -36,18 +38,28 @@ pub(super) struct Link {
 /// A bench that was opened.
 pub(super) struct Opened {
     pub links: Vec<Link>,
+    /// What each connection string opened, with the number of its first axis.
+    pub roots: Vec<(u16, polepair::Link)>,
     pub axes: Vec<Seat>,
     pub clock: Clock,
 }
 
 /// Opens every connection string, or the rack that there is without any.
-pub(super) fn open(urls: &[String], connector: &Connector) -> Result<Opened, Refused> {
+pub(super) fn open(
+    urls: &[String],
+    connector: &Connector,
+    traffic: &Arc<Traffic>,
+) -> Result<Opened, Refused> {
     let rack = rack();
     let urls = if urls.is_empty() { &rack } else { urls };
-    let (mut links, mut axes) = (Vec::new(), Vec::new());
+    let (mut links, mut axes, mut roots) = (Vec::new(), Vec::new(), Vec::new());
     for url in urls {
+        let (first, ears) = (links.len(), Arc::clone(traffic));
+        let connector = connector.clone().with_taps(move |wire| ears.ear(first + wire));
         let opened = connector.connect(url)?;
+        let base = axes.len() as u16;
         take(url, &opened, &mut links, &mut axes);
+        roots.push((base, opened));
     }
     if axes.len() > AXES_MAX {
         let what = format!("{} axes are more than a bench holds, {AXES_MAX}", axes.len());
@@ -64,7 +76,7 @@ pub(super) fn open(urls: &[String], connector: &Connector) -> Result<Opened, Ref
             Refused::new("gateway.request", what).hint("say time=virtual on all, or on none")
         );
     }
-    Ok(Opened { links, axes, clock })
+    Ok(Opened { links, roots, axes, clock })
 }
 
 /// One drive of each family, on the wire that it usually has.
@@ -115,6 +127,17 @@ impl Link {
     /// Its first axis, which stands for the wire.
     fn axis(&self) -> Option<&Axis> {
         self.wire.axes.first().map(|(_, axis)| axis)
+    }
+
+    /// What explains its frames.
+    pub fn decoder(&self) -> Decoder {
+        let axes = self.wire.axes.iter().map(|(_, axis)| axis);
+        let several = axes.filter(|_| self.open.protocols.len() > 1);
+        let stated = several.map(|axis| format!("{}@{}", axis.protocol(), axis.number()));
+        let all = self.open.protocols.iter().map(|word| (*word).to_owned());
+        let rules = stated.chain(all).collect::<Vec<_>>().join(",");
+        let profile = self.axis().map(Axis::profile);
+        Decoder::new(Rules::parse(&rules).unwrap_or_default()).with_profile(profile)
     }
 
     /// The share of the time so far in which it was busy, where that is known.

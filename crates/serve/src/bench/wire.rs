@@ -25,6 +25,8 @@ const STOPS_MAX: usize = 64;
 pub(super) struct Wire {
     /// Its axes, with their numbers among all of the bench.
     pub axes: Vec<(u16, Axis)>,
+    /// When the bench's time began, on its clock.
+    pub zero: OnceLock<Instant>,
     orders: Mutex<VecDeque<Order>>,
     stops: Mutex<VecDeque<StopThese>>,
     hand: OnceLock<Thread>,
@@ -40,8 +42,9 @@ pub(super) enum Order {
     Lease(AskLease),
     /// An axis is to do something.
     Command(Box<Commanded>),
-    /// Parameters are about to be written: `go` hears whether they may.
-    Write { axis: usize, session: Session, epoch: u64, go: Go },
+    /// Something is about to be said that is no command: `go` hears whether it may, and if it may
+    /// move the motor says it there and then.
+    Say { axis: usize, session: Session, epoch: u64, moves: bool, go: Go },
     /// A client has gone: its leases end.
     Gone(Session),
 }
@@ -108,12 +111,19 @@ impl Wire {
         Self {
             leases: Mutex::new(vec![None; axes.len()]),
             axes,
+            zero: OnceLock::new(),
             orders: Mutex::default(),
             stops: Mutex::default(),
             hand: OnceLock::new(),
             lost: Mutex::default(),
             called: AtomicBool::new(false),
         }
+    }
+
+    /// Its present time, and when the bench's began on it.
+    pub fn time(&self) -> (Instant, Instant) {
+        let now = self.axes.first().map_or(Instant::ZERO, |(_, axis)| axis.connection().now());
+        (now, *self.zero.get_or_init(|| now))
     }
 
     /// Whose thread is called when there is something to do.

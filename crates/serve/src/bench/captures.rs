@@ -1,0 +1,196 @@
+//! Captures that somebody opened: kept as they came, a few of them, and explained page by page.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+
+use polepair_capture::summary::{Manner, Summary, text};
+use polepair_capture::{Decoder, Event, Filter, Judge};
+
+use super::Bench;
+use super::explained::item;
+use super::frames::parsed;
+use super::shared::held;
+use crate::message::{CaptureOpened, CapturePage, FrameItem, Refused};
+
+/// Captures that are kept; the oldest goes when there are more.
+const CAPTURES_MAX: usize = 4;
+/// Bytes of one.
+const BYTES_MAX: usize = 64 << 20;
+/// Frames of a page.
+const PAGE_MAX: usize = 1000;
+/// Bytes that are explained at once.
+const PIECE: usize = 4096;
+
+/// The captures of a bench.
+#[derive(Default)]
+pub(super) struct Captures {
+    held: Mutex<VecDeque<Arc<Capture>>>,
+    count: Mutex<u64>,
+}
+
+/// A capture.
+struct Capture {
+    id: String,
+    bytes: Vec<u8>,
+    links: Vec<String>,
+    total: u64,
+    /// Where the last page ended: who reads on need not begin anew.
+    cursor: Mutex<Option<Cursor>>,
+}
+
+/// A capture that was explained so far.
+struct Cursor {
+    decoder: Decoder,
+    filter: Option<(String, Filter)>,
+    /// Bytes that were explained; more than there are once it is at its end.
+    fed: usize,
+    /// Frames that were explained and not shown yet, with those that were passed over counted.
+    ready: VecDeque<FrameItem>,
+    /// The number of the next frame.
+    next: u64,
+    first_ns: Option<u64>,
+}
+
+impl Bench {
+    /// Takes a capture in, tells what it holds, and shows its first frames. It takes a while.
+    ///
+    /// # Errors
+    /// `gateway.size` for one that is too long, `E510` for what is no capture.
+    pub fn open_capture(&self, name: &str, bytes: Vec<u8>) -> Result<CaptureOpened, Refused> {
+        if bytes.len() > BYTES_MAX {
+            let what = format!("a capture has at most {} MiB here", BYTES_MAX >> 20);
+            let hint = "`polepair summary` takes any length";
+            return Err(Refused::new("gateway.size", what).hint(hint));
+        }
+        let (mut summary, mut links, mut total) = (Summary::default(), Vec::new(), 0);
+        let mut decoder = judged(&bytes);
+        let mut take = |event: &Event<'_>| {
+            if !links.iter().any(|link| link == event.link) {
+                links.push(event.link.to_owned());
+            }
+            total += 1;
+            summary.take(event);
+        };
+        decoder.feed(&bytes, &mut take);
+        decoder.finish(&mut take);
+        decoder.ending(&mut |event| summary.ending(event));
+        if decoder.tally().records == 0 {
+            return Err(Refused::new("E510", "this is not a capture: nothing of it can be read")
+                .hint("`polepair decode --help` shows what is read"));
+        }
+        let format = decoder.format().map_or("", |format| format.name()).to_owned();
+        let manner = Manner { colour: false, rates: Vec::new(), product: None };
+        let id = self.0.captures.keep(bytes, links.clone(), total);
+        let page = self.capture_page(&id, 0, PAGE_MAX, None)?;
+        let summary = text(&summary, &manner);
+        Ok(CaptureOpened { id, name: name.to_owned(), format, links, summary, page })
+    }
+
+    /// Some frames of a capture from the one of that number on: those that a filter wants.
+    ///
+    /// # Errors
+    /// `gateway.missing` for one that is kept no more, `gateway.request` for what is no filter.
+    pub fn capture_page(
+        &self,
+        id: &str,
+        from: u64,
+        count: usize,
+        filter: Option<&str>,
+    ) -> Result<CapturePage, Refused> {
+        let capture = held(&self.0.captures.held).iter().find(|held| held.id == id).cloned();
+        let capture = capture.ok_or_else(|| {
+            Refused::new("gateway.missing", format!("capture `{id}` is kept no more"))
+                .hint("open the file again")
+        })?;
+        capture.page(from, count.clamp(1, PAGE_MAX), filter)
+    }
+}
+
+fn judged(bytes: &[u8]) -> Decoder {
+    let mut judge = Judge::new();
+    judge.feed(bytes);
+    judge.decide().1
+}
+
+impl Captures {
+    fn keep(&self, bytes: Vec<u8>, links: Vec<String>, total: u64) -> String {
+        let id = {
+            let mut count = held(&self.count);
+            *count += 1;
+            format!("capture-{count}")
+        };
+        let capture = Capture { id: id.clone(), bytes, links, total, cursor: Mutex::default() };
+        let mut all = held(&self.held);
+        if all.len() == CAPTURES_MAX {
+            all.pop_front();
+        }
+        all.push_back(Arc::new(capture));
+        id
+    }
+}
+
+impl Capture {
+    fn page(&self, from: u64, count: usize, filter: Option<&str>) -> Result<CapturePage, Refused> {
+        let filter = filter.filter(|text| !text.trim().is_empty());
+        let mut cursor = held(&self.cursor);
+        let goes_on = |cursor: &Cursor| {
+            cursor.shown_to() == from && cursor.filter.as_ref().map(|(text, _)| &**text) == filter
+        };
+        let kept = cursor
+            .take()
+            .filter(goes_on)
+            .map_or_else(|| Cursor::new(judged(&self.bytes), filter), Ok);
+        let cursor = cursor.insert(kept?);
+        let mut items = Vec::new();
+        while items.len() < count {
+            match cursor.ready.pop_front() {
+                Some(item) if item.n < from => {}
+                Some(item) => items.push(item),
+                None if cursor.fed > self.bytes.len() => break,
+                None => cursor.go_on(&self.bytes, &self.links),
+            }
+        }
+        let next = Some(cursor.shown_to()).filter(|next| *next < self.total);
+        let (id, total) = (self.id.clone(), self.total);
+        Ok(CapturePage { id, from, next, total, items })
+    }
+}
+
+impl Cursor {
+    fn new(decoder: Decoder, filter: Option<&str>) -> Result<Self, Refused> {
+        let read = |text: &str| parsed(text).map(|filter| (text.to_owned(), filter));
+        let filter = filter.map(read).transpose()?;
+        Ok(Self { decoder, filter, fed: 0, ready: VecDeque::new(), next: 0, first_ns: None })
+    }
+
+    /// The number of the first frame that no page looked at.
+    fn shown_to(&self) -> u64 {
+        self.ready.front().map_or(self.next, |item| item.n)
+    }
+
+    /// Explains a piece more.
+    fn go_on(&mut self, bytes: &[u8], links: &[String]) {
+        let Self { decoder, filter, fed, ready, next, first_ns } = self;
+        let mut take = |event: &Event<'_>| {
+            let n = *next;
+            *next += 1;
+            let ns = event.time.map(|time| time.0);
+            *first_ns = first_ns.or(ns);
+            if !filter.as_mut().is_none_or(|(_, filter)| filter.wants(event)) {
+                return;
+            }
+            let link = links.iter().position(|link| link == event.link).unwrap_or(0) as u16;
+            let since = ns.zip(*first_ns).map_or(0, |(ns, first)| ns.saturating_sub(first));
+            let t_us = since as f64 / 1e3;
+            ready.push_back(FrameItem { t_us, ..item(n, link, event) });
+        };
+        if *fed >= bytes.len() {
+            decoder.finish(&mut take);
+            *fed = bytes.len() + 1;
+            return;
+        }
+        let end = (*fed + PIECE).min(bytes.len());
+        decoder.feed(&bytes[*fed..end], &mut take);
+        *fed = end;
+    }
+}

@@ -1,0 +1,398 @@
+//! What is watched: each signal or parameter once, however many watch it. Who watches has a place in
+//! the samples that are kept; who falls behind loses the oldest and is told. Nothing is interpolated.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, Weak};
+use std::time::Duration;
+
+use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::time::Instant;
+
+use super::Bench;
+use super::describe::signal_unit;
+use super::shared::held;
+use crate::message::telemetry::Sample;
+use crate::message::{Refused, Source as From};
+
+/// Samples that are kept of each thing that is watched: eight seconds at 1 kHz.
+const SAMPLES_MAX: usize = 8192;
+/// Things that are watched at once.
+const SOURCES_MAX: usize = 256;
+/// Gaps of one thing that are remembered.
+const GAPS_MAX: usize = 64;
+/// The fastest that anything is asked for.
+const HZ_MAX: f64 = 1000.0;
+/// What was not sent for so long is asked for.
+const SILENCE_US: u64 = 1_000_000;
+/// Samples by which a rate is told.
+const RATED: usize = 256;
+
+/// What is watched of an axis.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum What {
+    Signal(Signal),
+    Parameter(ParameterId),
+}
+
+/// Something that is watched.
+#[derive(Debug)]
+pub(super) struct Source {
+    pub what: What,
+    unit: &'static str,
+    ring: Mutex<Ring>,
+    /// The drive sends it by itself.
+    pushed: AtomicBool,
+    /// When the drive last did, µs.
+    pushed_us: AtomicU64,
+    /// How often it is wanted, and when it is next to be asked for.
+    wanted: Mutex<(f64, Instant)>,
+}
+
+#[derive(Debug, Default)]
+struct Ring {
+    samples: VecDeque<Sample>,
+    /// The number of the first that is kept.
+    first: u64,
+    gaps: VecDeque<Gap>,
+    /// Gaps that are forgotten.
+    gaps_before: u64,
+}
+
+/// Samples that are not there.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Gap {
+    /// After this time, µs.
+    pub from_us: u64,
+    /// Before this time, µs.
+    pub to_us: u64,
+    /// How many, at most.
+    pub lost: u64,
+}
+
+/// Everything that is watched on a bench.
+#[derive(Debug)]
+pub(super) struct Telemetry {
+    by_axis: Mutex<Vec<Watched>>,
+}
+
+/// What is watched of an axis.
+#[derive(Debug, Default)]
+struct Watched {
+    sources: Vec<Weak<Source>>,
+    /// A bit for each signal that the drive was seen to send.
+    sends: u32,
+}
+
+/// What somebody watches. Dropped, it is watched no more.
+#[derive(Debug)]
+pub struct Channel {
+    source: Arc<Source>,
+    /// The number of the next sample.
+    next: u64,
+    /// The number of the next gap.
+    next_gap: u64,
+    seen_us: u64,
+    lost: u64,
+}
+
+impl Bench {
+    /// Watches a signal of an axis, by its word, or a parameter, by its name.
+    ///
+    /// # Errors
+    /// `E212` and `E213` for what is not there, `gateway.request` for a rate that is none,
+    /// `gateway.limit` when too much is watched.
+    pub fn subscribe(
+        &self,
+        axis: u16,
+        signal: Option<&str>,
+        parameter: Option<&str>,
+        hz: f64,
+    ) -> Result<Channel, Refused> {
+        let (link, place) = self.seat(axis)?;
+        let its = &link.wire.axes[place].1;
+        if !(hz > 0.0 && hz <= HZ_MAX) {
+            let what = format!("{hz} Hz is not more than 0 and at most {HZ_MAX}");
+            return Err(Refused::new("gateway.request", what));
+        }
+        let (what, unit) = match (signal, parameter) {
+            (Some(word), None) => {
+                let source = its.profile().signals.iter().find(|s| s.signal.name() == word);
+                let source = source.ok_or_else(|| {
+                    Refused::new("E213", format!("{} does not tell `{word}`", its.label()))
+                        .hint("the bench's list has what each axis can tell")
+                })?;
+                (What::Signal(source.signal), signal_unit(its, source))
+            }
+            (None, Some(name)) => {
+                let id = its.find(name)?;
+                (What::Parameter(id), its.unit(id).symbol())
+            }
+            _ => return Err(Refused::new("gateway.request", "name a signal, or a parameter")),
+        };
+        self.0.telemetry.watch(axis, what, unit, hz)
+    }
+}
+
+impl Telemetry {
+    pub fn new(axes: usize) -> Self {
+        Self { by_axis: Mutex::new((0..axes).map(|_| Watched::default()).collect()) }
+    }
+
+    /// Takes a sample that a drive sent.
+    pub fn push(&self, axis: u16, what: What, sample: Sample) {
+        let mut by_axis = held(&self.by_axis);
+        let Some(watched) = by_axis.get_mut(usize::from(axis)) else { return };
+        if let What::Signal(signal) = what {
+            watched.sends |= 1 << signal as u32;
+        }
+        let mut sources = watched.sources.iter().filter_map(Weak::upgrade);
+        if let Some(source) = sources.find(|source| source.what == what) {
+            source.push(sample);
+        }
+    }
+
+    /// Notes that a drive sent more than could be taken.
+    pub fn missed(&self, axis: u16, lost: u64) {
+        self.of(axis).iter().for_each(|source| source.missed(lost));
+    }
+
+    /// Whether a drive was seen to send a signal.
+    pub fn sends(&self, axis: u16, signal: Signal) -> bool {
+        let by_axis = held(&self.by_axis);
+        by_axis.get(usize::from(axis)).is_some_and(|w| w.sends & (1 << signal as u32) != 0)
+    }
+
+    fn watch(
+        &self,
+        axis: u16,
+        what: What,
+        unit: &'static str,
+        hz: f64,
+    ) -> Result<Channel, Refused> {
+        let mut by_axis = held(&self.by_axis);
+        by_axis.iter_mut().for_each(|w| w.sources.retain(|s| s.strong_count() > 0));
+        let count: usize = by_axis.iter().map(|watched| watched.sources.len()).sum();
+        let sources = &mut by_axis[usize::from(axis)].sources;
+        let known = sources.iter().filter_map(Weak::upgrade).find(|source| source.what == what);
+        let source = match known {
+            Some(source) => source,
+            None if count >= SOURCES_MAX => {
+                let what = format!("{SOURCES_MAX} things are watched already");
+                return Err(Refused::new("gateway.limit", what).hint("close a scope"));
+            }
+            None => {
+                let source = Arc::new(Source::new(what, unit));
+                sources.push(Arc::downgrade(&source));
+                source
+            }
+        };
+        source.want(hz);
+        Ok(Channel::new(source))
+    }
+
+    /// What is watched of an axis.
+    pub fn of(&self, axis: u16) -> Vec<Arc<Source>> {
+        let by_axis = held(&self.by_axis);
+        let sources = by_axis.get(usize::from(axis)).into_iter().flat_map(|w| &w.sources);
+        sources.filter_map(Weak::upgrade).collect()
+    }
+}
+
+impl Source {
+    fn new(what: What, unit: &'static str) -> Self {
+        Self {
+            what,
+            unit,
+            ring: Mutex::default(),
+            pushed: AtomicBool::new(false),
+            pushed_us: AtomicU64::new(0),
+            wanted: Mutex::new((0.0, Instant::ZERO)),
+        }
+    }
+
+    fn want(&self, hz: f64) {
+        let mut wanted = held(&self.wanted);
+        wanted.0 = wanted.0.max(hz);
+    }
+
+    /// Takes a sample that the drive sent.
+    fn push(&self, sample: Sample) {
+        self.pushed.store(true, Ordering::Relaxed);
+        self.pushed_us.store(sample.t_us, Ordering::Relaxed);
+        held(&self.ring).take(sample);
+    }
+
+    /// Takes a sample that was asked for.
+    pub fn answered(&self, sample: Sample) {
+        self.pushed.store(false, Ordering::Relaxed);
+        held(&self.ring).take(sample);
+    }
+
+    /// Notes that the drive sent more than could be taken.
+    fn missed(&self, lost: u64) {
+        if self.pushed.load(Ordering::Relaxed) {
+            held(&self.ring).miss(lost);
+        }
+    }
+
+    /// When it is next to be asked for: never, while the drive sends it.
+    pub fn due(&self, now_us: u64) -> Option<Instant> {
+        let sent = self.pushed.load(Ordering::Relaxed)
+            && now_us.saturating_sub(self.pushed_us.load(Ordering::Relaxed)) < SILENCE_US;
+        (!sent).then(|| held(&self.wanted).1)
+    }
+
+    /// Notes that it is asked for now. What was too slow is not caught up with.
+    pub fn asked(&self, now: Instant) {
+        let mut wanted = held(&self.wanted);
+        let period = Duration::from_secs_f64(1.0 / wanted.0.max(1e-3));
+        let on_time = wanted.1 + period;
+        wanted.1 = if on_time > now { on_time } else { now + period };
+    }
+}
+
+impl Ring {
+    fn take(&mut self, sample: Sample) {
+        if self.samples.len() == SAMPLES_MAX {
+            self.samples.pop_front();
+            self.first += 1;
+        }
+        self.samples.push_back(sample);
+    }
+
+    fn miss(&mut self, lost: u64) {
+        if self.gaps.len() == GAPS_MAX {
+            self.gaps.pop_front();
+            self.gaps_before += 1;
+        }
+        // Those that were kept came after those that were thrown away.
+        let to_us = self.samples.back().map_or(0, |sample| sample.t_us);
+        let from_us = self.samples.len().checked_sub(2).map_or(0, |n| self.samples[n].t_us);
+        self.gaps.push_back(Gap { from_us, to_us, lost });
+    }
+}
+
+impl Channel {
+    fn new(source: Arc<Source>) -> Self {
+        let (next, next_gap) = {
+            let ring = held(&source.ring);
+            let next = ring.first + ring.samples.len() as u64;
+            (next, ring.gaps_before + ring.gaps.len() as u64)
+        };
+        Self { source, next, next_gap, seen_us: 0, lost: 0 }
+    }
+
+    /// Takes the samples that came since, behind what `out` has, and tells what was lost before them.
+    pub fn take(&mut self, out: &mut Vec<Sample>) -> Option<Gap> {
+        let ring = held(&self.source.ring);
+        let fell_behind = ring.first.saturating_sub(self.next);
+        let from = self.next.max(ring.first) - ring.first;
+        let new = ring.samples.iter().skip(from as usize);
+        let before = out.len();
+        out.extend(new);
+        self.next = ring.first + ring.samples.len() as u64;
+        let mut gap = (fell_behind > 0).then(|| {
+            let to_us = out.get(before).map_or(self.seen_us, |sample| sample.t_us);
+            Gap { from_us: self.seen_us, to_us, lost: fell_behind }
+        });
+        let missed = self.next_gap.saturating_sub(ring.gaps_before) as usize;
+        for missed in ring.gaps.iter().skip(missed) {
+            gap = Some(gap.map_or(*missed, |gap| gap.and(missed)));
+        }
+        self.next_gap = ring.gaps_before + ring.gaps.len() as u64;
+        self.seen_us = out.last().map_or(self.seen_us, |sample| sample.t_us);
+        self.lost += gap.map_or(0, |gap| gap.lost);
+        gap
+    }
+
+    /// Samples that were lost so far.
+    #[must_use]
+    pub const fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Where the samples come from.
+    #[must_use]
+    pub fn source(&self) -> From {
+        match self.source.pushed.load(Ordering::Relaxed) {
+            true => From::Pushed,
+            false => From::Polled,
+        }
+    }
+
+    /// The SI unit of a signal, the shown one of a parameter; empty without one.
+    #[must_use]
+    pub fn unit(&self) -> &'static str {
+        self.source.unit
+    }
+
+    /// How often it came, by the last samples; how often it is wanted while there are too few.
+    #[must_use]
+    pub fn hz(&self) -> f64 {
+        let ring = held(&self.source.ring);
+        let rated = ring.samples.len().min(RATED);
+        let span = || {
+            let last = ring.samples.back()?.t_us;
+            Some(last.saturating_sub(ring.samples.get(ring.samples.len() - rated)?.t_us))
+        };
+        match span() {
+            Some(us) if rated > 1 && us > 0 => (rated - 1) as f64 * 1e6 / us as f64,
+            _ => held(&self.source.wanted).0,
+        }
+    }
+}
+
+impl Gap {
+    /// Both together.
+    fn and(self, other: &Self) -> Self {
+        Self {
+            from_us: self.from_us.min(other.from_us),
+            to_us: self.to_us.max(other.to_us),
+            lost: self.lost + other.lost,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(n: u64) -> Sample {
+        Sample { t_us: n * 1000, value: n as f64 }
+    }
+
+    #[test]
+    fn who_falls_behind_loses_the_oldest_and_is_told() {
+        let source = Arc::new(Source::new(What::Signal(Signal::Velocity), "rad/s"));
+        let (mut slow, mut quick) = (Channel::new(source.clone()), Channel::new(source.clone()));
+        let (mut seen, mut all) = (Vec::new(), Vec::new());
+        for n in 0..3 * SAMPLES_MAX as u64 {
+            source.push(sample(n));
+            if n % 100 == 99 {
+                assert_eq!(quick.take(&mut all), None);
+            }
+        }
+        quick.take(&mut all);
+        assert_eq!(all.len(), 3 * SAMPLES_MAX);
+        let gap = slow.take(&mut seen).expect("it lost some");
+        assert_eq!((gap.lost, slow.lost()), (2 * SAMPLES_MAX as u64, 2 * SAMPLES_MAX as u64));
+        assert_eq!(seen.len(), SAMPLES_MAX);
+        assert_eq!(gap.to_us, seen[0].t_us);
+        assert!((quick.hz() - 1000.0).abs() < 0.1);
+        assert_eq!(quick.source(), From::Pushed);
+    }
+
+    #[test]
+    fn what_was_lost_on_the_way_here_is_told_once_to_each() {
+        let source = Arc::new(Source::new(What::Signal(Signal::Velocity), ""));
+        let mut channel = Channel::new(source.clone());
+        let mut out = Vec::new();
+        source.push(sample(1));
+        source.push(sample(9));
+        source.missed(5);
+        let gap = channel.take(&mut out);
+        assert_eq!(gap, Some(Gap { from_us: 1000, to_us: 9000, lost: 5 }));
+        assert_eq!((channel.take(&mut out), out.len(), channel.lost()), (None, 2, 5));
+    }
+}
