@@ -2,7 +2,8 @@
 //! write and blocking read, in turns against the same responder in another process. And how soon
 //! another thread ends a wait.
 //!
-//! `cargo bench -p polepair-link`, under `taskset -c 1` for figures that repeat.
+//! `cargo bench -p polepair-link`, under `taskset -c 1` for figures that repeat; with `listened` behind
+//! `-- ` the last two alone.
 
 #[cfg(unix)]
 fn main() {
@@ -34,13 +35,15 @@ mod bench {
     use polepair_core::station::AxisIndex;
     use polepair_core::time::Instant;
     use polepair_link::pty::Pty;
-    use polepair_link::{Connection, Link, Received, clock, serial};
+    use polepair_link::{Connection, Link, Mailbox, Received, clock, serial};
     use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 
     const ROUNDS: usize = 100;
     const TURNS: usize = 50;
     const SERIES: usize = 9;
     const WAKE_UPS: usize = 2_000;
+    /// Longer than the keeper waits behind the last caller.
+    const PAUSE: Duration = Duration::from_millis(10);
 
     /// What goes over the wire: the floor's request, and what the responder answers to any.
     struct Exchange {
@@ -76,9 +79,45 @@ mod bench {
     }
 
     pub(super) fn run() {
-        compare::<Tmcl>(Tmcl::generic(), &TMCL);
-        compare::<Rtu>(&SYNTRON_TS, &MODBUS);
+        if std::env::args().all(|word| word != "listened") {
+            compare::<Tmcl>(Tmcl::generic(), &TMCL);
+            compare::<Rtu>(&SYNTRON_TS, &MODBUS);
+        }
+        listened::<Tmcl>(Tmcl::generic(), &TMCL);
         wake_up();
+    }
+
+    /// What a listener costs those who ask: back to back, and after a pause in which the keeper has
+    /// begun to read for it.
+    fn listened<P: Protocol<Medium = Stream>>(
+        profile: &'static Profile,
+        exchange: &'static Exchange,
+    ) {
+        let (path, mut child) = responder(exchange);
+        let (connection, mut ask) = connection::<P>(profile, &path, exchange.value);
+        println!("{}: medians (µs), alone and listened to", P::NAME);
+        for (what, pause, rounds) in
+            [("back to back", Duration::ZERO, 5_000), ("after 10 ms", PAUSE, 100)]
+        {
+            let mut best = [f64::MAX; 2];
+            for _ in 0..SERIES {
+                for (listens, best) in [false, true].into_iter().zip(&mut best) {
+                    let mailbox = Mailbox::new(16);
+                    let _guard = listens.then(|| connection.listen(&mailbox, 0, None));
+                    let mut micros = Vec::new();
+                    for _ in 0..rounds {
+                        std::thread::sleep(pause);
+                        let began = Clock::now();
+                        ask();
+                        micros.push(began.elapsed().as_secs_f64() * 1e6);
+                    }
+                    *best = best.min(median(micros));
+                }
+            }
+            println!("{what:>14} {:10.2} {:10.2} {:7.3}", best[0], best[1], best[1] / best[0]);
+        }
+        let _ = child.kill();
+        let _ = child.wait();
     }
 
     /// From the waker's use in one thread to the end of the wait in another.
@@ -113,7 +152,7 @@ mod bench {
         assert_eq!(profile.parameters[0].index, 0, "what the floor asks for");
         let (path, mut child) = responder(exchange);
         let mut floor = floor(&path, exchange);
-        let mut ours = connection::<P>(profile, &path, exchange.value);
+        let (_, mut ours) = connection::<P>(profile, &path, exchange.value);
         let mut best = [f64::MAX; 2];
         println!("{}: median of {} (µs; floor = write + blocking read)", P::NAME, ROUNDS * TURNS);
         println!("series       floor       ours   ratio");
@@ -146,19 +185,21 @@ mod bench {
         profile: &'static Profile,
         path: &str,
         value: i64,
-    ) -> impl FnMut() + use<P> {
+    ) -> (Connection, impl FnMut() + use<P>) {
         let options = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
         let driver = P::driver(profile, 1);
         let lane = Lane::<Stream, _>::new(P::host(&options, &[1]), [Box::new(driver) as _]);
         let port = serial::open(path, SerialLine::n81(0)).unwrap();
         let connection = Connection::new(Box::new(port), Box::new(lane));
-        move || {
+        let ours = connection.clone();
+        let ask = move || {
             let deadline = clock::now().plus_ms(1_000);
             let outcome = connection.ask(deadline, |axes, now, ticket| {
                 axes.read(now, ticket, AxisIndex(0), ParameterId(0))
             });
             assert_eq!(outcome, Ok(Some(Outcome::Done(value))));
-        }
+        };
+        (ours, ask)
     }
 
     fn timed(micros: &mut Vec<f64>, round: &mut impl FnMut()) {

@@ -22,8 +22,8 @@ use crate::serial;
 use crate::serve::Stop;
 use crate::tcp::{TcpLink, TcpServer};
 use crate::{
-    Cause, Connection, Direction, Link, LinkError, Pending, Received, Tapped, Waited, Waker, clock,
-    serve,
+    Cause, Connection, Direction, Link, LinkError, Mailbox, Notice, Pending, Received, Tapped,
+    Waited, Waker, clock, serve,
 };
 use toy::{STOP_VALUE, ToyDevice, ToyLane};
 
@@ -189,6 +189,62 @@ fn an_outcome_can_be_polled_for() {
         thread::sleep(Duration::from_millis(1));
     }
     assert_eq!(pending.poll(), Some(Outcome::Done(5)));
+}
+
+/// What arrived and answered nothing, once that is so much, or the patience of a test is over.
+fn late(connection: &Connection, most: u64) -> u64 {
+    let deadline = in_ms(60_000);
+    loop {
+        let late = connection.with(|axes, _| axes.counters().late);
+        if late >= most || clock::now() >= deadline {
+            return late;
+        }
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn an_idle_link_is_read_while_somebody_listens() {
+    let pty = Pty::open(None).unwrap();
+    let connection = connected(Box::new(serial::open(pty.path(), LINE).unwrap()));
+    let mailbox = Mailbox::new(8);
+    let (one, other) = (connection.listen(&mailbox, 0, None), connection.listen(&mailbox, 1, None));
+    pty.send(&[0; 8]).unwrap();
+    assert_eq!(late(&connection, 1), 1);
+    drop(one);
+    pty.send(&[0; 8]).unwrap();
+    assert_eq!(late(&connection, 2), 2);
+    drop(other);
+    // Nobody listens: it lies there until somebody asks something.
+    thread::sleep(Duration::from_millis(100));
+    pty.send(&[0; 8]).unwrap();
+    thread::sleep(Duration::from_millis(100));
+    assert_eq!(connection.with(|axes, _| axes.counters().late), 2);
+    drop(put(&connection, 1));
+    assert_eq!(late(&connection, 3), 3);
+}
+
+#[test]
+fn listeners_are_told_that_the_link_is_lost() {
+    let (drive, connection) = served(ToyDevice::answering_after(0));
+    let mailbox = Mailbox::new(8);
+    let _listening = connection.listen(&mailbox, 7, None);
+    drop(drive);
+    let told = mailbox.wait(in_ms(60_000));
+    assert!(matches!(told, Some((7, Notice::Lost(..)))), "{told:?}");
+}
+
+#[test]
+fn callers_and_a_listener_share_a_link() {
+    let (_drive, connection) = served(ToyDevice::answering_after(0));
+    let _listening = connection.listen(&Mailbox::new(8), 0, None);
+    for value in 0..50 {
+        // After a pause the keeper reads, and gives way.
+        if value % 10 == 0 {
+            thread::sleep(Duration::from_millis(20));
+        }
+        assert_eq!(put(&connection, value).wait(in_ms(60_000)), done(value + 1));
+    }
 }
 
 #[derive(Default)]
