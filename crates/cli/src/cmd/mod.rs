@@ -11,6 +11,7 @@ mod encode;
 mod explain;
 mod get;
 mod info;
+mod journal;
 mod monitor;
 mod moves;
 mod params;
@@ -19,6 +20,7 @@ mod program;
 mod record;
 mod replay;
 mod scan;
+mod serve;
 mod set;
 mod sim;
 mod stop;
@@ -124,6 +126,11 @@ pub enum Verb {
     Params(params::Params),
     /// Simulate drives that any program can talk to
     Sim(sim::Sim),
+    /// Open links and serve them to browsers and programs
+    Serve(serve::Serve),
+    /// Check what a server has kept of what was done
+    #[command(subcommand)]
+    Journal(journal::Journal),
     /// Find, move, fault and recover two simulated drives
     Demo(demo::Demo),
     /// Print a completion script for a shell
@@ -164,6 +171,8 @@ pub fn run(verb: Verb) -> Result {
         Verb::Ports(verb) => verb.run(),
         Verb::Params(verb) => verb.run(),
         Verb::Sim(verb) => verb.run(),
+        Verb::Serve(verb) => verb.run(),
+        Verb::Journal(verb) => verb.run(),
         Verb::Demo(verb) => verb.run(),
         Verb::Completions(verb) => verb.run(),
     }

@@ -54,7 +54,7 @@ impl Refused {
             "gateway.host" => 421,
             "gateway.locked" => 423,
             "gateway.limit" => 429,
-            "gateway.busy" => 503,
+            "gateway.busy" | "gateway.journal" => 503,
             code => match code.as_bytes() {
                 [b'E', b'2', ..] => 422,
                 [b'E', b'3', ..] => 503,

@@ -1,0 +1,125 @@
+//! `polepair serve [URL…]`: the gateway, and the page that it serves.
+
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use polepair_serve::{Options, PORT, Refusal, Scopes, Server};
+
+use super::ProfileFile;
+use crate::outcome::sentence;
+use crate::problem::{Exit, Problem, Result};
+use crate::terminal::{Output, say};
+
+/// Opens links, owns them, and serves them to browsers and programs, until Ctrl-C.
+///
+/// Without a URL it simulates a rack. It prints one line with a URL that lets one browser in, once.
+/// It listens on this machine alone unless told otherwise, and then only encrypted (--tls). Ctrl-C
+/// stops what moves and ends. This is not a certified safety function: hard-wire STO and emergency
+/// stop.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair serve                                 a simulated rack
+  polepair serve tmcl+serial:///dev/ttyUSB0:9600#1,2
+  polepair serve @arm --scopes read,stop         nobody moves anything
+  polepair serve @arm --tls --bind 0.0.0.0:7365 --name bench.example")]
+pub struct Serve {
+    /// Links to open
+    #[arg(value_name = "URL")]
+    urls: Vec<String>,
+    /// Where to listen; port 0 takes a free one
+    #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::new(LOOPBACK, PORT))]
+    bind: SocketAddr,
+    /// Encrypt, with certificate.pem and key.pem of the folder, made on the first run
+    #[arg(long)]
+    tls: bool,
+    /// A name by which browsers may call this server; again for more
+    #[arg(long = "name", value_name = "HOST")]
+    names: Vec<String>,
+    /// What anybody may do at most: read, stop, move, configure
+    #[arg(long, value_name = "SCOPE,…", default_value = "read,stop,move,configure")]
+    scopes: Scopes,
+    /// Where tokens, certificate and journal are; polepair's folder of your account unless told
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    /// How to log to stderr
+    #[arg(long, value_name = "FORM", default_value = "text")]
+    log: Log,
+    #[command(flatten)]
+    profile: ProfileFile,
+}
+
+const LOOPBACK: IpAddr = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);
+
+/// How logs look.
+#[derive(ValueEnum, Clone, Copy, Debug)]
+enum Log {
+    /// A line for people.
+    Text,
+    /// An object a line.
+    Json,
+    /// None.
+    Off,
+}
+
+impl Serve {
+    pub fn run(self) -> Result {
+        self.log();
+        let folder = match self.state {
+            Some(folder) => folder,
+            None => own_folder()?,
+        };
+        let Self { bind, tls, names, scopes, .. } = self;
+        let options = Options { bind, tls, names, scopes, folder };
+        let connector = self.profile.connector()?;
+        let server = Server::start(&options, &self.urls, connector).map_err(refused)?;
+        let stopper = server.stopper();
+        crate::interrupt::listen(move || stopper.stop());
+        if server.cut() > 0 {
+            say("The journal ended within a record: the server before was killed. It goes on.");
+        }
+        if let Some(fingerprint) = server.fingerprint() {
+            say(&format!("certificate SHA-256 {fingerprint}"));
+        }
+        let mut out = Output::stdout();
+        out.line(&format!("ready {}", server.url()));
+        out.flush()?;
+        server.wait();
+        Ok(Exit::Ok)
+    }
+
+    fn log(&self) {
+        let filter = || {
+            let wanted = std::env::var("POLEPAIR_LOG").unwrap_or_default();
+            let usual = "warn,polepair_serve=info";
+            let text = if wanted.is_empty() { usual } else { &wanted };
+            tracing_subscriber::EnvFilter::new(text)
+        };
+        let to = tracing_subscriber::fmt().with_writer(std::io::stderr);
+        // One was set already only where this runs inside another program.
+        let _ = match self.log {
+            Log::Off => return,
+            Log::Text => to.with_env_filter(filter()).try_init(),
+            Log::Json => to.json().with_env_filter(filter()).try_init(),
+        };
+    }
+}
+
+/// What the server says, as the command line does.
+pub fn refused(refusal: Refusal) -> Problem {
+    let Refusal { exit, code, what, why, hint } = refusal;
+    Problem::new(exit, code, sentence(&what)).why(why).hint_if(Some(hint).filter(|h| !h.is_empty()))
+}
+
+/// `$XDG_STATE_HOME/polepair`, `~/.local/state/polepair`, `%LOCALAPPDATA%\polepair`.
+pub fn own_folder() -> Result<PathBuf> {
+    let of = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let base = of("XDG_STATE_HOME").or_else(|| of("LOCALAPPDATA"));
+    let base = base.or_else(|| Some(of("HOME")?.join(".local").join("state")));
+    base.map(|base| base.join("polepair")).ok_or_else(|| {
+        Problem::usage("E255", "there is no folder for tokens and journal.")
+            .why("Neither HOME nor XDG_STATE_HOME is set.")
+            .hint("--state DIR")
+    })
+}

@@ -1,0 +1,47 @@
+//! The description of the REST interface, in OpenAPI's form.
+
+use utoipa::OpenApi;
+
+use super::{axis, bench, entry, motion, record};
+use crate::message::{ClientMessage, ServerMessage};
+
+/// What is described.
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "Polepair gateway",
+        description = "Drives behind one door. Every request needs a token (`Authorization: Bearer`, \
+            or the page's cookie); what is no GET also needs `Content-Type: application/json` and \
+            `X-Polepair: 1`. `GET /api/v1/live` is a WebSocket (sub-protocol `polepair.v1`); its \
+            texts are `ClientMessage` and `ServerMessage`."
+    ),
+    paths(
+        bench::show,
+        bench::act,
+        bench::pace,
+        axis::show,
+        axis::parameters,
+        axis::parameter,
+        axis::write,
+        motion::take,
+        motion::renew,
+        motion::give_back,
+        motion::command,
+        motion::stop,
+        motion::release,
+        record::journal,
+        record::openapi,
+        record::metrics,
+        entry::login,
+        crate::live::upgrade
+    ),
+    components(schemas(ClientMessage, ServerMessage))
+)]
+struct Description;
+
+/// The description, as it is committed and served.
+#[must_use]
+pub fn description() -> String {
+    // Made of what this program holds, it can always be written down.
+    Description::openapi().to_pretty_json().unwrap_or_default() + "\n"
+}

@@ -1,0 +1,285 @@
+//! What stands before every route: one layer, which denies what nothing lets through.
+//!
+//! In this order: security headers on whatever answers; the `Host` is one of ours (a page elsewhere
+//! cannot reach us by a name of its own); no other site's page asks (`Origin`, and for what changes
+//! something a content type and a header that forms cannot have); a token; its scope. What the route
+//! table does not know is not there. No address is trusted, and headers of proxies are not read.
+
+use std::net::IpAddr;
+use std::time::Duration;
+
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse as _, Response};
+
+use crate::api::{Needs, Route, Shared};
+use crate::connections::Connection;
+use crate::message::Refused;
+use crate::page;
+use crate::scope::Scope;
+use crate::session::Caller;
+
+/// How long an answer may take; a capture's upload is part of it.
+const ANSWER_MAX: Duration = Duration::from_secs(60);
+/// What no form and no foreign page can send without asking first.
+const OURS: &str = "x-polepair";
+/// What bodies are.
+const JSON: &str = "application/json";
+/// What files are.
+const BYTES: &str = "application/octet-stream";
+/// Headers of every answer.
+const HEADERS: [(HeaderName, &str); 7] = [
+    (
+        header::CONTENT_SECURITY_POLICY,
+        "default-src 'self'; img-src 'self' data: blob:; object-src 'none'; base-uri 'none'; \
+         form-action 'none'; frame-ancestors 'none'",
+    ),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::X_FRAME_OPTIONS, "DENY"),
+    (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+    (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    (
+        HeaderName::from_static("permissions-policy"),
+        "camera=(), microphone=(), geolocation=(), usb=(), serial=()",
+    ),
+];
+
+/// The names by which a server may be called, as `Host` has them.
+#[derive(Debug, Clone)]
+pub struct Hosts {
+    scheme: &'static str,
+    hosts: Vec<String>,
+}
+
+impl Hosts {
+    /// The loopback's names, the address that it listens on, and those that were told; each with the
+    /// port, and without where it is the scheme's own.
+    #[must_use]
+    pub fn new(scheme: &'static str, address: IpAddr, port: u16, names: &[String]) -> Self {
+        let mut all = vec!["localhost".to_owned(), "127.0.0.1".into(), "[::1]".into()];
+        if !address.is_unspecified() {
+            all.push(bracketed(&address.to_string()));
+        }
+        all.extend(names.iter().map(|name| bracketed(&name.to_ascii_lowercase())));
+        let usual = port == if scheme == "https" { 443 } else { 80 };
+        let hosts = all.into_iter().flat_map(|name| {
+            let with_port = format!("{name}:{port}");
+            if usual { vec![name, with_port] } else { vec![with_port] }
+        });
+        Self { scheme, hosts: hosts.collect() }
+    }
+
+    /// The host that a request is to, if it is ours.
+    fn called<'a>(&self, headers: &'a HeaderMap, target: Option<&str>) -> Option<&'a str> {
+        let mut all = headers.get_all(header::HOST).iter();
+        let host = all.next()?.to_str().ok().filter(|_| all.next().is_none())?;
+        let same = target.is_none_or(|target| target.eq_ignore_ascii_case(host));
+        let ours = self.hosts.iter().any(|known| known.eq_ignore_ascii_case(host));
+        (ours && same).then_some(host)
+    }
+
+    /// Whether an origin is this server, by the name that the request itself uses.
+    fn is_ours(&self, origin: &str, host: &str) -> bool {
+        origin
+            .split_once("://")
+            .is_some_and(|(scheme, from)| scheme == self.scheme && from.eq_ignore_ascii_case(host))
+    }
+}
+
+fn bracketed(name: &str) -> String {
+    if name.contains(':') { format!("[{name}]") } else { name.to_owned() }
+}
+
+/// The layer.
+pub(crate) async fn guard(
+    State(gate): State<Shared>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let wants_page = request.method() == Method::GET
+        && text(request.headers(), header::ACCEPT).is_some_and(|kind| kind.contains("text/html"));
+    let upgrade = is_upgrade(request.headers());
+    let passed = match pass(&gate, &request) {
+        Ok(Some(caller)) => {
+            if let Some(connection) = request.extensions().get::<Connection>() {
+                connection.prove();
+            }
+            request.extensions_mut().insert(caller);
+            Ok(())
+        }
+        Ok(None) => Ok(()),
+        Err(refused) => Err(refused),
+    };
+    let mut answer = match passed {
+        Ok(()) if upgrade => next.run(request).await,
+        Ok(()) => match tokio::time::timeout(ANSWER_MAX, next.run(request)).await {
+            Ok(answer) => answer,
+            Err(_) => StatusCode::REQUEST_TIMEOUT.into_response(),
+        },
+        Err(refused) => {
+            gate.metrics.refused(&refused.code);
+            match refused.status() {
+                401 if wants_page => page::locked(StatusCode::UNAUTHORIZED),
+                _ => refused.into_response(),
+            }
+        }
+    };
+    gate.metrics.answered(answer.status().as_u16());
+    let headers = answer.headers_mut();
+    for (name, value) in HEADERS {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    answer
+}
+
+/// Who may go on; `None` for what anybody may.
+fn pass(gate: &Shared, request: &Request) -> Result<Option<Caller>, Refused> {
+    let headers = request.headers();
+    let target = request.uri().authority().map(|authority| authority.as_str());
+    let host = gate.hosts.called(headers, target).ok_or_else(|| {
+        Refused::new("gateway.host", "this server does not go by that name")
+            .hint("call it by the address that it printed, or tell it the name: --name")
+    })?;
+    let reads = matches!(*request.method(), Method::GET | Method::HEAD);
+    let upgrade = is_upgrade(headers);
+    same_origin(gate, headers, host, reads && !upgrade)?;
+    let path = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str);
+    let route = path.map(|path| Route::find(request.method(), path));
+    if !reads {
+        meant(headers, route.flatten())?;
+    }
+    let once = request.uri().path() == "/" && request.uri().query().is_some_and(is_once);
+    if once && reads || route.flatten().is_some_and(|route| route.needs == Needs::Nothing) {
+        return Ok(None);
+    }
+    let caller = who(gate, request)?;
+    if upgrade && caller.by_cookie && !headers.contains_key(header::ORIGIN) {
+        return Err(foreign("a browser's cookie comes with the page's origin"));
+    }
+    let needs = match (path, route.flatten()) {
+        (_, Some(route)) => route.needs,
+        // What the table does not know is the page's, for whoever may see it.
+        (None, None) if reads => Needs::One(&[Scope::Read]),
+        (None, None) => return Err(Refused::new("gateway.missing", "there is no such thing here")),
+        (Some(_), None) => return Err(Refused::new("gateway.method", "not by this method")),
+    };
+    if needs.met_by(caller.scopes) {
+        return Ok(Some(caller));
+    }
+    Err(Refused::new("gateway.scope", format!("this needs the scope {needs}"))
+        .hint(format!("this token grants {}", caller.scopes)))
+}
+
+fn who(gate: &Shared, request: &Request) -> Result<Caller, Refused> {
+    let headers = request.headers();
+    let peer = peer(request);
+    let bearer = headers.get(header::AUTHORIZATION).map(|value| value.to_str().unwrap_or(""));
+    let cookies: Vec<&str> =
+        headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok()).collect();
+    gate.door.who(bearer, &cookies, peer)
+}
+
+/// Whom the request came from, by its socket.
+pub(crate) fn peer(request: &Request) -> IpAddr {
+    let connection = request.extensions().get::<Connection>();
+    connection.map_or(IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED), |connection| connection.peer)
+}
+
+/// Refuses what a page of another origin asks. A plain read that somebody's link leads to is none of
+/// that: it changes nothing, and the other page cannot see the answer.
+fn same_origin(gate: &Shared, headers: &HeaderMap, host: &str, plain: bool) -> Result<(), Refused> {
+    let mut origins = headers.get_all(header::ORIGIN).iter();
+    let Some(origin) = origins.next() else { return Ok(()) };
+    let ours = origin.to_str().is_ok_and(|origin| gate.hosts.is_ours(origin, host));
+    if plain || ours && origins.next().is_none() {
+        return Ok(());
+    }
+    Err(foreign("another site's page asks for this"))
+}
+
+/// Refuses what a form could send.
+fn meant(headers: &HeaderMap, route: Option<&Route>) -> Result<(), Refused> {
+    let marked = text(headers, HeaderName::from_static(OURS)) == Some("1");
+    let kind = text(headers, header::CONTENT_TYPE).unwrap_or_default();
+    let kind = kind.split(';').next().unwrap_or_default().trim();
+    let wanted = if route.is_some_and(|route| route.takes_file) { BYTES } else { JSON };
+    if marked && kind.eq_ignore_ascii_case(wanted) {
+        return Ok(());
+    }
+    Err(foreign("what changes something says so")
+        .hint(format!("send `Content-Type: {wanted}` and `X-Polepair: 1`")))
+}
+
+fn foreign(what: &str) -> Refused {
+    Refused::new("gateway.origin", what)
+}
+
+fn is_once(query: &str) -> bool {
+    query.starts_with("once=")
+}
+
+fn is_upgrade(headers: &HeaderMap) -> bool {
+    headers.contains_key(header::UPGRADE)
+}
+
+fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+    headers.get(name)?.to_str().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hosts(port: u16) -> Hosts {
+        Hosts::new("http", "127.0.0.1".parse().unwrap(), port, &["Bench.example".into()])
+    }
+
+    fn called(hosts: &Hosts, host: &str) -> bool {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::HOST, HeaderValue::from_str(host).unwrap());
+        hosts.called(&headers, None).is_some()
+    }
+
+    #[test]
+    fn only_names_that_are_its_own_reach_it() {
+        let on_1234 = hosts(1234);
+        for host in ["localhost:1234", "127.0.0.1:1234", "[::1]:1234", "bench.example:1234"] {
+            assert!(called(&on_1234, host), "{host}");
+        }
+        for host in ["localhost", "localhost:80", "evil.test:1234", "127.0.0.1.evil.test:1234", ""]
+        {
+            assert!(!called(&on_1234, host), "{host}");
+        }
+        assert!(called(&hosts(80), "localhost"));
+    }
+
+    #[test]
+    fn two_hosts_or_another_target_are_none() {
+        let mut headers = HeaderMap::new();
+        headers.append(header::HOST, HeaderValue::from_static("localhost:1"));
+        assert!(hosts(1).called(&headers, Some("localhost:1")).is_some());
+        assert!(hosts(1).called(&headers, Some("evil.test")).is_none());
+        headers.append(header::HOST, HeaderValue::from_static("localhost:1"));
+        assert!(hosts(1).called(&headers, None).is_none());
+    }
+
+    #[test]
+    fn an_origin_is_the_same_to_the_letter() {
+        let hosts = hosts(1234);
+        assert!(hosts.is_ours("http://localhost:1234", "localhost:1234"));
+        for origin in [
+            "https://localhost:1234",
+            "http://localhost",
+            "null",
+            "",
+            "http://localhost:12345",
+            "http://127.0.0.1:1234",
+            "http://localhost:1234.evil.test",
+        ] {
+            assert!(!hosts.is_ours(origin, "localhost:1234"), "{origin}");
+        }
+    }
+}

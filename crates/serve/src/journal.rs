@@ -1,0 +1,179 @@
+//! The journal: what was done, by whom, written down before it is done.
+//!
+//! A file of JSON lines, only ever added to. Each record carries the BLAKE3 hash of the hash before it
+//! and of its own text, so that nothing in the middle can be changed, taken out or put in without
+//! all that follows telling so. What is cut off at the end leaves no trace in the file: who must know
+//! that as well keeps the last hash elsewhere. A record is in the system's hands before the caller goes
+//! on, so it outlives the process, not a loss of power.
+
+mod verify;
+
+use std::fs::{File, OpenOptions};
+use std::io::{BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use polepair_link::clock;
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::message::{Deed, JournalRecord, Refused};
+use crate::refusal::Refusal;
+
+pub use verify::{Broken, Verified, verify};
+
+/// Every how many records a place in the file is remembered.
+const STRIDE: u64 = 256;
+/// Records of an answer.
+pub const RECORDS_MAX: usize = 1000;
+/// Bytes of a record; what is longer is refused.
+pub const RECORD_MAX: usize = 64 * 1024;
+
+/// A journal that is written.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    tail: Mutex<Tail>,
+}
+
+#[derive(Debug)]
+struct Tail {
+    file: File,
+    next: u64,
+    length: u64,
+    hash: [u8; 32],
+    /// Where records 0, [`STRIDE`], 2 [`STRIDE`], … begin.
+    places: Vec<u64>,
+}
+
+/// What of a record its hash covers, in the order in which it is written.
+#[derive(Serialize)]
+struct Covered<'a> {
+    n: u64,
+    ms: f64,
+    who: &'a str,
+    deed: Deed,
+    axis: Option<u16>,
+    detail: &'a Value,
+}
+
+impl Journal {
+    /// Opens a journal to go on with it, or begins one. Returns also how many bytes of a record were
+    /// found that had no end; they are taken out.
+    ///
+    /// # Errors
+    /// The file cannot be opened, another server has it, or its chain is broken.
+    pub fn open(path: &Path) -> Result<(Self, u64), Refusal> {
+        let failed = |error: std::io::Error| Refusal::file(path, "write", &error);
+        let mut options = OpenOptions::new();
+        options.read(true).append(true).create(true);
+        #[cfg(unix)]
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+        let file = options.open(path).map_err(failed)?;
+        if file.try_lock().is_err() {
+            let what = format!("another server writes {}", path.display());
+            return Err(Refusal::adapter("E312", what).hint("end that one, or give another folder"));
+        }
+        let mut places = Vec::new();
+        let verified = verify::read(BufReader::new(&file), &mut |n, at| {
+            if n.is_multiple_of(STRIDE) {
+                places.push(at);
+            }
+        });
+        let verified = verified.map_err(failed)?.map_err(|broken| {
+            Refusal::usage("E253", format!("{}: {broken}", path.display()))
+                .why("Somebody or something has changed what was written.")
+                .hint("keep the file for whoever looks into that, and begin another one")
+        })?;
+        if verified.cut > 0 {
+            file.set_len(verified.length).map_err(failed)?;
+        }
+        let Verified { records, length, hash, cut } = verified;
+        let tail = Mutex::new(Tail { file, next: records, length, hash, places });
+        Ok((Self { path: path.to_owned(), tail }, cut))
+    }
+
+    /// Writes a record. It is in the system's hands when this returns.
+    ///
+    /// # Errors
+    /// `gateway.journal` when it cannot be written: what it announces must then not be done.
+    pub fn write(
+        &self,
+        who: &str,
+        deed: Deed,
+        axis: Option<u16>,
+        detail: &Value,
+    ) -> Result<u64, Refused> {
+        let mut tail = self.tail();
+        let n = tail.next;
+        let ms = clock::wall_ns(clock::now()) as f64 / 1e6;
+        let covered = Covered { n, ms, who, deed, axis, detail };
+        let text = serde_json::to_string(&covered).map_err(|error| full(&error))?;
+        let hash = chained(&tail.hash, text.as_bytes());
+        let line = format!("{},\"hash\":\"{}\"}}\n", &text[..text.len() - 1], hash.to_hex());
+        if line.len() > RECORD_MAX {
+            return Err(Refused::new("gateway.size", "too much for one record of the journal"));
+        }
+        if let Err(error) = tail.file.write_all(line.as_bytes()) {
+            // Half a record would break the chain for all that come after.
+            let _ = tail.file.set_len(tail.length);
+            return Err(full(&error));
+        }
+        if n.is_multiple_of(STRIDE) {
+            let at = tail.length;
+            tail.places.push(at);
+        }
+        tail.length += line.len() as u64;
+        tail.hash = *hash.as_bytes();
+        tail.next += 1;
+        Ok(n)
+    }
+
+    /// Records after the one of that number, or from the first; at most `count`, and [`RECORDS_MAX`].
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn records(&self, after: Option<u64>, count: usize) -> Result<Vec<JournalRecord>, Refused> {
+        let first = after.map_or(0, |n| n.saturating_add(1));
+        let (place, length) = {
+            let tail = self.tail();
+            let stride = usize::try_from(first / STRIDE).unwrap_or(usize::MAX);
+            (tail.places.get(stride).copied(), tail.length)
+        };
+        let Some(place) = place else { return Ok(Vec::new()) };
+        let mut file = File::open(&self.path).map_err(|error| full(&error))?;
+        file.seek(SeekFrom::Start(place)).map_err(|error| full(&error))?;
+        let whole = std::io::Read::take(file, length - place);
+        let mut records = Vec::new();
+        for line in BufReader::new(whole).lines() {
+            if records.len() >= count.min(RECORDS_MAX) {
+                break;
+            }
+            let line = line.map_err(|error| full(&error))?;
+            let Ok(record) = serde_json::from_str::<JournalRecord>(&line) else { continue };
+            if record.n >= first {
+                records.push(record);
+            }
+        }
+        Ok(records)
+    }
+
+    fn tail(&self) -> MutexGuard<'_, Tail> {
+        self.tail.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The hash of a record's text without its hash, after another.
+fn chained(before: &[u8; 32], text: &[u8]) -> blake3::Hash {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(before).update(text);
+    hasher.finalize()
+}
+
+fn full(error: &dyn std::fmt::Display) -> Refused {
+    Refused::new("gateway.journal", format!("the journal cannot be kept: {error}"))
+        .hint("make room on the disk; motors can be stopped meanwhile, not moved")
+}
+
+#[cfg(test)]
+mod tests;

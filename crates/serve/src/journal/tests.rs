@@ -1,0 +1,99 @@
+use super::*;
+use serde_json::json;
+
+/// A file of its own for each test.
+fn place(name: &str) -> PathBuf {
+    let path = std::env::temp_dir().join(format!("polepair-{name}-{}.jsonl", std::process::id()));
+    let _ = std::fs::remove_file(&path);
+    path
+}
+
+fn written(name: &str, count: u16) -> PathBuf {
+    let path = place(name);
+    let (journal, cut) = Journal::open(&path).unwrap();
+    assert_eq!(cut, 0);
+    for axis in 0..count {
+        journal.write("ann", Deed::Command, Some(axis), &json!({ "verb": "enable" })).unwrap();
+    }
+    path
+}
+
+#[test]
+fn what_was_written_is_verified_and_read_again() {
+    let path = written("whole", 600);
+    let verified = verify(&path).unwrap().unwrap();
+    assert_eq!((verified.records, verified.cut), (600, 0));
+    let (journal, _) = Journal::open(&path).unwrap();
+    let n = journal.write("bob", Deed::Stop, None, &json!({ "hash": ",\"hash\":\"" })).unwrap();
+    assert_eq!(n, 600);
+    assert_eq!(verify(&path).unwrap().unwrap().records, 601);
+    let some = journal.records(Some(298), 3).unwrap();
+    let numbers: Vec<u64> = some.iter().map(|record| record.n).collect();
+    assert_eq!(numbers, [299, 300, 301]);
+    assert_eq!(some[0].axis, Some(299));
+    assert!(journal.records(Some(600), 3).unwrap().is_empty());
+    assert!(journal.records(Some(u64::MAX), 3).unwrap().is_empty());
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn any_byte_that_is_flipped_names_its_record() {
+    let path = written("flipped", 5);
+    let whole = std::fs::read(&path).unwrap();
+    let ends: Vec<usize> =
+        whole.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(at, _)| at).collect();
+    for at in 0..whole.len() {
+        let mut flipped = whole.clone();
+        flipped[at] ^= 1;
+        let record = ends.iter().position(|end| at <= *end).unwrap() as u64;
+        let read = verify::read(&flipped[..], &mut |_, _| {}).unwrap();
+        match read {
+            Err(broken) => assert_eq!(broken.record, record, "byte {at}"),
+            // Its end is gone: the last record looks like one that was cut.
+            Ok(verified) => assert!(at == whole.len() - 1 && verified.records == 4, "byte {at}"),
+        }
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_record_that_is_taken_out_is_missed() {
+    let path = written("out", 4);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let without: String = text
+        .split_inclusive('\n')
+        .enumerate()
+        .filter(|(n, _)| *n != 1)
+        .map(|(_, line)| line)
+        .collect();
+    let broken = verify::read(without.as_bytes(), &mut |_, _| {}).unwrap().unwrap_err();
+    assert_eq!(broken.record, 1);
+    std::fs::write(&path, without).unwrap();
+    assert_eq!(Journal::open(&path).unwrap_err().code, "E253");
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_last_line_cut_anywhere_is_told_and_the_chain_goes_on() {
+    let path = written("cut", 2);
+    let whole = std::fs::read(&path).unwrap();
+    let first = whole.iter().position(|b| *b == b'\n').unwrap() + 1;
+    for length in first + 1..whole.len() {
+        std::fs::write(&path, &whole[..length]).unwrap();
+        let verified = verify(&path).unwrap().unwrap();
+        assert_eq!((verified.records, verified.cut), (1, (length - first) as u64));
+        let (journal, cut) = Journal::open(&path).unwrap();
+        assert_eq!(cut, verified.cut);
+        journal.write("ann", Deed::Stop, None, &Value::Null).unwrap();
+        assert_eq!(verify(&path).unwrap().unwrap().records, 2);
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn two_servers_do_not_write_one_journal() {
+    let path = written("two", 1);
+    let (_first, _) = Journal::open(&path).unwrap();
+    assert_eq!(Journal::open(&path).unwrap_err().code, "E312");
+    std::fs::remove_file(path).unwrap();
+}

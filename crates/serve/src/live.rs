@@ -1,0 +1,407 @@
+//! The WebSocket: one for each viewer, with a reader that never waits for drives and a writer that puts
+//! what was asked before what is merely shown.
+//!
+//! States of axes are made once for all viewers, ten times a second, by the [`Board`]. A viewer that
+//! takes nothing for five seconds is closed; its leases end with it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade};
+use axum::extract::{Extension, State};
+use axum::response::{IntoResponse as _, Response};
+use futures_util::stream::{SplitSink, SplitStream};
+use futures_util::{SinkExt as _, StreamExt as _};
+use polepair_link::clock;
+use tokio::sync::{Semaphore, broadcast, mpsc};
+use tokio::time::{MissedTickBehavior, interval, timeout};
+
+use crate::api::{self, Needs, Shared};
+use crate::bench::{Event, Session};
+use crate::message::{
+    AxisState, ClientMessage, CommandOrder, Ended, ErrorBody, LeaseAct, Outcome, Refused,
+    ServerMessage, StopOrder, Stopped, Welcome,
+};
+use crate::scope::Scope;
+use crate::session::Caller;
+
+/// The sub-protocol.
+pub const PROTOCOL: &str = "polepair.v1";
+/// Bytes of a message.
+pub const MESSAGE_MAX: usize = 64 * 1024;
+/// Viewers at once.
+pub const VIEWERS_MAX: usize = 2048;
+/// Answers that wait for one viewer.
+const ANSWERS_MAX: usize = 256;
+/// Commands of one viewer that are under way.
+const COMMANDS_MAX: usize = 64;
+/// How long a viewer may take nothing.
+const SILENT_MAX: Duration = Duration::from_secs(5);
+/// How often states are looked at.
+const LOOK: Duration = Duration::from_millis(100);
+/// After how many looks a state is told though only its age has changed.
+const LOOKS_MAX: u8 = 10;
+/// States that a slow viewer may be behind.
+const STATES_MAX: usize = 256;
+
+/// Where states of axes are put up for all viewers.
+#[derive(Debug, Clone)]
+pub(crate) struct Board {
+    states: broadcast::Sender<Utf8Bytes>,
+    places: Arc<Semaphore>,
+}
+
+impl Default for Board {
+    fn default() -> Self {
+        let places = Arc::new(Semaphore::new(VIEWERS_MAX));
+        Self { states: broadcast::Sender::new(STATES_MAX), places }
+    }
+}
+
+impl Board {
+    /// Looks after the states as long as there is a gate.
+    pub async fn look_after(gate: Shared) {
+        let mut looks = interval(LOOK);
+        looks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        let mut shown: Vec<(AxisState, u8)> = Vec::new();
+        loop {
+            looks.tick().await;
+            if gate.board.states.receiver_count() == 0 {
+                shown.clear();
+                continue;
+            }
+            for id in 0..=u16::MAX {
+                let Ok(state) = gate.bench.axis(id) else { break };
+                gate.board.show(state, &mut shown);
+            }
+        }
+    }
+
+    /// Puts up a state that has changed, or was not put up for a while.
+    fn show(&self, state: AxisState, shown: &mut Vec<(AxisState, u8)>) {
+        let at = usize::from(state.id);
+        let ageless = ageless(&state);
+        match shown.get_mut(at) {
+            Some((before, looks)) if *before == ageless && *looks < LOOKS_MAX => {
+                *looks += 1;
+                return;
+            }
+            Some(before) => *before = (ageless, 0),
+            None => shown.push((ageless, 0)),
+        }
+        // Nobody may look any more.
+        let _ = self.states.send(text(&ServerMessage::Axis(state)));
+    }
+}
+
+fn ageless(state: &AxisState) -> AxisState {
+    let mut state = state.clone();
+    state.signals.iter_mut().for_each(|signal| signal.age_ms = 0.0);
+    if let Some(lease) = &mut state.lease {
+        lease.expires_ms = 0.0;
+    }
+    state
+}
+
+/// Watch and command
+///
+/// A WebSocket of the sub-protocol `polepair.v1`. Texts are `ClientMessage` and `ServerMessage`; the
+/// binary ones are telemetry.
+#[utoipa::path(get, path = "/api/v1/live", tag = "live", responses(
+    (status = 101, description = "The WebSocket"),
+    (status = "default", body = ErrorBody),
+))]
+pub(crate) async fn upgrade(
+    State(gate): State<Shared>,
+    Extension(caller): Extension<Caller>,
+    upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
+) -> Response {
+    let wrong = |what: String| Refused::new("gateway.request", what).into_response();
+    let upgrade = match upgrade {
+        Ok(upgrade) => upgrade.protocols([PROTOCOL]),
+        Err(error) => return wrong(error.body_text()),
+    };
+    if upgrade.selected_protocol().is_none() {
+        return wrong(format!("this is for the sub-protocol {PROTOCOL}"));
+    }
+    let Ok(place) = Arc::clone(&gate.board.places).try_acquire_owned() else {
+        return Refused::new("gateway.busy", "as many watch as can").into_response();
+    };
+    let upgrade = upgrade.max_message_size(MESSAGE_MAX).max_frame_size(MESSAGE_MAX);
+    upgrade.on_upgrade(move |socket| async move {
+        gate.metrics.viewers.inc();
+        let session = gate.session(&caller);
+        tracing::info!(%session, "a viewer came");
+        Viewer::watch(&gate, caller, &session, socket).await;
+        tracing::info!(%session, "a viewer went");
+        gate.bench.gone(&session);
+        gate.metrics.viewers.dec();
+        drop(place);
+    })
+}
+
+/// One viewer.
+struct Viewer {
+    gate: Shared,
+    caller: Caller,
+    session: Session,
+    answers: mpsc::Sender<Utf8Bytes>,
+    under_way: Arc<Semaphore>,
+}
+
+impl Viewer {
+    async fn watch(gate: &Shared, caller: Caller, session: &Session, socket: WebSocket) {
+        let (to, from) = socket.split();
+        let (answers, waiting) = mpsc::channel(ANSWERS_MAX);
+        let events = gate.bench.events();
+        let states = gate.board.states.subscribe();
+        let viewer = Self {
+            gate: Arc::clone(gate),
+            caller,
+            session: session.clone(),
+            answers,
+            under_way: Arc::new(Semaphore::new(COMMANDS_MAX)),
+        };
+        let all = viewer.all();
+        let shown = Shown { waiting, events, states };
+        tokio::select! {
+            () = shown.write(gate, &viewer.caller, to, all) => {}
+            () = viewer.read(from) => {}
+        }
+    }
+
+    /// What is said first.
+    fn all(&self) -> Vec<Utf8Bytes> {
+        let bench = &self.gate.bench;
+        let welcome = ServerMessage::Welcome(Welcome {
+            server_ms: bench.now_ms(),
+            t0_ms: bench.t0_ms(),
+            session: self.session.to_string(),
+            scopes: self.caller.scopes.iter().collect(),
+            lease_ms: u32::try_from(bench.lease_lasts().as_millis()).unwrap_or(u32::MAX),
+        });
+        let mut all = vec![text(&welcome)];
+        all.extend(whole(&self.gate, &self.caller));
+        all
+    }
+
+    async fn read(&self, mut from: SplitStream<WebSocket>) {
+        while let Some(Ok(message)) = from.next().await {
+            let told = match message {
+                Message::Text(text) => self.hear(&text),
+                Message::Binary(_) => Some(error("a message is a text", None, None)),
+                Message::Close(_) => return,
+                Message::Ping(_) | Message::Pong(_) => None,
+            };
+            if let Some(told) = told
+                && self.answers.send(text(&told)).await.is_err()
+            {
+                return;
+            }
+        }
+    }
+
+    /// Takes a message. What cannot be answered at once is answered later.
+    fn hear(&self, said: &str) -> Option<ServerMessage> {
+        let message = match serde_json::from_str::<ClientMessage>(said) {
+            Ok(message) => message,
+            Err(wrong) => return Some(error(&wrong.to_string(), None, None)),
+        };
+        let (about, needs) = about(&message);
+        if !needs.met_by(self.caller.scopes) {
+            let grants = self.caller.scopes;
+            let refused = Refused::new("gateway.scope", format!("this needs the scope {needs}"))
+                .hint(format!("this token grants {grants}"));
+            self.gate.metrics.refused(&refused.code);
+            return Some(self.refused(&message, about, refused));
+        }
+        match message {
+            ClientMessage::Ping { client_ms } => {
+                let server_ms = self.gate.bench.now_ms();
+                return Some(ServerMessage::Pong { client_ms, server_ms });
+            }
+            ClientMessage::Stop { axes, reason } => self.stop(StopOrder { axes, reason }),
+            ClientMessage::Release => {
+                let released = self.gate.bench.release(&self.session);
+                return released.err().map(|refused| told(refused, Some(about), None));
+            }
+            ClientMessage::Command { axis, command } => return self.command(axis, command),
+            ClientMessage::Lease { axis, act, epoch } => return self.lease(axis, act, epoch),
+            _ => return Some(error("this server does not show that", Some(about), None)),
+        }
+        None
+    }
+
+    fn refused(&self, message: &ClientMessage, about: &str, refused: Refused) -> ServerMessage {
+        match message {
+            ClientMessage::Command { command, .. } => not_done(command.id.clone(), refused),
+            ClientMessage::Lease { axis, .. } => told(refused, Some(about), Some(*axis)),
+            _ => told(refused, Some(about), None),
+        }
+    }
+
+    /// How far it came is told by events, to everybody.
+    fn stop(&self, order: StopOrder) {
+        let since = clock::now();
+        let stopped = self.gate.bench.stop(&self.session, &order);
+        // Whoever floods us with stops is obeyed, not measured.
+        if let Ok(place) = Arc::clone(&self.under_way).try_acquire_owned() {
+            let gate = Arc::clone(&self.gate);
+            tokio::spawn(async move {
+                if stopped.await.is_ok() {
+                    gate.metrics.stops.observe(clock::now().since(since).as_secs_f64());
+                }
+                drop(place);
+            });
+        }
+    }
+
+    fn command(&self, axis: u16, order: CommandOrder) -> Option<ServerMessage> {
+        let id = order.id.clone();
+        let Ok(place) = Arc::clone(&self.under_way).try_acquire_owned() else {
+            return Some(not_done(id, busy()));
+        };
+        let since = clock::now();
+        let outcome = self.gate.bench.command(axis, &self.session, order);
+        let (gate, answers) = (Arc::clone(&self.gate), self.answers.clone());
+        tokio::spawn(async move {
+            let told = match outcome.await {
+                Ok(outcome) => ServerMessage::Outcome(outcome),
+                Err(refused) => not_done(id, refused),
+            };
+            gate.metrics.commands.observe(clock::now().since(since).as_secs_f64());
+            // It has gone: what it commanded ends with its leases.
+            let _ = answers.send(text(&told)).await;
+            drop(place);
+        });
+        None
+    }
+
+    fn lease(&self, axis: u16, act: LeaseAct, epoch: u64) -> Option<ServerMessage> {
+        let Ok(place) = Arc::clone(&self.under_way).try_acquire_owned() else {
+            return Some(told(busy(), Some("lease"), Some(axis)));
+        };
+        let granted = self.gate.bench.lease(axis, &self.session, act, epoch);
+        let answers = self.answers.clone();
+        tokio::spawn(async move {
+            let said = match granted.await {
+                Ok(granted) => ServerMessage::Leased {
+                    axis,
+                    epoch: granted.map_or(epoch, |lease| lease.epoch),
+                    expires_ms: granted.map(|lease| lease.expires_ms),
+                },
+                Err(refused) => told(refused, Some("lease"), Some(axis)),
+            };
+            let _ = answers.send(text(&said)).await;
+            drop(place);
+        });
+        None
+    }
+}
+
+/// What a viewer is shown.
+struct Shown {
+    waiting: mpsc::Receiver<Utf8Bytes>,
+    events: broadcast::Receiver<Event>,
+    states: broadcast::Receiver<Utf8Bytes>,
+}
+
+impl Shown {
+    /// Writes until the viewer is gone, or takes nothing.
+    async fn write(
+        mut self,
+        gate: &Shared,
+        caller: &Caller,
+        mut to: SplitSink<WebSocket, Message>,
+        first: Vec<Utf8Bytes>,
+    ) {
+        let mut texts = first;
+        loop {
+            for text in texts.drain(..) {
+                let sent = timeout(SILENT_MAX, to.send(Message::Text(text))).await;
+                if !matches!(sent, Ok(Ok(()))) {
+                    return;
+                }
+            }
+            // What was asked comes before what happens, and that before what is merely shown.
+            tokio::select! {
+                biased;
+                text = self.waiting.recv() => match text {
+                    Some(text) => texts.push(text),
+                    None => return,
+                },
+                event = self.events.recv() => match event {
+                    Ok(event) => texts.extend(of_event(gate, caller, event)),
+                    Err(broadcast::error::RecvError::Lagged(_)) => {
+                        texts.extend(whole(gate, caller));
+                    }
+                    Err(broadcast::error::RecvError::Closed) => return,
+                },
+                state = self.states.recv() => match state {
+                    Ok(state) => texts.push(state),
+                    Err(broadcast::error::RecvError::Lagged(lost)) => {
+                        gate.metrics.dropped.inc_by(lost);
+                    }
+                    Err(broadcast::error::RecvError::Closed) => return,
+                },
+            }
+        }
+    }
+}
+
+/// The bench and every axis.
+fn whole(gate: &Shared, caller: &Caller) -> Vec<Utf8Bytes> {
+    let bench = api::bench_of(gate, caller);
+    let axes = bench.axes.iter().filter_map(|axis| gate.bench.axis(axis.id).ok());
+    let axes: Vec<_> = axes.map(|state| text(&ServerMessage::Axis(state))).collect();
+    std::iter::once(text(&ServerMessage::Bench(bench))).chain(axes).collect()
+}
+
+fn of_event(gate: &Shared, caller: &Caller, event: Event) -> Option<Utf8Bytes> {
+    let message = match event {
+        Event::Lease { axis, .. } => ServerMessage::Axis(gate.bench.axis(axis).ok()?),
+        Event::Stopped(axis) => ServerMessage::Stopped(Stopped { axes: vec![axis] }),
+        Event::Locked(lock) => ServerMessage::Locked(lock),
+        Event::Unlocked => ServerMessage::Unlocked,
+        Event::Bench => ServerMessage::Bench(api::bench_of(gate, caller)),
+    };
+    Some(text(&message))
+}
+
+/// A message's `type`, and what it needs besides being let in.
+fn about(message: &ClientMessage) -> (&'static str, Needs) {
+    let needs = |scopes| Needs::One(scopes);
+    match message {
+        ClientMessage::Command { .. } => ("command", needs(&[Scope::Move])),
+        ClientMessage::Lease { .. } => ("lease", needs(&[Scope::Move, Scope::Configure])),
+        ClientMessage::Stop { .. } => ("stop", needs(&[Scope::Stop])),
+        ClientMessage::Release => ("release", needs(&[Scope::Move])),
+        ClientMessage::Ping { .. } => ("ping", needs(&[Scope::Read])),
+        ClientMessage::Subscribe { .. } => ("subscribe", needs(&[Scope::Read])),
+        ClientMessage::Unsubscribe { .. } => ("unsubscribe", needs(&[Scope::Read])),
+        ClientMessage::Frames { .. } => ("frames", needs(&[Scope::Read])),
+        ClientMessage::Explain { .. } => ("explain", needs(&[Scope::Read])),
+    }
+}
+
+fn text(message: &ServerMessage) -> Utf8Bytes {
+    // Made of strings and finite numbers, it can always be written down.
+    serde_json::to_string(message).unwrap_or_default().into()
+}
+
+fn told(error: Refused, about: Option<&str>, subject: Option<u16>) -> ServerMessage {
+    ServerMessage::Error { error, about: about.map(str::to_owned), subject }
+}
+
+fn error(what: &str, about: Option<&str>, subject: Option<u16>) -> ServerMessage {
+    told(Refused::new("gateway.request", what), about, subject)
+}
+
+fn not_done(id: String, refused: Refused) -> ServerMessage {
+    let outcome = Outcome { id, outcome: Ended::NotDone, error: Some(refused), replayed: false };
+    ServerMessage::Outcome(outcome)
+}
+
+fn busy() -> Refused {
+    Refused::new("gateway.busy", "too much of this viewer is under way").hint("wait for outcomes")
+}

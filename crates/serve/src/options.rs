@@ -1,0 +1,97 @@
+//! How a server is started.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+
+use crate::refusal::Refusal;
+use crate::scope::{Scope, Scopes};
+
+/// Where a server listens unless told otherwise.
+pub const PORT: u16 = 7365;
+
+/// What a server is told at its start.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Where it listens; port 0 takes a free one.
+    pub bind: SocketAddr,
+    /// Encrypts, with the certificate in the folder or a new one.
+    pub tls: bool,
+    /// Names by which browsers may call it, besides the loopback's and the address that it listens on.
+    pub names: Vec<String>,
+    /// What anybody may do at most, whatever the token says.
+    pub scopes: Scopes,
+    /// Where tokens, certificate and journal are.
+    pub folder: PathBuf,
+}
+
+impl Options {
+    /// Loopback, no encryption, everything but raw frames.
+    #[must_use]
+    pub fn in_folder(folder: PathBuf) -> Self {
+        Self {
+            bind: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), PORT),
+            tls: false,
+            names: Vec::new(),
+            scopes: [Scope::Read, Scope::Stop, Scope::Move, Scope::Configure].into_iter().collect(),
+            folder,
+        }
+    }
+
+    /// Refuses what would let others listen in, or could never be reached.
+    ///
+    /// # Errors
+    /// `E252` for an address that others can reach, without encryption; `E254` for a name.
+    pub fn check(&self) -> Result<(), Refusal> {
+        if !self.bind.ip().is_loopback() && !self.tls {
+            let what = format!("others can reach {}, and nothing would be encrypted", self.bind);
+            return Err(Refusal::usage("E252", what)
+                .why("Whoever hears a token may move the motors.")
+                .hint("add --tls, or listen on 127.0.0.1 and use an SSH tunnel"));
+        }
+        match self.names.iter().find(|name| !is_name(name)) {
+            None => Ok(()),
+            Some(name) => Err(Refusal::usage("E254", format!("{name:?} is no name of a host"))
+                .why("Each name that browsers may use has to be told; there are no wildcards.")
+                .hint("--name bench.example, or an IP address")),
+        }
+    }
+
+    /// What goes before `://`.
+    #[must_use]
+    pub const fn scheme(&self) -> &'static str {
+        if self.tls { "https" } else { "http" }
+    }
+}
+
+/// Whether it can be a host's name or address: letters, digits, dots, hyphens; colons of IPv6.
+fn is_name(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | ':');
+    !name.is_empty() && name.len() <= 253 && name.chars().all(plain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_loopback_goes_without_encryption() {
+        let loopback = Options::in_folder(PathBuf::new());
+        assert_eq!(loopback.check(), Ok(()));
+        for address in ["0.0.0.0:1", "[::]:1", "192.168.0.5:80", "[fe80::1]:80"] {
+            let mut options = loopback.clone();
+            options.bind = address.parse().unwrap();
+            assert_eq!(options.check().unwrap_err().code, "E252", "{address}");
+            options.tls = true;
+            assert_eq!(options.check(), Ok(()), "{address}");
+        }
+    }
+
+    #[test]
+    fn no_name_stands_for_all() {
+        let mut options = Options::in_folder(PathBuf::new());
+        for name in ["*", "*.example", "", "a b", "a/b"] {
+            options.names = vec![name.into()];
+            assert_eq!(options.check().unwrap_err().code, "E254", "{name}");
+        }
+    }
+}

@@ -1,0 +1,41 @@
+//! The page that was built into this program, if it was.
+
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+
+include!(concat!(env!("OUT_DIR"), "/page.rs"));
+
+/// What is shown where a program was built without the page.
+const LEFT_OUT: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Polepair</title>\
+<h1>The page was left out</h1><p>This polepair was built without its dashboard. The gateway works: \
+REST and WebSocket are at <code>/api/v1</code>, described by <a href=\"/api/v1/openapi.json\">\
+openapi.json</a>.</p><p>To have the page: <code>make web</code> where Node is, then build again.</p>";
+
+/// What is shown to a browser that was not let in.
+const LOCKED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Polepair</title>\
+<h1>This needs a token</h1><p>Open the URL that <code>polepair serve</code> printed when it started. \
+It lets one browser in, once; start the server again for another one.</p>";
+
+/// The file of that path; `None` where there is none.
+pub(crate) fn file(path: &str) -> Option<Response> {
+    let path = if path == "/" { "/index.html" } else { path };
+    let found = FILES.iter().find(|(name, ..)| *name == path);
+    if let Some((name, kind, bytes)) = found {
+        // What the build has put into `assets` has a hash in its name.
+        let keep =
+            if name.starts_with("/assets/") { "private, max-age=31536000" } else { "no-cache" };
+        let heads = [(header::CONTENT_TYPE, *kind), (header::CACHE_CONTROL, keep)];
+        return Some((heads, *bytes).into_response());
+    }
+    (path == "/index.html").then(|| html(StatusCode::OK, LEFT_OUT))
+}
+
+/// What a browser shows instead of an error in JSON.
+pub(crate) fn locked(status: StatusCode) -> Response {
+    html(status, LOCKED)
+}
+
+fn html(status: StatusCode, text: &'static str) -> Response {
+    let kind = HeaderValue::from_static("text/html; charset=utf-8");
+    (status, [(header::CONTENT_TYPE, kind)], text).into_response()
+}

@@ -1,0 +1,299 @@
+//! The server: it listens, opens the bench, lets requests to the guard, and ends in order.
+
+use std::convert::Infallible;
+use std::io;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::Body;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use polepair::Connector;
+use serde_json::json;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::runtime::Runtime;
+use tokio::sync::watch;
+use tower::ServiceExt as _;
+
+use crate::api::{self, Gate, Shared};
+use crate::bench::{self, Bench};
+use crate::connections::{Connections, Place};
+use crate::guard::Hosts;
+use crate::journal::Journal;
+use crate::live::Board;
+use crate::message::Deed;
+use crate::options::Options;
+use crate::refusal::Refusal;
+use crate::session::Door;
+use crate::tls::{self, Tls};
+use crate::token;
+
+/// How long a request's head may take, and the time between two; a TLS greeting likewise.
+const HEAD_MAX: Duration = Duration::from_secs(5);
+/// Bytes of a request's head.
+const HEAD_BYTES_MAX: usize = 32 * 1024;
+/// How long open connections have to end.
+const LEAVE_MAX: Duration = Duration::from_millis(500);
+/// How long nothing is accepted when the system gives no more sockets.
+const BREATH: Duration = Duration::from_millis(20);
+/// The tokens' file in the server's folder.
+const TOKENS: &str = "tokens";
+/// The journal's.
+const JOURNAL: &str = "journal.jsonl";
+
+/// A server that runs.
+pub struct Server {
+    runtime: Option<Runtime>,
+    gate: Shared,
+    address: SocketAddr,
+    url: String,
+    fingerprint: Option<String>,
+    cut: u64,
+    end: watch::Sender<bool>,
+}
+
+impl std::fmt::Debug for Server {
+    /// Not its URL: that lets somebody in.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Server at {}", self.address)
+    }
+}
+
+/// Ends a server, from any thread.
+#[derive(Debug, Clone)]
+pub struct Stopper(watch::Sender<bool>);
+
+impl Stopper {
+    /// Ends it: [`Server::wait`] returns.
+    pub fn stop(&self) {
+        self.0.send_replace(true);
+    }
+}
+
+impl Server {
+    /// Opens the links, without any a simulated rack, and serves them.
+    ///
+    /// # Errors
+    /// The options would let others in, a file is not as it has to be, the address is taken, a link
+    /// cannot be opened.
+    pub fn start(
+        options: &Options,
+        urls: &[String],
+        connector: Connector,
+    ) -> Result<Self, Refusal> {
+        options.check()?;
+        folder(&options.folder)?;
+        let grants = token::load(&options.folder.join(TOKENS))?;
+        let tls = if options.tls { Some(tls::load(options)?) } else { None };
+        let (listener, address) = listen(options.bind)?;
+        let (journal, cut) = Journal::open(&options.folder.join(JOURNAL))?;
+        let journal = Arc::new(journal);
+        let opened = bench::Options {
+            connector,
+            journal: Arc::<Journal>::clone(&journal),
+            ..bench::Options::default()
+        };
+        let bench = Bench::open(urls, opened)?;
+        let links: Vec<_> = bench.snapshot().links.into_iter().map(|link| link.url).collect();
+        let detail = json!({
+            "version": env!("CARGO_PKG_VERSION"), "links": links, "address": address,
+            "scopes": options.scopes.iter().collect::<Vec<_>>(), "cut": cut,
+        });
+        journal.write("server", Deed::Started, None, &detail)?;
+        let door = Door::new(grants, options.scopes, address.port(), options.tls);
+        let hosts = Hosts::new(options.scheme(), address.ip(), address.port(), &options.names);
+        let once = door.once()?.reveal();
+        let gate = Arc::new(Gate::new(bench, door, hosts, journal));
+        let fingerprint = tls.as_ref().map(|tls| tls.fingerprint.clone());
+        let (end, ended) = watch::channel(false);
+        let runtime = Runtime::new().map_err(|error| {
+            Refusal::adapter("E318", "no threads can be started").why(error.to_string())
+        })?;
+        runtime.spawn(Board::look_after(Arc::clone(&gate)));
+        runtime.spawn(accept(listener, Arc::clone(&gate), tls, ended));
+        let shown = SocketAddr::new(shown(address), address.port());
+        let url = format!("{}://{shown}/?once={once}", options.scheme());
+        Ok(Self { runtime: Some(runtime), gate, address, url, fingerprint, cut, end })
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// What lets one browser in, once.
+    #[must_use]
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// SHA-256 of its certificate, where it encrypts.
+    #[must_use]
+    pub fn fingerprint(&self) -> Option<&str> {
+        self.fingerprint.as_deref()
+    }
+
+    /// Bytes of a record without end that were found in the journal: the server before was killed.
+    #[must_use]
+    pub fn cut(&self) -> u64 {
+        self.cut
+    }
+
+    /// What it serves.
+    #[must_use]
+    pub fn bench(&self) -> &Bench {
+        &self.gate.bench
+    }
+
+    /// What ends it.
+    #[must_use]
+    pub fn stopper(&self) -> Stopper {
+        Stopper(self.end.clone())
+    }
+
+    /// Waits until somebody ends it, then stops what moves and closes everything.
+    pub fn wait(mut self) {
+        if let Some(runtime) = &self.runtime {
+            let mut end = self.end.subscribe();
+            // The sender is ours: it lives.
+            let _ = runtime.block_on(end.wait_for(|end| *end));
+        }
+        self.close();
+    }
+
+    fn close(&mut self) {
+        let Some(runtime) = self.runtime.take() else { return };
+        self.end.send_replace(true);
+        self.gate.bench.shutdown();
+        if let Err(error) = self.gate.journal.write("server", Deed::Ended, None, &json!({})) {
+            tracing::error!(%error, "the journal does not keep its end");
+        }
+        runtime.shutdown_timeout(LEAVE_MAX);
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+impl bench::Journal for Journal {
+    fn note(&self, note: bench::Note<'_>) -> Result<(), crate::message::Refused> {
+        self.write(note.who, note.deed, note.axis, &note.detail).map(drop)
+    }
+}
+
+/// Makes the server's folder, for its owner alone.
+fn folder(path: &Path) -> Result<(), Refusal> {
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(path).map_err(|error| Refusal::file(path, "make", &error))
+}
+
+/// Where a browser on this machine finds it.
+fn shown(address: SocketAddr) -> std::net::IpAddr {
+    let ip = address.ip();
+    if !ip.is_unspecified() {
+        return ip;
+    }
+    if ip.is_ipv4() { [127, 0, 0, 1].into() } else { std::net::Ipv6Addr::LOCALHOST.into() }
+}
+
+fn listen(bind: SocketAddr) -> Result<(std::net::TcpListener, SocketAddr), Refusal> {
+    let listening = || {
+        let listener = std::net::TcpListener::bind(bind)?;
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        Ok((listener, address))
+    };
+    listening().map_err(|error: io::Error| {
+        Refusal::adapter("E320", format!("cannot listen on {bind}"))
+            .why(format!("The system says: {error}."))
+            .hint("another server may be there: --bind 127.0.0.1:0 takes a free port")
+    })
+}
+
+async fn accept(
+    listener: std::net::TcpListener,
+    gate: Shared,
+    tls: Option<Tls>,
+    mut end: watch::Receiver<bool>,
+) {
+    let Ok(listener) = TcpListener::from_std(listener) else {
+        return tracing::error!("the system took the listening socket away");
+    };
+    let (app, connections) = (api::router(&gate), Connections::default());
+    loop {
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
+            _ = end.wait_for(|end| *end) => return,
+        };
+        gate.metrics.connections.set(i64::try_from(connections.count()).unwrap_or(i64::MAX));
+        let Ok((stream, peer)) = accepted else {
+            connections.make_room();
+            tokio::time::sleep(BREATH).await;
+            continue;
+        };
+        let Some((place, go)) = connections.take(peer.ip()) else { continue };
+        let acceptor = tls.as_ref().map(|tls| tls.acceptor.clone());
+        let (app, mut end) = (app.clone(), end.clone());
+        tokio::spawn(async move {
+            tokio::select! {
+                () = connection(stream, acceptor, app, place) => {}
+                _ = go => {}
+                _ = end.wait_for(|end| *end) => {}
+            }
+        });
+    }
+}
+
+async fn connection(
+    stream: TcpStream,
+    tls: Option<tokio_rustls::TlsAcceptor>,
+    app: Router,
+    place: Place,
+) {
+    // A socket that cannot be told so is slower, no worse.
+    let _ = stream.set_nodelay(true);
+    match tls {
+        None => requests(stream, app, &place).await,
+        Some(tls) => {
+            if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_MAX, tls.accept(stream)).await {
+                requests(stream, app, &place).await;
+            }
+        }
+    }
+}
+
+async fn requests(
+    stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    app: Router,
+    place: &Place,
+) {
+    let connection = place.connection();
+    let service = hyper::service::service_fn(move |mut request: hyper::Request<Incoming>| {
+        request.extensions_mut().insert(connection.clone());
+        let app = app.clone();
+        async move { Ok::<_, Infallible>(answered(app.oneshot(request.map(Body::new)).await)) }
+    });
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEAD_MAX).max_buf_size(HEAD_BYTES_MAX);
+    // Whoever breaks off or sends no HTTP hears no more.
+    let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
+}
+
+fn answered(answer: Result<hyper::Response<Body>, Infallible>) -> hyper::Response<Body> {
+    match answer {
+        Ok(answer) => answer,
+        Err(never) => match never {},
+    }
+}

@@ -1,0 +1,110 @@
+//! Encryption: TLS 1.3 and nothing older, with the server's own certificate unless there is another.
+
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::pki_types::pem::PemObject as _;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::rustls::{ServerConfig, version};
+
+use crate::options::Options;
+use crate::refusal::Refusal;
+use crate::token::{is_private, write_secret};
+
+/// The certificate's file in the server's folder.
+const CERTIFICATE: &str = "certificate.pem";
+/// Its key's.
+const KEY: &str = "key.pem";
+/// Certificates of a chain.
+const CHAIN_MAX: usize = 8;
+
+/// What encrypts, and the fingerprint by which people know it.
+pub struct Tls {
+    /// Takes connections.
+    pub acceptor: TlsAcceptor,
+    /// SHA-256 of the certificate, as browsers show it: `AB:CD:…`.
+    pub fingerprint: String,
+}
+
+impl std::fmt::Debug for Tls {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Tls").field("fingerprint", &self.fingerprint).finish_non_exhaustive()
+    }
+}
+
+/// Takes `certificate.pem` and `key.pem` of the server's folder; makes them on the first run.
+///
+/// # Errors
+/// They cannot be read, others may read the key, or they do not belong together.
+pub fn load(options: &Options) -> Result<Tls, Refusal> {
+    let (certificate, key) = (options.folder.join(CERTIFICATE), options.folder.join(KEY));
+    if !certificate.exists() && !key.exists() {
+        make(options, &certificate, &key)?;
+    }
+    let file = File::open(&key).map_err(|error| Refusal::file(&key, "read", &error))?;
+    is_private(&key, &file)?;
+    let wrong = |path: &Path, error: &dyn std::fmt::Display| {
+        Refusal::usage("E230", format!("{}: {error}", path.display()))
+            .hint("remove both files to get new ones")
+    };
+    let chain = CertificateDer::pem_file_iter(&certificate)
+        .and_then(|all| all.take(CHAIN_MAX).collect::<Result<Vec<_>, _>>())
+        .map_err(|error| wrong(&certificate, &error))?;
+    let first = chain.first().ok_or_else(|| wrong(&certificate, &"it holds no certificate"))?;
+    let fingerprint = fingerprint(first);
+    let secret = PrivateKeyDer::from_pem_file(&key).map_err(|error| wrong(&key, &error))?;
+    let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_protocol_versions(&[&version::TLS13])
+        .and_then(|config| config.with_no_client_auth().with_single_cert(chain, secret))
+        .map_err(|error| wrong(&certificate, &error))?;
+    Ok(Tls { acceptor: TlsAcceptor::from(Arc::new(config)), fingerprint })
+}
+
+fn make(options: &Options, certificate: &Path, key: &Path) -> Result<(), Refusal> {
+    let mut names = vec!["localhost".to_owned(), "127.0.0.1".to_owned(), "::1".to_owned()];
+    let address = options.bind.ip();
+    if !address.is_unspecified() && !address.is_loopback() {
+        names.push(address.to_string());
+    }
+    names.extend(options.names.iter().cloned());
+    let made = rcgen::generate_simple_self_signed(names).map_err(|error| {
+        Refusal::adapter("E318", "no certificate can be made").why(error.to_string())
+    })?;
+    write_secret(key, made.signing_key.serialize_pem().as_bytes())?;
+    std::fs::write(certificate, made.cert.pem())
+        .map_err(|error| Refusal::file(certificate, "write", &error))
+}
+
+fn fingerprint(certificate: &CertificateDer<'_>) -> String {
+    let suite = ring::cipher_suite::TLS13_AES_128_GCM_SHA256.tls13();
+    let hash = suite.map(|suite| suite.common.hash_provider.hash(certificate));
+    let bytes = hash.iter().flat_map(|hash| hash.as_ref().iter());
+    bytes.map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(":")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_certificate_is_made_once_and_kept_private() {
+        let folder = std::env::temp_dir().join(format!("polepair-tls-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let options = Options::in_folder(folder.clone());
+        let first = load(&options).unwrap();
+        assert_eq!(first.fingerprint.len(), 32 * 3 - 1);
+        assert_eq!(load(&options).unwrap().fingerprint, first.fingerprint);
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt as _;
+            let key = folder.join(KEY);
+            assert_eq!(std::fs::metadata(&key).unwrap().permissions().mode() & 0o777, 0o600);
+            std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o640)).unwrap();
+            assert_eq!(load(&options).unwrap_err().code, "E305");
+        }
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

@@ -1,0 +1,196 @@
+//! Tokens: 256 random bits that say what whoever has them may do.
+//!
+//! They live in a file that only its owner may read, one a line: the token in hexadecimal, its
+//! scopes, a name. They are compared in constant time and never shown.
+
+use std::fmt::{self, Write as _};
+use std::fs::{File, OpenOptions};
+use std::io::{Read as _, Write as _};
+use std::path::Path;
+
+use subtle::ConstantTimeEq as _;
+
+use crate::refusal::Refusal;
+use crate::scope::{Scope, Scopes};
+
+/// Bytes of a token.
+const BYTES: usize = 32;
+/// Tokens of a file.
+const TOKENS_MAX: usize = 64;
+/// Bytes of such a file.
+const FILE_MAX: u64 = 64 * 1024;
+
+/// Something that cannot be guessed.
+#[derive(Clone)]
+pub struct Token([u8; BYTES]);
+
+impl Token {
+    /// A new one, from the system's randomness.
+    ///
+    /// # Errors
+    /// When the system has none to give.
+    pub fn new() -> Result<Self, Refusal> {
+        let mut bytes = [0; BYTES];
+        getrandom::fill(&mut bytes).map_err(|error| {
+            Refusal::adapter("E318", "the system gives no random numbers").why(error.to_string())
+        })?;
+        Ok(Self(bytes))
+    }
+
+    /// Reads its hexadecimal digits.
+    #[must_use]
+    pub fn parse(text: &str) -> Option<Self> {
+        let text = text.as_bytes();
+        let digit = |at: usize| char::from(text[at]).to_digit(16);
+        let mut bytes = [0; BYTES];
+        if text.len() != 2 * BYTES {
+            return None;
+        }
+        for (at, byte) in bytes.iter_mut().enumerate() {
+            *byte = (digit(2 * at)? << 4 | digit(2 * at + 1)?) as u8;
+        }
+        Some(Self(bytes))
+    }
+
+    /// Its hexadecimal digits. For the file, the URL and the cookie alone.
+    #[must_use]
+    pub fn reveal(&self) -> String {
+        self.0.iter().fold(String::with_capacity(2 * BYTES), |mut text, byte| {
+            // Writing into a String cannot fail.
+            let _ = write!(text, "{byte:02x}");
+            text
+        })
+    }
+
+    /// Whether both are the same; takes as long whatever differs.
+    #[must_use]
+    pub fn is(&self, other: &Self) -> bool {
+        self.0.ct_eq(&other.0).into()
+    }
+
+    /// What stands for it where it must not be kept itself.
+    #[must_use]
+    pub fn digest(&self) -> [u8; 32] {
+        *blake3::hash(&self.0).as_bytes()
+    }
+}
+
+impl fmt::Debug for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Token")
+    }
+}
+
+/// A token, and what it grants to whom.
+#[derive(Debug, Clone)]
+pub struct Grant {
+    /// The secret.
+    pub token: Token,
+    /// What it grants.
+    pub scopes: Scopes,
+    /// Whom the journal names.
+    pub name: String,
+}
+
+/// Reads the file's tokens. Where there is no file yet it is made, with two tokens: `operator`, who may
+/// do all but raw frames, and `viewer`, who may see and stop.
+///
+/// # Errors
+/// The file cannot be made or read, others may read it, or it holds something else.
+pub fn load(path: &Path) -> Result<Vec<Grant>, Refusal> {
+    match File::open(path) {
+        Ok(file) => read(path, file),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => make(path),
+        Err(error) => Err(Refusal::file(path, "read", &error)),
+    }
+}
+
+fn make(path: &Path) -> Result<Vec<Grant>, Refusal> {
+    let operator = Scopes::from_iter([Scope::Read, Scope::Stop, Scope::Move, Scope::Configure]);
+    let viewer = Scopes::from_iter([Scope::Read, Scope::Stop]);
+    let grant = |name: &str, scopes| {
+        Ok::<_, Refusal>(Grant { token: Token::new()?, scopes, name: name.to_owned() })
+    };
+    let grants = vec![grant("operator", operator)?, grant("viewer", viewer)?];
+    let mut text = String::from("# TOKEN SCOPES NAME; who has a token may do what it grants\n");
+    for Grant { token, scopes, name } in &grants {
+        let _ = writeln!(text, "{} {scopes} {name}", token.reveal());
+    }
+    write_secret(path, text.as_bytes())?;
+    Ok(grants)
+}
+
+/// Makes a file that only its owner can read; there must be none yet.
+pub(crate) fn write_secret(path: &Path, bytes: &[u8]) -> Result<(), Refusal> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let written = options.open(path).and_then(|mut file| file.write_all(bytes));
+    written.map_err(|error| Refusal::file(path, "write", &error))
+}
+
+/// Refuses a file that others may read.
+pub(crate) fn is_private(path: &Path, file: &File) -> Result<(), Refusal> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        let data = file.metadata().map_err(|error| Refusal::file(path, "read", &error))?;
+        if data.permissions().mode() & 0o077 != 0 {
+            let what = format!("others may read {}", path.display());
+            return Err(Refusal::adapter("E305", what)
+                .why("What stands there lets whoever reads it move motors.")
+                .hint(format!("chmod 600 {}, or remove it to get new ones", path.display())));
+        }
+    }
+    let _ = (path, file);
+    Ok(())
+}
+
+fn read(path: &Path, file: File) -> Result<Vec<Grant>, Refusal> {
+    is_private(path, &file)?;
+    let mut text = String::new();
+    file.take(FILE_MAX)
+        .read_to_string(&mut text)
+        .map_err(|error| Refusal::file(path, "read", &error))?;
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let lines = lines.filter(|(_, line)| !line.starts_with('#')).take(TOKENS_MAX);
+    let grants: Result<Vec<_>, _> = lines.map(|(n, line)| grant(path, n + 1, line)).collect();
+    let grants = grants?;
+    if grants.is_empty() {
+        return Err(wrong(path, 1, "it holds no token"));
+    }
+    Ok(grants)
+}
+
+fn grant(path: &Path, line: usize, text: &str) -> Result<Grant, Refusal> {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let [token, scopes, name] = words[..] else {
+        return Err(wrong(path, line, "a line has a token, scopes and a name"));
+    };
+    let token = Token::parse(token).ok_or_else(|| wrong(path, line, "that is no token"))?;
+    let scopes = scopes.parse::<Scopes>().map_err(|error| wrong(path, line, &error.to_string()))?;
+    Ok(Grant { token, scopes, name: name.to_owned() })
+}
+
+/// What is wrong, without what stands there.
+fn wrong(path: &Path, line: usize, why: &str) -> Refusal {
+    Refusal::usage("E230", format!("{}:{line}: {why}", path.display()))
+        .hint("remove the file to get a new one")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_token_comes_back_from_its_digits_and_hides_otherwise() {
+        let token = Token::new().unwrap();
+        let text = token.reveal();
+        assert_eq!(text.len(), 64);
+        assert!(Token::parse(&text).is_some_and(|same| same.is(&token)));
+        assert!(!Token::new().unwrap().is(&token), "two are never the same");
+        assert_eq!(format!("{token:?}"), "Token");
+        assert!(Token::parse(&text[1..]).is_none() && Token::parse(&"g".repeat(64)).is_none());
+    }
+}
