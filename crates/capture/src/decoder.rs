@@ -1,8 +1,10 @@
 //! Records in, explained frames out.
 
+mod gather;
 mod lane;
 
 use core::fmt;
+use std::sync::Arc;
 
 use polepair_core::drives;
 use polepair_core::error::WireError;
@@ -19,6 +21,7 @@ use crate::rules::{Rule, Rules};
 use crate::session::{Heard, Notice, Session, reported};
 use crate::stamp::Stamp;
 use crate::stream::{Flow, Origin, Piece, Shape};
+use crate::text::Head;
 pub(crate) use lane::speaks;
 use lane::{Lane, Lanes, Teller, claimant, spoken};
 
@@ -141,12 +144,14 @@ pub struct Decoder {
     follows: bool,
     /// Records beyond the links that are followed.
     foreign: u64,
+    /// How far lines of text have come.
+    head: Head,
 }
 
 /// One link of the capture.
 #[derive(Debug)]
 struct Wire {
-    name: String,
+    name: Arc<str>,
     rules: Vec<Rule>,
     lanes: Lanes,
     flows: [Flow; 3],
@@ -172,6 +177,7 @@ impl Decoder {
             count: 0,
             follows: true,
             foreign: 0,
+            head: Head::default(),
         }
     }
 
@@ -309,7 +315,7 @@ impl Decoder {
     /// frame: its number is 0, and it has a link, a protocol, an axis and one notice.
     pub fn ending(&mut self, out: Out<'_>) {
         for wire in &mut self.wires {
-            let (explained, link) = (&mut self.explained, wire.name.as_str());
+            let (explained, link) = (&mut self.explained, &*wire.name);
             wire.session.end(&mut |protocol, notice| {
                 explained.clear();
                 explained.axis = notice.axis();
@@ -345,17 +351,17 @@ impl Decoder {
 
     /// Links on which the host was seen to hear itself.
     pub(crate) fn echoing(&self) -> impl Iterator<Item = &str> {
-        self.wires.iter().filter(|wire| wire.conversation.echoes()).map(|wire| wire.name.as_str())
+        self.wires.iter().filter(|wire| wire.conversation.echoes()).map(|wire| &*wire.name)
     }
 
     fn wire(&mut self, name: &str) -> Option<usize> {
-        if let Some(at) = self.wires.iter().position(|wire| wire.name == name) {
+        if let Some(at) = self.wires.iter().position(|wire| *wire.name == *name) {
             return Some(at);
         }
         let echoes = self.echoing.iter().any(|link| link == name);
         (self.wires.len() < LINKS_MAX).then(|| {
             self.wires.push(Wire {
-                name: name.to_owned(),
+                name: name.into(),
                 rules: self.rules.on(name),
                 lanes: Lanes::default(),
                 flows: Default::default(),
@@ -492,7 +498,7 @@ impl Decoder {
             let (dissector, stated) = (rules[rule].dissector, spoken(self.profile, &rules[rule]));
             let profile = stated.or_else(|| drives::assumed(dissector));
             let left = teller.left;
-            let lane = Lane { dissector, profile, stated: stated.is_some(), left };
+            let lane = Lane { dissector, profile, stated: stated.is_some(), left, voice: 0 };
             if left.is_some() && teller.tried == 1 {
                 lanes.keep(frame, lane);
             }

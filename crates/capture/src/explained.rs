@@ -135,6 +135,17 @@ impl Explained {
         self.readings.clear();
     }
 
+    /// Becomes what another one is, in its own buffers.
+    pub(crate) fn copy(&mut self, other: &Self) {
+        let Self { kind, axis, text, error, items, bytes, readings, keeps } = other;
+        self.kind.clone_from(kind);
+        self.text.clone_from(text);
+        self.items.clone_from(items);
+        self.bytes.clone_from(bytes);
+        self.readings.clone_from(readings);
+        (self.axis, self.error, self.keeps) = (*axis, *error, *keeps);
+    }
+
     /// The values that the frame carries.
     pub(crate) fn readings(&self) -> &[Told] {
         &self.readings

@@ -25,6 +25,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod batch;
 mod changes;
 mod conversation;
 mod date;
@@ -38,6 +39,8 @@ pub mod jsonl;
 mod judge;
 #[cfg(test)]
 mod made;
+mod page;
+pub mod parallel;
 pub mod plot;
 mod put;
 mod read;
@@ -50,6 +53,7 @@ pub mod summary;
 pub mod text;
 mod write;
 
+pub use batch::{Batch, Decoded, Plain, Voice};
 pub use changes::{Changes, about, meaning};
 pub use decoder::{Decoder, Event, Wrong};
 pub use explained::{CAN_FD, ERROR_FRAME, Explained, Item, ItemValue};
@@ -57,7 +61,7 @@ pub use filter::{Filter, FilterError, Glob};
 pub use follow::{Follow, Next};
 pub use format::{Format, Packing};
 pub use judge::{Judge, Verdict};
-pub use read::{Bad, Damage, Place, Reader, Tally, parse};
+pub use read::{Bad, Damage, Place, Reader, Scan, Tally, parse};
 pub use record::{Data, ErrorFrame, Fd, Record};
 pub use rules::{Rule, RuleError, Rules, Scope, nearest};
 pub use stamp::Stamp;

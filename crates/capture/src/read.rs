@@ -17,6 +17,7 @@ mod lines;
 pub(crate) mod linktype;
 mod pcap;
 mod pcapng;
+mod scan;
 mod seriallog;
 mod text;
 mod trc;
@@ -29,6 +30,7 @@ use crate::record::Record;
 #[cfg(test)]
 pub(crate) use lines::LINE_MAX;
 use lines::Lines;
+pub use scan::Scan;
 pub use text::parse;
 use unpack::Unpack;
 
@@ -93,6 +95,13 @@ pub(crate) trait Source: fmt::Debug + Send {
     /// Takes what is whole off the head of `bytes` and says how many bytes that were. When the
     /// capture has `ended` no more will come: what is not whole is damage.
     fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize;
+
+    /// So many lines and bytes in front of what comes next were read elsewhere. False where that
+    /// cannot be: it is not between lines.
+    fn pass_over(&mut self, lines: u64, bytes: u64) -> bool {
+        let _ = (lines, bytes);
+        false
+    }
 }
 
 /// Reads a capture in pieces, cut anywhere. Memory stays bounded however long the capture is.
@@ -201,6 +210,27 @@ impl Reader {
                 }
             }
         }
+    }
+
+    /// Takes note that so many lines, each a record, were read elsewhere. False where that cannot be:
+    /// it is not between lines of a log.
+    pub(crate) fn pass_over(&mut self, lines: u64, bytes: u64) -> bool {
+        let plain = &mut self.plain;
+        let whole = matches!(self.packing, Packed::No) && plain.carry.is_empty();
+        let Some((Format::Text, source)) = plain.source.as_mut().filter(|_| whole) else {
+            return false;
+        };
+        let between = source.pass_over(lines, bytes);
+        if between {
+            plain.came += bytes;
+            plain.tally.records += lines;
+        }
+        between
+    }
+
+    /// Bytes that came so far, unpacked.
+    pub(crate) const fn came(&self) -> u64 {
+        self.plain.came
     }
 
     /// Ends the capture: what waits for more is damage.

@@ -9,14 +9,17 @@ mod exchange;
 mod name;
 
 use core::fmt::Debug;
+use std::sync::Arc;
 
 use polepair_core::explain::{Direction, Dissector, Raw};
+use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
 use crate::decoder::Wrong;
 use crate::explained::Explained;
 use crate::record::ErrorFrame;
 use crate::stamp::Stamp;
+use canopen::Process;
 
 pub use name::{Name, name};
 
@@ -305,6 +308,13 @@ pub(crate) trait Follower: Debug + Send {
         let _ = (now, notices);
     }
 
+    /// What a frame of 11 bits says that changes nothing, now; `None` where it has to be
+    /// [taken](Self::take).
+    fn settled(&mut self, frame: &Frame, now: Stamp) -> Option<&Arc<Process>> {
+        let _ = (frame, now);
+        None
+    }
+
     /// Whether the capture gave that CAN identifier to this protocol, which is not its own otherwise.
     fn claims(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
@@ -336,6 +346,15 @@ impl Session {
             self.followers.len() - 1
         });
         self.followers[at].1.take(heard, said, notices);
+    }
+
+    /// What a frame says that changes nothing, where one protocol alone is spoken.
+    #[inline]
+    pub fn settled(&mut self, frame: &Frame, now: Stamp) -> Option<&Arc<Process>> {
+        match &mut self.followers[..] {
+            [(_, only)] => only.settled(frame, now),
+            _ => None,
+        }
     }
 
     /// The protocol that the capture gave a CAN identifier to, beside those that are its own.

@@ -1,11 +1,14 @@
 //! One aligned line a frame, for people, and below it what its conversation tells.
 
+mod plain;
+
 use std::io::Write as _;
 
 use polepair_core::explain::Direction;
 
 use crate::changes::{Changes, meaning};
 use crate::decoder::Event;
+use crate::page::Page;
 use crate::put;
 use crate::session::{Change, Exchange, Fault, Notice, Odd, Outcome, Signal, is_of_frame};
 use crate::stamp::Stamp;
@@ -41,10 +44,31 @@ pub enum Notices {
 #[derive(Clone, Debug, Default)]
 pub struct Text {
     style: Style,
+    head: Head,
+    changes: Changes,
+    page: Page,
+}
+
+/// How far lines have come: the time they count from, and how wide their first columns are.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Head {
     first: Option<Stamp>,
     link_width: usize,
     protocol_width: usize,
-    changes: Changes,
+}
+
+impl Head {
+    /// A frame's line follows.
+    pub fn see(&mut self, event: &Event<'_>) {
+        self.first = self.first.or(event.time);
+        self.link_width = self.link_width.max(event.link.len());
+        self.protocol_width = self.protocol_width.max(word(event.protocol).len());
+    }
+}
+
+/// A protocol's name, or a question mark.
+fn word(protocol: Option<&'static str>) -> &'static str {
+    protocol.unwrap_or("?")
 }
 
 const OFF: &[u8] = b"\x1b[0m";
@@ -64,16 +88,14 @@ impl Text {
     pub fn write(&mut self, event: &Event<'_>, out: &mut Vec<u8>) {
         out.reserve(LINE_ROOM);
         let start = out.len();
+        self.head.see(event);
         self.time(event.time, out);
         let head = out.len();
-        let protocol = event.protocol.unwrap_or("?");
-        self.link_width = self.link_width.max(event.link.len());
-        self.protocol_width = self.protocol_width.max(protocol.len());
-        padded(event.link, self.link_width, out);
+        padded(event.link, self.head.link_width, out);
         out.push(b' ');
         self.arrow(event.direction, out);
         out.push(b' ');
-        padded(protocol, self.protocol_width, out);
+        padded(word(event.protocol), self.head.protocol_width, out);
         out.extend_from_slice(b"  ");
         let hidden = self.bytes(event, out);
         let column = out.len() - head - hidden - self.hidden_arrow(event.direction);
@@ -88,7 +110,7 @@ impl Text {
 
     /// A frame that is not shown; times count from the first, shown or not.
     pub fn skip(&mut self, event: &Event<'_>) {
-        self.first = self.first.or(event.time);
+        self.head.first = self.head.first.or(event.time);
     }
 
     /// Appends what conversations leave open, which is no frame.
@@ -99,9 +121,9 @@ impl Text {
         }
     }
 
-    fn time(&mut self, time: Option<Stamp>, out: &mut Vec<u8>) {
+    fn time(&self, time: Option<Stamp>, out: &mut Vec<u8>) {
         let Some(time) = time else { return };
-        let since = time.since(*self.first.get_or_insert(time));
+        let since = time.since(self.head.first.unwrap_or(time));
         self.open(DIM, out);
         put::filled(since / 1_000_000_000, 4, b' ', out);
         out.push(b'.');

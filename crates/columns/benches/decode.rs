@@ -3,148 +3,18 @@
 //! Sixteen CANopen drives at 1 kHz whose mappings stand at the head of the log: SYNC, RPDO1, TPDO1 and
 //! TPDO2 in every cycle, heartbeats and reads of objects between. Targets on one core: 20, 30 and 60 ns.
 
-use std::fmt::Write as _;
+mod work;
+
 use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use polepair_capture::text::{Style, Text};
-use polepair_capture::{Decoder, Reader, Rules};
-use polepair_columns::{Origin, Table, Tables};
+use work::{columns, log, parse, text, text_by};
 
 const FRAMES: usize = 100_000;
-const PIECE: usize = 1 << 18;
-
-/// A log, written line by line.
-struct Log {
-    text: String,
-    us: u64,
-    frames: usize,
-    seed: u64,
-}
-
-impl Log {
-    fn random(&mut self) -> u64 {
-        self.seed ^= self.seed << 13;
-        self.seed ^= self.seed >> 7;
-        self.seed ^= self.seed << 17;
-        self.seed >> 16
-    }
-
-    fn frame(&mut self, id: u32, data: &[u8]) {
-        let (seconds, us) = (self.us / 1_000_000, self.us % 1_000_000);
-        let _ = write!(self.text, "({seconds:010}.{us:06}) can0 {id:03X}#");
-        data.iter().for_each(|byte| _ = write!(self.text, "{byte:02X}"));
-        self.text.push('\n');
-        self.us += 115 + (self.random() & 15);
-        self.frames += 1;
-    }
-
-    fn write(&mut self, node: u32, index: u16, sub: u8, raw: u32, len: u8) {
-        let ([low, high], [a, b, c, d]) = (index.to_le_bytes(), raw.to_le_bytes());
-        self.frame(0x600 + node, &[0x23 | (4 - len) << 2, low, high, sub, a, b, c, d]);
-        self.frame(0x580 + node, &[0x60, low, high, sub, 0, 0, 0, 0]);
-    }
-
-    fn map(&mut self, node: u32, index: u16, entries: &[u32]) {
-        self.write(node, index, 0, 0, 1);
-        for (sub, entry) in (1..).zip(entries) {
-            self.write(node, index, sub, *entry, 4);
-        }
-        self.write(node, index, 0, entries.len() as u32, 1);
-    }
-
-    fn cycle(&mut self, cycle: u64) {
-        self.frame(0x80, &[]);
-        for node in 1..=16 {
-            let position = (self.random() % 100_000) as u32;
-            let [a, b, c, d] = position.to_le_bytes();
-            self.frame(0x200 + node, &[0x0F, 0, a, b, c, d]);
-            let error = self.random() as u8;
-            self.frame(0x180 + node, &[0x37, 0x16, a, b, c, d, error, 0]);
-            let [e, f, ..] = (self.random() as u32).to_le_bytes();
-            self.frame(0x280 + node, &[e, f, 0, 0, f, 0]);
-        }
-        if cycle % 100 < 16 {
-            self.frame(0x701 + (cycle % 100) as u32, &[5]);
-        }
-        let node = 1 + (cycle % 16) as u32;
-        self.frame(0x600 + node, &[0x40, 0x64, 0x60, 0, 0, 0, 0, 0]);
-        self.frame(0x580 + node, &[0x43, 0x64, 0x60, 0, 1, 2, 3, 4]);
-    }
-}
-
-fn log() -> String {
-    let mut log = Log {
-        text: String::new(),
-        us: 1_700_000_000_000_000,
-        frames: 0,
-        seed: 88_172_645_463_325_252,
-    };
-    for node in 1..=16 {
-        log.map(node, 0x1600, &[0x6040_0010, 0x607A_0020]);
-        log.map(node, 0x1A00, &[0x6041_0010, 0x6064_0020, 0x60F4_0010]);
-        log.map(node, 0x1A01, &[0x606C_0020, 0x6077_0010]);
-    }
-    let mut cycle = 0;
-    while log.frames < FRAMES {
-        log.cycle(cycle);
-        cycle += 1;
-    }
-    log.text
-}
-
-fn decoder() -> Decoder {
-    Decoder::new(Rules::parse("canopen").unwrap_or_default())
-}
-
-fn parse(log: &str) -> u64 {
-    let (mut reader, mut bytes) = (Reader::default(), 0);
-    let mut count = |record: &polepair_capture::Record<'_>| {
-        if let polepair_capture::Data::Frame(frame) = record.data {
-            bytes += u64::from(frame.len);
-        }
-    };
-    log.as_bytes().chunks(PIECE).for_each(|piece| reader.feed(piece, &mut count));
-    reader.finish(&mut count);
-    bytes
-}
-
-fn columns(log: &str) -> usize {
-    let origin = Origin { source: "bench".to_owned(), file: "bench.log".to_owned() };
-    let (mut tables, mut rows) = (Tables::new(&Table::ALL, &origin), 0);
-    let mut decoder = decoder().without_words();
-    let mut flush = |tables: &mut Tables| {
-        let flushed = tables.flush(&mut |_, batch| {
-            rows += batch.num_rows();
-            Ok(())
-        });
-        assert!(flushed.is_ok());
-    };
-    for piece in log.as_bytes().chunks(PIECE) {
-        decoder.feed(piece, &mut |event| tables.take(event));
-        if tables.is_full() {
-            flush(&mut tables);
-        }
-    }
-    decoder.finish(&mut |event| tables.take(event));
-    flush(&mut tables);
-    rows
-}
-
-fn text(log: &str) -> usize {
-    let (mut lines, mut out, mut written) = (Text::new(Style::default()), Vec::new(), 0);
-    let mut decoder = decoder();
-    for piece in log.as_bytes().chunks(PIECE) {
-        decoder.feed(piece, &mut |event| lines.write(event, &mut out));
-        written += out.len();
-        out.clear();
-    }
-    written
-}
 
 fn decode(c: &mut Criterion) {
-    let log = log();
+    let log = log(FRAMES);
     let frames = log.lines().count() as u64;
     let mut group = c.benchmark_group("candump log, per frame");
     group.throughput(Throughput::Elements(frames));
@@ -152,6 +22,10 @@ fn decode(c: &mut Criterion) {
     group.bench_function("read", |b| b.iter(|| black_box(parse(black_box(&log)))));
     group.bench_function("columns", |b| b.iter(|| black_box(columns(black_box(&log)))));
     group.bench_function("text", |b| b.iter(|| black_box(text(black_box(&log)))));
+    for jobs in [1, 2] {
+        let name = format!("text, threads: {jobs}");
+        group.bench_function(name, |b| b.iter(|| black_box(text_by(black_box(&log), jobs))));
+    }
     group.finish();
 }
 

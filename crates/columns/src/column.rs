@@ -19,25 +19,62 @@ const BEYOND: &str = "(more words than can be kept)";
 #[derive(Debug)]
 pub(crate) struct Numbers<T: ArrowPrimitiveType> {
     values: Vec<T::Native>,
-    nulls: NullBufferBuilder,
+    there: There,
+}
+
+/// Which rows have a number.
+#[derive(Debug)]
+enum There {
+    All,
+    None,
+    Some(NullBufferBuilder),
 }
 
 impl<T: ArrowPrimitiveType> Default for Numbers<T> {
     fn default() -> Self {
-        Self { values: Vec::new(), nulls: NullBufferBuilder::new(0) }
+        Self { values: Vec::new(), there: There::All }
     }
 }
 
 impl<T: ArrowPrimitiveType> Numbers<T> {
     #[inline]
     pub fn push(&mut self, value: T::Native) {
+        self.note(true);
         self.values.push(value);
-        self.nulls.append_non_null();
     }
 
+    #[inline]
     pub fn push_maybe(&mut self, value: Option<T::Native>) {
+        self.note(value.is_some());
         self.values.push(value.unwrap_or_default());
-        self.nulls.append(value.is_some());
+    }
+
+    #[inline]
+    fn note(&mut self, is: bool) {
+        match (&self.there, is) {
+            (There::All, true) | (There::None, false) => {}
+            _ => self.differ(is),
+        }
+    }
+
+    /// The next row is not as all were so far.
+    fn differ(&mut self, is: bool) {
+        let rows = self.values.len();
+        let was = matches!(self.there, There::All);
+        match &mut self.there {
+            There::Some(builder) => builder.append(is),
+            _ if rows == 0 => self.there = if is { There::All } else { There::None },
+            there => {
+                let mut builder = NullBufferBuilder::new(rows + 1);
+                if was {
+                    builder.append_n_non_nulls(rows)
+                } else {
+                    builder.append_n_nulls(rows)
+                }
+                builder.append(is);
+                *there = There::Some(builder);
+            }
+        }
     }
 
     pub fn len(&self) -> usize {
@@ -46,9 +83,14 @@ impl<T: ArrowPrimitiveType> Numbers<T> {
 
     /// What was gathered; the column begins anew.
     pub fn take(&mut self) -> PrimitiveArray<T> {
-        let capacity = self.values.len();
-        let values = core::mem::replace(&mut self.values, Vec::with_capacity(capacity));
-        PrimitiveArray::new(values.into(), self.nulls.finish())
+        let rows = self.values.len();
+        let values = core::mem::replace(&mut self.values, Vec::with_capacity(rows));
+        let nulls = match core::mem::replace(&mut self.there, There::All) {
+            There::All => None,
+            There::None => Some(NullBuffer::new_null(rows)),
+            There::Some(mut builder) => builder.finish(),
+        };
+        PrimitiveArray::new(values.into(), nulls)
     }
 }
 
@@ -58,6 +100,7 @@ pub(crate) struct Dictionary {
     numbers: HashMap<Box<str>, i32>,
     words: Vec<Box<str>>,
     last: i32,
+    places: Places,
 }
 
 impl Dictionary {
@@ -68,6 +111,17 @@ impl Dictionary {
             Some(last) if **last == *word => self.last,
             _ => self.look_up(word),
         }
+    }
+
+    /// The number of a word that stays where it is: told by its place, without a look at its letters.
+    #[inline]
+    pub fn number_of(&mut self, word: &'static str) -> i32 {
+        if let Some(number) = self.places.of(word) {
+            return number;
+        }
+        let number = self.look_up(word);
+        self.places.keep(word, number);
+        number
     }
 
     fn look_up(&mut self, word: &str) -> i32 {
@@ -87,8 +141,47 @@ impl Dictionary {
         number
     }
 
-    fn values(&self) -> ArrayRef {
+    pub fn values(&self) -> ArrayRef {
         Arc::new(StringArray::from_iter_values(&self.words))
+    }
+}
+
+/// Numbers of words by where these lie in memory; one that takes the place of another is looked up
+/// again.
+struct Places([(&'static str, i32); PLACES]);
+
+/// Words of a column that are told by their place at once: a power of two.
+const PLACES: usize = 256;
+
+impl Default for Places {
+    fn default() -> Self {
+        Self([("", -1); PLACES])
+    }
+}
+
+impl core::fmt::Debug for Places {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{PLACES}")
+    }
+}
+
+impl Places {
+    #[inline]
+    fn at(word: &'static str) -> usize {
+        /// 2 to the 64th by the golden ratio: near places become far ones.
+        const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
+        let place = word.as_ptr() as u64 ^ (word.len() as u64) << 48;
+        (place.wrapping_mul(SPREAD) >> 32) as usize & (PLACES - 1)
+    }
+
+    #[inline]
+    fn of(&self, word: &'static str) -> Option<i32> {
+        let (known, number) = self.0[Self::at(word)];
+        (core::ptr::eq(known, word) && number >= 0).then_some(number)
+    }
+
+    fn keep(&mut self, word: &'static str, number: i32) {
+        self.0[Self::at(word)] = (word, number);
     }
 }
 
@@ -105,8 +198,20 @@ impl Words {
         self.keys.push(self.dictionary.number(word));
     }
 
-    pub fn push_maybe(&mut self, word: Option<&str>) {
-        self.keys.push_maybe(word.map(|word| self.dictionary.number(word)));
+    /// A word that stays where it is.
+    #[inline]
+    pub fn push_name(&mut self, word: &'static str) {
+        self.keys.push(self.dictionary.number_of(word));
+    }
+
+    pub fn push_maybe(&mut self, word: Option<&'static str>) {
+        self.keys.push_maybe(word.map(|word| self.dictionary.number_of(word)));
+    }
+
+    /// A word by its number in the dictionary.
+    #[inline]
+    pub fn push_number(&mut self, number: i32) {
+        self.keys.push(number);
     }
 
     pub fn take(&mut self) -> Result<ArrayRef, ArrowError> {
@@ -158,6 +263,15 @@ impl Bytes {
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
         self.ends.push(self.bytes.len() as i32);
+    }
+
+    /// The first `len` of eight bytes.
+    #[inline]
+    pub fn push_some(&mut self, bytes: [u8; 8], len: u8) {
+        let end = self.bytes.len() + usize::from(len);
+        self.bytes.extend_from_slice(&bytes);
+        self.bytes.truncate(end);
+        self.ends.push(end as i32);
     }
 
     /// Bytes of all rows together.

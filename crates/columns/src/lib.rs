@@ -3,6 +3,7 @@
 //! ```text
 //!   capture   events and what their conversations tell
 //!    └ Tables rows into batches of four tables       (Arrow; no file)
+//!       ├ Numbering  several builders' batches as one's
 //!       ├ Files  batches into four files             (Parquet, or Arrow's file format)
 //!       └ Parts  batches into a partitioned data set (Parquet)
 //! ```
@@ -11,6 +12,7 @@
 #![forbid(unsafe_code)]
 
 mod column;
+mod numbering;
 #[cfg(feature = "files")]
 mod parts;
 pub mod schema;
@@ -19,6 +21,8 @@ mod store;
 mod tables;
 
 pub use arrow_array::RecordBatch;
+pub use arrow_schema::ArrowError;
+pub use numbering::Numbering;
 #[cfg(feature = "files")]
 pub use parts::{Done, Parts, Site};
 pub use schema::{SCHEMA_ID, Table};

@@ -8,7 +8,7 @@ mod transactions;
 use arrow_array::{RecordBatch, UInt32Array};
 use arrow_schema::ArrowError;
 use polepair_capture::session::Notice;
-use polepair_capture::{Event, Stamp};
+use polepair_capture::{Batch, Decoded, Event, Stamp, Voice};
 
 use crate::schema::Table;
 
@@ -65,6 +65,28 @@ impl Tables {
         }
         let at = At { time: event.time, link: event.link, seq: Some(event.number) };
         self.notices(at, event.notices);
+    }
+
+    /// Takes the frames of a batch.
+    pub fn take_batch(&mut self, batch: &Batch) {
+        let Self { frames, signals, .. } = self;
+        let spoken = |voice: &Voice| (frames.spoken(voice), signals.spoken(voice));
+        let voices: Vec<_> = batch.voices().iter().map(spoken).collect();
+        let (frames, signals) = (self.wants(Table::Frames), self.wants(Table::Signals));
+        for decoded in batch.decoded() {
+            match decoded {
+                Decoded::Plain(plain) => {
+                    let (frame, values) = &voices[usize::from(plain.voice)];
+                    if frames {
+                        self.frames.plain(plain, frame);
+                    }
+                    if signals {
+                        self.signals.plain(plain, values);
+                    }
+                }
+                Decoded::Told(at) => batch.told(*at, |event| self.take(event)),
+            }
+        }
     }
 
     /// Takes what the conversations of a link leave open at the end of the capture.

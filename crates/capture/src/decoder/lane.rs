@@ -21,6 +21,8 @@ pub(super) struct Lane {
     pub stated: bool,
     /// The axis, where the frame is left to its conversation to explain.
     pub left: Option<u32>,
+    /// Where in a batch its voice was last.
+    pub voice: u16,
 }
 
 /// What was found of identifiers whose frames all go the same way, whatever they hold.
@@ -37,6 +39,12 @@ impl Lanes {
     pub fn of(&self, frame: &Frame) -> Option<Lane> {
         let known = *self.0.get(frame.id as usize)?;
         known.filter(|_| !frame.extended && !frame.remote)
+    }
+
+    /// The same, to be changed, of one whose frames are left to their conversation.
+    pub fn left(&mut self, frame: &Frame) -> Option<&mut Lane> {
+        let known = self.0.get_mut(frame.id as usize)?.as_mut()?;
+        (known.left.is_some() && !frame.extended && !frame.remote).then_some(known)
     }
 
     /// Keeps it for the identifier, if it has 11 bits.

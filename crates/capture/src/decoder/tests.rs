@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use polepair_core::drives::cia402::profile::CIA402;
 
 use crate::text::{Notices, Style, Text};
-use crate::{Decoder, Rules, jsonl};
+use crate::{Batch, Decoded, Decoder, Event, Rules, jsonl};
 
 /// A bus on which nearly everything happens: `seed` says in what order.
 struct Bus {
@@ -100,8 +100,19 @@ impl Bus {
     }
 }
 
-/// What is said of a log, with what is known of identifiers kept, or forgotten again and again.
-fn said(log: &str, rules: &str, bare: bool, keeps: bool) -> String {
+/// How a log goes through the decoder.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Way {
+    /// Frame by frame, with what is known of identifiers kept.
+    Kept,
+    /// Frame by frame, with that forgotten again and again.
+    Forgotten,
+    /// In batches, each event taken out of them.
+    Batches,
+}
+
+/// What is said of a log.
+fn said(log: &str, rules: &str, bare: bool, way: Way) -> String {
     let rules = Rules::parse(rules).unwrap_or_default();
     let mut decoder = Decoder::new(rules).with_profile(Some(&CIA402));
     if bare {
@@ -109,31 +120,123 @@ fn said(log: &str, rules: &str, bare: bool, keeps: bool) -> String {
     }
     let mut text = Text::new(Style { notices: Notices::All, marks: true, ..Style::default() });
     let mut out = Vec::new();
-    for line in log.split_inclusive('\n') {
-        if !keeps {
+    let mut write = |event: &Event<'_>| {
+        text.write(event, &mut out);
+        jsonl::write(event, &mut out);
+    };
+    let mut batch = Batch::default();
+    // A piece need not end where a line does.
+    let piece = if way == Way::Batches { 777 } else { 70 };
+    for piece in log.as_bytes().chunks(piece) {
+        if way == Way::Forgotten {
             decoder.name_by(&CIA402);
         }
-        decoder.feed(line.as_bytes(), &mut |event| {
-            text.write(event, &mut out);
-            jsonl::write(event, &mut out);
-        });
+        if way == Way::Batches {
+            decoder.gather(piece, &mut batch, &mut |batch| batch.each(&mut write));
+            batch.each(&mut write);
+        } else {
+            decoder.feed(piece, &mut write);
+        }
     }
     String::from_utf8(out).expect("text")
 }
 
-#[test]
-fn what_is_kept_of_identifiers_changes_nothing() {
-    for seed in [1, 0x5EED, 0xFACE_FEED] {
+/// Logs on which nearly everything happens.
+fn logs() -> impl Iterator<Item = String> {
+    [1, 0x5EED, 0xFACE_FEED].into_iter().map(|seed| {
         let mut bus = Bus { log: String::new(), us: 1_700_000_000_000_000, seed };
         (0..1500).for_each(|_| bus.step());
+        bus.log
+    })
+}
+
+#[test]
+fn no_way_through_the_decoder_says_anything_else() {
+    for log in logs() {
         for rules in ["", "canopen", "tmcl,canopen", "canopen@1,thruster@2"] {
             for bare in [false, true] {
-                let (kept, found) =
-                    (said(&bus.log, rules, bare, true), said(&bus.log, rules, bare, false));
-                let differs = kept.lines().zip(found.lines()).find(|(one, other)| one != other);
-                assert_eq!(differs, None, "seed {seed}, {rules}");
-                assert!(kept == found && kept.len() > 100_000);
+                let kept = said(&log, rules, bare, Way::Kept);
+                for way in [Way::Forgotten, Way::Batches] {
+                    let other = said(&log, rules, bare, way);
+                    let differs = kept.lines().zip(other.lines()).find(|(one, two)| one != two);
+                    assert_eq!(differs, None, "{way:?}, {rules}");
+                    assert!(kept == other && kept.len() > 100_000);
+                }
             }
         }
     }
+}
+
+/// The lines of a log, in pieces of so many bytes.
+fn lines(log: &str, rules: &str, style: Style, batches: Option<usize>) -> String {
+    let mut decoder = Decoder::new(Rules::parse(rules).unwrap_or_default());
+    let (mut text, mut out, mut batch) = (Text::new(style), Vec::new(), Batch::default());
+    let Some(piece) = batches else {
+        decoder.feed(log.as_bytes(), &mut |event| text.write(event, &mut out));
+        return String::from_utf8(out).expect("text");
+    };
+    for piece in log.as_bytes().chunks(piece) {
+        // Each batch by a writer of its own, unless marks hang on those before.
+        if !style.marks {
+            text = Text::new(style);
+        }
+        decoder.gather(piece, &mut batch, &mut |batch| text.write_batch(batch, &mut out));
+        text.write_batch(&batch, &mut out);
+    }
+    String::from_utf8(out).expect("text")
+}
+
+/// A bus on which nothing happens but process data, as long as it is.
+fn steady() -> String {
+    let mut bus = Bus { log: String::new(), us: 1_700_000_000_000_000, seed: 7 };
+    for (index, entries) in
+        [(0x1A00, [0x6041_0010, 0x6064_0020]), (0x1600, [0x607A_0020, 0x2000_0110])]
+    {
+        bus.write(3, index, 0, 0);
+        bus.write(3, index, 1, entries[0]);
+        bus.write(3, index, 2, entries[1]);
+        bus.write(3, index, 0, 2);
+    }
+    for _ in 0..20_000 {
+        let data = bus.random(u64::MAX).to_le_bytes();
+        bus.frame(0x183, &[0x37, 0x16, data[0], data[1], data[2], data[3] & data[4]]);
+        bus.frame(0x203, &data[..6]);
+    }
+    bus.log
+}
+
+#[test]
+fn lines_of_batches_are_those_of_events() {
+    let styles = [
+        Style::default(),
+        Style { notices: Notices::None, ..Style::default() },
+        Style { notices: Notices::All, ..Style::default() },
+        Style { marks: true, ..Style::default() },
+        Style { colour: true, marks: true, ..Style::default() },
+    ];
+    for log in logs().chain([steady()]) {
+        for style in styles {
+            let plain = lines(&log, "canopen", style, None);
+            for piece in [100, 5000, 1 << 20] {
+                let other = lines(&log, "canopen", style, Some(piece));
+                let differs = plain.lines().zip(other.lines()).find(|(one, two)| one != two);
+                assert_eq!(differs, None, "{style:?}, {piece}");
+                assert!(plain == other);
+            }
+        }
+    }
+}
+
+#[test]
+fn process_data_that_change_nothing_are_not_explained() {
+    let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
+    let (mut batch, mut plain, mut told) = (Batch::default(), 0, 0);
+    let count = &mut |batch: &mut Batch| {
+        let all = batch.decoded();
+        let here = all.iter().filter(|it| matches!(it, Decoded::Plain(_))).count();
+        (plain, told) = (plain + here, told + all.len() - here);
+    };
+    decoder.gather(steady().as_bytes(), &mut batch, count);
+    count(&mut batch);
+    assert!(told < 30 && plain > 39_990, "{told} and {plain}");
 }

@@ -1,7 +1,5 @@
 //! Digits of lines, eight at a time: the way that millions of lines go.
 
-use super::seriallog::HEX;
-
 const ONES: u64 = 0x0101_0101_0101_0101;
 const HIGH: u64 = 0x80 * ONES;
 /// What makes digits of their characters.
@@ -49,32 +47,54 @@ pub(super) const fn hexadecimal(text: [u8; 8]) -> Option<u32> {
     Some((words | words >> 16) as u32)
 }
 
-/// Bytes as hexadecimal digits, at most sixteen of them; how many bytes.
+/// Seconds and microseconds of `(1700000000.000500) `, as one number.
 #[inline]
-pub(super) fn bytes(text: &[u8], out: &mut [u8; 8]) -> Option<u8> {
-    let mut data = 0u64;
-    let mut left = text;
-    while let Some((eight, rest)) = left.split_first_chunk::<8>() {
-        data = data << 32 | u64::from(hexadecimal(*eight)?);
-        left = rest;
-    }
-    let (mut bad, (pairs, odd)) = (0, left.as_chunks::<2>());
-    for [high, low] in pairs {
-        let (high, low) = (HEX[usize::from(*high)], HEX[usize::from(*low)]);
-        bad |= high | low;
-        data = data << 8 | u64::from(high << 4 | low & 0xF);
-    }
-    let len = text.len() / 2;
-    if bad > 15 || !odd.is_empty() || len > 8 {
+pub(super) fn stamp(text: &[u8; 20]) -> Option<u64> {
+    let [open, high @ .., _, _, _, _, _, _, _, _, _, _, _] = text;
+    let [.., a, b, dot, m, n, o, p, q, r, close, space] = text;
+    if [*open, *dot, *close, *space] != *b"(.) " {
         return None;
     }
-    *out = if len == 0 { [0; 8] } else { (data << (64 - 8 * len as u32)).to_be_bytes() };
-    Some(len as u8)
+    // Ten digits of seconds and six of microseconds, split after the eighth.
+    Some(decimal(*high)? * 100_000_000 + decimal([*a, *b, *m, *n, *o, *p, *q, *r])?)
+}
+
+/// Bytes as hexadecimal digits up to the end of their line, at most sixteen, as a number of which the
+/// first is the highest; and how many digits.
+#[inline]
+pub(super) fn to_line_end(text: &[u8; 17]) -> Option<(u64, usize)> {
+    let (eights, [last]) = text.as_chunks::<8>() else { return None };
+    let [first, second] = eights else { return None };
+    let mut count = before_newline(*first);
+    if count == 8 {
+        count += before_newline(*second);
+    }
+    if !count.is_multiple_of(2) || (count == 16 && *last != b'\n') {
+        return None;
+    }
+    let high = hexadecimal(filled(*first, count))?;
+    let low = hexadecimal(filled(*second, count.saturating_sub(8)))?;
+    Some((u64::from(high) << 32 | u64::from(low), count))
+}
+
+/// Bytes in front of the first newline; eight if there is none.
+#[inline]
+const fn before_newline(text: [u8; 8]) -> usize {
+    let differs = u64::from_le_bytes(text) ^ (b'\n' as u64 * ONES);
+    let zero = differs.wrapping_sub(ONES) & !differs & HIGH;
+    (zero.trailing_zeros() / 8) as usize
+}
+
+/// The first `count` characters, then zeros.
+#[inline]
+const fn filled(text: [u8; 8], count: usize) -> [u8; 8] {
+    let mask = if count >= 8 { u64::MAX } else { (1 << (8 * count)) - 1 };
+    ((u64::from_le_bytes(text) & mask) | ((b'0' as u64 * ONES) & !mask)).to_le_bytes()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{bytes, decimal, hexadecimal};
+    use super::{decimal, hexadecimal, stamp, to_line_end};
 
     /// Every byte in every place says what the standard library says.
     #[test]
@@ -94,15 +114,26 @@ mod tests {
 
     #[test]
     fn bytes_of_any_length() {
-        let mut out = [0xFF; 8];
-        assert_eq!((bytes(b"", &mut out), out), (Some(0), [0; 8]));
-        assert_eq!((bytes(b"aB01", &mut out), out), (Some(2), [0xAB, 1, 0, 0, 0, 0, 0, 0]));
-        assert_eq!(bytes(b"0102030405060708", &mut out), Some(8));
-        assert_eq!(out, [1, 2, 3, 4, 5, 6, 7, 8]);
-        assert_eq!(bytes(b"010203040506", &mut out), Some(6));
-        assert_eq!(out, [1, 2, 3, 4, 5, 6, 0, 0]);
-        for text in ["1", "010", "0g", "01020304050607080", "010203040506070809"] {
-            assert_eq!(bytes(text.as_bytes(), &mut out), None, "{text}");
+        let read = |text: &str| {
+            let line = format!("{text}(1700000000.000500)");
+            let line = line.as_bytes().first_chunk().expect("long enough");
+            to_line_end(line).map(|(data, count)| (data.to_be_bytes(), count))
+        };
+        assert_eq!(read("\n"), Some(([0; 8], 0)));
+        assert_eq!(read("aB01\n"), Some(([0xAB, 1, 0, 0, 0, 0, 0, 0], 4)));
+        assert_eq!(read("010203040506\n"), Some(([1, 2, 3, 4, 5, 6, 0, 0], 12)));
+        assert_eq!(read("0102030405060708\n"), Some(([1, 2, 3, 4, 5, 6, 7, 8], 16)));
+        for text in ["1\n", "010\n", "0g\n", "01\r\n", "01020304050607080\n", "0102030405060708"] {
+            assert_eq!(read(text), None, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn stamps_of_seconds_and_microseconds() {
+        assert_eq!(stamp(b"(1700000000.000500) "), Some(1_700_000_000_000_500));
+        assert_eq!(stamp(b"(0000000012.345678) "), Some(12_345_678));
+        for text in [b"[1700000000.000500) ", b"(1700000000,000500) ", b"(1700000000.00050)  "] {
+            assert_eq!(stamp(text), None);
         }
     }
 }

@@ -11,6 +11,13 @@ pub(super) const TOO_LONG: Bad = Bad("it is longer than 65536 bytes");
 pub(super) trait Line: core::fmt::Debug + Send {
     /// What the line says; `None` for headers, comments and what is not traffic.
     fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad>;
+
+    /// What the line at the head of these bytes says and how long it is with its end, where it has
+    /// the form that nearly all have.
+    fn usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
+        let _ = bytes;
+        None
+    }
 }
 
 /// Cuts bytes into numbered lines.
@@ -43,13 +50,23 @@ impl<L: Line> Lines<L> {
 impl<L: Line> Source for Lines<L> {
     fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize {
         let mut used = 0;
-        for end in memchr::memchr_iter(b'\n', bytes) {
-            match core::mem::take(&mut self.skipping) {
-                true => {}
-                false => self.take(&bytes[used..end], taker),
-            }
-            self.taken += (end + 1 - used) as u64;
-            used = end + 1;
+        loop {
+            let rest = &bytes[used..];
+            let usual = if self.skipping { None } else { self.format.usual(rest) };
+            let len = if let Some((record, len)) = usual {
+                self.number += 1;
+                taker.record(&Record { at: self.taken, ..record });
+                len
+            } else {
+                let Some(end) = memchr::memchr(b'\n', rest) else { break };
+                match core::mem::take(&mut self.skipping) {
+                    true => {}
+                    false => self.take(&rest[..end], taker),
+                }
+                end + 1
+            };
+            self.taken += len as u64;
+            used += len;
         }
         let rest = &bytes[used..];
         if ended && !rest.is_empty() && !self.skipping {
@@ -63,5 +80,14 @@ impl<L: Line> Source for Lines<L> {
             return bytes.len();
         }
         used
+    }
+
+    fn pass_over(&mut self, lines: u64, bytes: u64) -> bool {
+        let between = !self.skipping;
+        if between {
+            self.number += lines;
+            self.taken += bytes;
+        }
+        between
     }
 }

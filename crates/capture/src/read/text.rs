@@ -13,16 +13,16 @@ use crate::stamp::Stamp;
 #[derive(Debug, Default)]
 pub(super) struct Text {
     scratch: Vec<u8>,
-    /// The link of the line before: mostly that of the next.
-    link: String,
+    before: Before,
 }
 
 impl Line for Text {
     fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad> {
-        match logged(line, &mut self.link) {
-            Some(record) => Ok(Some(record)),
-            None => parse(line, &mut self.scratch),
-        }
+        parse(line, &mut self.scratch)
+    }
+
+    fn usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
+        logged(bytes, &mut self.before)
     }
 }
 
@@ -43,22 +43,50 @@ pub fn parse<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Option<Reco
     }
 }
 
-/// A line of candump's log in its usual form, `(1700000000.000500) can0 30B#5443000000000005`;
-/// `None` for all others. This is the way that millions of lines go.
-fn logged<'a>(line: &[u8], link: &'a mut String) -> Option<Record<'a>> {
-    let line = line.strip_suffix(b"\r").unwrap_or(line);
-    let (stamp, rest) = line.split_first_chunk::<20>()?;
-    let time = logged_time(stamp)?;
-    let same = rest.strip_prefix(link.as_bytes()).and_then(|rest| rest.strip_prefix(b" "));
-    let frame = match same {
-        Some(frame) => frame,
-        None => {
-            let end = rest.iter().position(|c| *c == b' ')?;
-            link.clear();
-            link.push_str(std::str::from_utf8(&rest[..end]).ok()?);
-            &rest[end + 1..]
+/// The link of the line before: mostly that of the next.
+#[derive(Debug, Default)]
+pub(super) struct Before {
+    name: String,
+    /// The name and the space behind it: the first eight bytes, and which of them count.
+    head: (u64, u64),
+}
+
+impl Before {
+    fn set(&mut self, name: &str) {
+        let mut bytes = [0; 8];
+        let spaced = name.bytes().chain([b' ']);
+        bytes.iter_mut().zip(spaced).for_each(|(to, from)| *to = from);
+        let mask = if name.len() >= 7 { u64::MAX } else { (1 << (8 * (name.len() + 1))) - 1 };
+        self.head = (u64::from_le_bytes(bytes), mask);
+        self.name.clear();
+        self.name.push_str(name);
+    }
+
+    /// What follows the link, if it is the same.
+    #[inline]
+    fn behind<'a>(&self, rest: &'a [u8]) -> Option<&'a [u8]> {
+        let ((head, mask), len) = (self.head, self.name.len());
+        if u64::from_le_bytes(*rest.first_chunk()?) & mask != head {
+            return None;
         }
-    };
+        let same =
+            len < 8 || (rest.starts_with(self.name.as_bytes()) && rest[len..].starts_with(b" "));
+        rest.get(len + 1..).filter(|_| same && len > 0)
+    }
+}
+
+/// A line of candump's log in its usual form, `(1700000000.000500) can0 30B#5443000000000005`, at the
+/// head of `bytes`, and how long it is; `None` for all others. This is the way that millions of lines
+/// go.
+#[inline]
+pub(super) fn logged<'a>(bytes: &[u8], before: &'a mut Before) -> Option<(Record<'a>, usize)> {
+    let (stamp, rest) = bytes.split_first_chunk::<20>()?;
+    let time = Stamp(digits::stamp(stamp)?.checked_mul(1000)?);
+    if before.behind(rest).is_none() {
+        let name = rest.get(..LINK_MAX)?.split(|c| *c == b' ').next()?;
+        before.set(std::str::from_utf8(name).ok().filter(|name| !name.contains(is_blank))?);
+    }
+    let frame = before.behind(rest)?;
     let (id, extended, text) = match frame {
         [a, b, c, b'#', data @ ..] => (number(&[*a, *b, *c])?, false, data),
         _ => {
@@ -67,25 +95,23 @@ fn logged<'a>(line: &[u8], link: &'a mut String) -> Option<Record<'a>> {
         }
     };
     let limit = if extended { crate::record::ID_MASK } else { STANDARD_MAX };
-    if id > limit || link.is_empty() {
+    let (data, count) = digits::to_line_end(text.first_chunk()?)?;
+    if id > limit {
         return None;
     }
-    let mut data = [0; 8];
-    let len = digits::bytes(text, &mut data)?;
+    let (data, len) = (data.to_be_bytes(), (count / 2) as u8);
     let frame = Frame { id, extended, remote: false, len, data };
-    Some(Record { time: Some(time), link, direction: None, data: Data::Frame(frame), at: 0 })
+    let whole = bytes.len() - text.len() + count + 1;
+    let (time, data) = (Some(time), Data::Frame(frame));
+    Some((Record { time, link: &before.name, direction: None, data, at: 0 }, whole))
 }
 
-/// `(1700000000.000500) `.
-fn logged_time(stamp: &[u8; 20]) -> Option<Stamp> {
-    let [b'(', a, b, c, d, e, f, g, h, i, j, b'.', k, l, m, n, o, p, b')', b' '] = *stamp else {
-        return None;
-    };
-    let high = digits::decimal([a, b, c, d, e, f, g, h])?;
-    let low = digits::decimal([i, j, k, l, m, n, o, p])?;
-    // Ten digits of seconds and six of microseconds, split after the eighth.
-    Some(Stamp((high * 100_000_000 + low).checked_mul(1000)?))
+fn is_blank(c: char) -> bool {
+    c.is_ascii_whitespace()
 }
+
+/// Bytes in which a link's name ends in usual lines.
+const LINK_MAX: usize = 24;
 
 fn number(text: &[u8]) -> Option<u32> {
     let (mut sum, mut bad) = (0, 0);
@@ -152,7 +178,7 @@ pub(crate) fn word(text: &[u8]) -> (&[u8], &[u8]) {
 
 #[cfg(test)]
 mod tests {
-    use super::{logged, parse};
+    use super::{Before, logged, parse};
 
     #[test]
     fn a_line_needs_no_time() {
@@ -173,29 +199,42 @@ mod tests {
     /// The way of millions of lines says the same as the way of all others, or nothing.
     #[test]
     fn the_quick_way_reads_as_the_slow_one() {
+        /// What follows a line is long enough to be looked at.
+        const NEXT: &str = "\n(1700000000.000500) can0 123#0011223344556677\n";
+        let mut before = Before::default();
         for line in [
             "(1700000000.000500) can0 30B#5443000000000005",
-            "(1700000000.999999) vcan12 0400A05E#3412\r",
+            "(1700000000.999999) vcan12 0400A05E#3412",
             "(1700000000.000001) c 123#",
             "(1700000000.000001) can0 7ff#aAbB",
+            "(1700000000.000001) interface 7ff#aAbB01",
+            "(1700000000.000001) interfact 7ff#aAbB01",
+            "(1700000000.000001) interfa 7ff#aAbB01",
         ] {
-            let mut scratch = Vec::new();
-            let mut link = String::new();
-            let quick = logged(line.as_bytes(), &mut link).expect(line);
+            let (mut scratch, bytes) = (Vec::new(), format!("{line}{NEXT}"));
+            let (quick, len) = logged(bytes.as_bytes(), &mut before).expect(line);
             assert_eq!(Some(quick), parse(line.as_bytes(), &mut scratch).expect(line), "{line}");
+            assert_eq!(len, line.len() + 1);
         }
         for line in [
             "(1700000000.000500) can0 30B#R",
             "(1700000000.000500) can0 30B#1",
             "(1700000000.000500) can0 30B#11 T",
+            "(1700000000.000500) can0 30B#11\r",
             "(1700000000.000500) can0 830#11",
             "(1700000000.000500) can0 20000004#11",
             "(1700000000.000500) can0 30B##111",
             "(1700000000.000500) can0 30B#1G",
+            "(1700000000.000500) can0 30B#001122334455667788",
             "(170000000x.000500) can0 30B#11",
+            "(1700000000 000500) can0 30B#11",
             "(1700000000.0005)",
+            "(1700000000.000500) can0",
+            "(1700000000.000500)  30B#11",
         ] {
-            assert_eq!(logged(line.as_bytes(), &mut String::new()), None, "{line}");
+            let bytes = format!("{line}{NEXT}");
+            assert_eq!(logged(bytes.as_bytes(), &mut before), None, "{line}");
+            assert_eq!(logged(line.as_bytes(), &mut before), None, "{line}, which has no end");
         }
     }
 }

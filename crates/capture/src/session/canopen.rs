@@ -4,7 +4,8 @@
 //! ```text
 //!   services   whose an identifier is: by default, or as the capture moved it
 //!    ├ sdo     transfers, one at a time on each channel
-//!    ├ pdo     what PDOs carry; mapping, where each value lies; meaning, what it is; wording
+//!    ├ pdo     what PDOs carry; mapping, where each value lies; meaning, what it is; wording;
+//!    │         process, all of these put together
 //!    ├ node    NMT state and presence, by beat (heartbeat) and guard; who shares a number
 //!    ├ emcy    faults
 //!    ├ power   the states of a CiA 402 drive
@@ -25,6 +26,7 @@ mod meaning;
 mod node;
 mod pdo;
 mod power;
+mod process;
 mod product;
 mod say;
 mod sdo;
@@ -34,6 +36,9 @@ mod sync;
 mod tests;
 mod wording;
 
+use std::sync::Arc;
+
+use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::NODE_MAX;
 use polepair_core::proto::canopen::cob;
@@ -43,7 +48,7 @@ use polepair_core::proto::canopen::nmt::{Command, Order, State};
 use polepair_core::proto::canopen::sdo::Object;
 use polepair_core::proto::canopen::sync::Sync;
 
-use super::{Follower, Heard, Notice, Odd, Oddity, Signal};
+use super::{Follower, Heard, Notice, Odd, Oddity};
 use crate::explained::Explained;
 use crate::stamp::Stamp;
 use lss::Lss;
@@ -51,9 +56,11 @@ pub use mapping::{Mapping, Place};
 use meaning::Book;
 use node::Node;
 use pdo::{Beside, Pdos};
+pub use process::Process;
 use sdo::Channel;
 use services::{Service, Services};
 use sync::Beats;
+pub(crate) use wording::Wording;
 
 /// Channels of service data on one bus: one a node, and those that the capture makes.
 const CHANNELS_MAX: usize = 3 * NODE_MAX as usize;
@@ -153,6 +160,25 @@ impl Follower for Canopen {
         if now > self.due {
             self.overdue(now, notices);
         }
+    }
+
+    fn settled(&mut self, frame: &Frame, now: Stamp) -> Option<&Arc<Process>> {
+        let Service::Pdo(at) = self.services.known(frame.id) else { return None };
+        if now > self.due || self.began.is_none() {
+            return None;
+        }
+        let pdo = &self.pdos.all[usize::from(at)];
+        let process = pdo.settled(frame.len)?;
+        let node = self.nodes[usize::from(pdo.node)].as_deref_mut()?;
+        if pdo.told {
+            let free = node.may_process();
+            let data = u64::from_le_bytes(frame.data);
+            (free && process.is_settled(data, &mut node.power)).then_some(())?;
+        } else {
+            self.commanded = Some(now).max(self.commanded);
+        }
+        self.latest = Some(now).max(self.latest);
+        Some(process)
     }
 
     fn claims(&self, id: u32, extended: bool) -> bool {
@@ -387,20 +413,16 @@ impl Canopen {
         }
         let pdo = &mut self.pdos.all[at];
         let book = Book { profile, values: &node.values };
-        pdo.mapping(len, &Beside { book, drive: node.drive });
+        pdo.map(len, &Beside { book, drive: node.drive });
         pdo.measure(len, notices);
         say::process(pdo, bytes, heard.raw.id, profile, said);
-        let Some(mapping) = pdo.last_mapping().filter(|map| len >= map.bytes()) else { return };
-        let (axis, quality) = (u32::from(id), mapping.quality());
-        let watched = told && mapping.is_watched();
-        mapping.signals(word(bytes), |place, exact, value| {
-            let Place { name, unit, object, .. } = *place;
-            if watched && place.is_number() {
-                node.power.take(id, object, exact, &mut node.faults, profile, notices);
+        let Some(process) = pdo.last().filter(|it| len >= it.mapping().bytes()) else { return };
+        let data = word(bytes);
+        process.mapping().signals(data, |place, exact, value| {
+            if process.watches(place) {
+                node.power.take(id, place.object, exact, &mut node.faults, profile, notices);
             }
-            let exact = Some(exact);
-            let signal = Signal { axis, name, value, exact, unit, quality, request: None };
-            notices.push(Notice::Signal(signal));
+            notices.push(process.signal(place, exact, value));
         });
     }
 

@@ -6,7 +6,7 @@ use arrow_array::RecordBatch;
 use arrow_array::types::{Int8Type, Int32Type, Int64Type};
 use arrow_schema::ArrowError;
 use polepair_capture::session::{Notice, Oddity};
-use polepair_capture::{CAN_FD, ERROR_FRAME, Event, Wrong};
+use polepair_capture::{CAN_FD, ERROR_FRAME, Event, Plain, Voice, Wrong};
 use polepair_core::explain::Direction;
 
 use super::{Origin, count, in_order, ns};
@@ -50,6 +50,16 @@ pub(super) struct Frames {
     seq: Numbers<Int64Type>,
 }
 
+/// What all frames of a voice have in common: words by their numbers.
+#[derive(Debug)]
+pub(super) struct Spoken {
+    bus: i32,
+    direction: Option<i8>,
+    protocol: i32,
+    id: i32,
+    len: u8,
+}
+
 impl Frames {
     pub fn new(origin: &Origin) -> Self {
         let (source, file) = (Same::new(&origin.source), Same::new(&origin.file));
@@ -67,13 +77,38 @@ impl Frames {
     pub fn push(&mut self, event: &Event<'_>) {
         self.t_ns.push_maybe(ns(event.time));
         self.bus.push(event.link);
-        self.dir.push_maybe(event.direction.map(|way| (way == Direction::ToDrive).into()));
+        self.dir.push_maybe(event.direction.map(is_to_drive));
         self.protocol.push_maybe(event.protocol.map(word));
         self.can_id.push_maybe(event.id.map(|id| (id & 0x1FFF_FFFF).cast_signed()));
         self.flags.push(flags_of(event));
         self.data.push(event.bytes);
         self.file_pos.push(count(event.at));
         self.seq.push(count(event.number));
+    }
+
+    /// A frame of process data that changes nothing.
+    #[inline]
+    pub fn plain(&mut self, plain: &Plain, voice: &Spoken) {
+        self.t_ns.push_maybe(ns(Some(plain.time)));
+        self.bus.push_number(voice.bus);
+        self.dir.push_maybe(voice.direction);
+        self.protocol.push_number(voice.protocol);
+        self.can_id.push(voice.id);
+        self.flags.push(0);
+        self.data.push_some(plain.data.to_le_bytes(), voice.len);
+        self.file_pos.push(count(plain.at));
+        self.seq.push(count(plain.number));
+    }
+
+    /// What all frames of a voice have in common.
+    pub fn spoken(&mut self, voice: &Voice) -> Spoken {
+        Spoken {
+            bus: self.bus.dictionary.number(&voice.link),
+            direction: voice.direction.map(is_to_drive),
+            protocol: self.protocol.dictionary.number_of(word(voice.protocol)),
+            id: voice.id.cast_signed(),
+            len: voice.len,
+        }
     }
 
     pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {
@@ -96,6 +131,10 @@ impl Frames {
         ];
         in_order(&times, RecordBatch::try_new(Table::Frames.schema(), columns)?)
     }
+}
+
+fn is_to_drive(way: Direction) -> i8 {
+    (way == Direction::ToDrive).into()
 }
 
 /// A protocol's name as the columns have it: `modbus_rtu`.

@@ -6,6 +6,8 @@ use arrow_array::RecordBatch;
 use arrow_array::types::{Float64Type, Int16Type, Int32Type, Int64Type};
 use arrow_schema::ArrowError;
 use polepair_capture::session::Signal;
+use polepair_capture::session::canopen::Place;
+use polepair_capture::{Plain, Voice};
 
 use super::{At, Origin, count, in_order, ns};
 use crate::column::{Numbers, Same, Words, micros};
@@ -26,6 +28,23 @@ pub(super) struct Signals {
     frame: Numbers<Int64Type>,
 }
 
+/// What all values of a voice have in common: words by their numbers.
+#[derive(Debug)]
+pub(super) struct Spoken {
+    values: Vec<Value>,
+    bus: i32,
+    axis: i32,
+    quality: i16,
+}
+
+/// One value of a voice.
+#[derive(Debug)]
+struct Value {
+    place: Place,
+    signal: i32,
+    unit: i32,
+}
+
 impl Signals {
     pub fn new(origin: &Origin) -> Self {
         Self { source: Same::new(&origin.source), ..Self::default() }
@@ -39,13 +58,48 @@ impl Signals {
         self.t_ns.push_maybe(ns(at.time));
         self.bus.push(at.link);
         self.axis.push(signal.axis.cast_signed());
-        self.signal.push(signal.name);
+        self.signal.push_name(signal.name);
         self.value.push(signal.value);
         self.exact.push_maybe(signal.exact);
-        self.unit.push(signal.unit);
+        self.unit.push_name(signal.unit);
         self.quality.push((signal.quality as u8).into());
         self.request.push_maybe(signal.request.map(count));
         self.frame.push(at.seq.map_or(0, count));
+    }
+
+    /// The values of process data that change nothing.
+    #[inline]
+    pub fn plain(&mut self, plain: &Plain, voice: &Spoken) {
+        let (time, frame) = (ns(Some(plain.time)), count(plain.number));
+        for value in &voice.values {
+            let exact = value.place.exact(plain.data);
+            self.t_ns.push_maybe(time);
+            self.bus.push_number(voice.bus);
+            self.axis.push(voice.axis);
+            self.signal.push_number(value.signal);
+            self.value.push(value.place.value(exact));
+            self.exact.push(exact);
+            self.unit.push_number(value.unit);
+            self.quality.push(voice.quality);
+            self.request.push_maybe(None);
+            self.frame.push(frame);
+        }
+    }
+
+    /// What all frames of a voice have in common.
+    pub fn spoken(&mut self, voice: &Voice) -> Spoken {
+        let process = &voice.process;
+        let value = |place: &Place| Value {
+            place: *place,
+            signal: self.signal.dictionary.number_of(place.name),
+            unit: self.unit.dictionary.number_of(place.unit),
+        };
+        Spoken {
+            values: process.mapping().places().iter().map(value).collect(),
+            bus: self.bus.dictionary.number(&voice.link),
+            axis: process.axis().cast_signed(),
+            quality: (process.quality() as u8).into(),
+        }
     }
 
     pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {

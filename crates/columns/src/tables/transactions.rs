@@ -38,8 +38,8 @@ impl Transactions {
         self.answered.push_maybe(exchange.answered.and_then(|(_, time)| ns(time)));
         self.latency.push_maybe(exchange.latency().map(|ns| count(ns / 1000)));
         self.axis.push_maybe(exchange.axis.map(u32::cast_signed));
-        self.op.push(exchange.op);
-        self.outcome.push(exchange.outcome.word());
+        self.op.push_name(exchange.op);
+        self.outcome.push_name(exchange.outcome.word());
         self.retries.push(i16::try_from(exchange.retries).unwrap_or(i16::MAX));
         self.bus.push(at.link);
     }

@@ -18,7 +18,6 @@ pub struct Mapping {
     entries: Vec<(Entry, Field)>,
     bytes: u8,
     quality: Quality,
-    watched: bool,
 }
 
 /// One value: where it lies, and what it is.
@@ -28,6 +27,7 @@ pub struct Place {
     rest: u8,
     signed: bool,
     flag: bool,
+    watched: bool,
     mask: i64,
     equals: i64,
     factor: f64,
@@ -47,6 +47,7 @@ impl Place {
             rest: BITS_MAX - field.bits,
             signed,
             flag: equals.is_some(),
+            watched: equals.is_none() && is_watched(object),
             mask,
             equals: equals.unwrap_or(0),
             factor,
@@ -61,6 +62,11 @@ impl Place {
         !self.flag
     }
 
+    /// A state is told by it.
+    pub(super) const fn is_watched(&self) -> bool {
+        self.watched
+    }
+
     /// The integer that eight bytes, the first lowest, hold for it.
     #[inline]
     #[must_use]
@@ -71,13 +77,19 @@ impl Place {
         let masked = raw & self.mask;
         if self.flag { (masked == self.equals) as i64 } else { masked }
     }
+
+    /// That integer in the unit.
+    #[inline]
+    #[must_use]
+    pub fn value(&self, exact: i64) -> f64 {
+        exact as f64 * self.factor
+    }
 }
 
 impl Mapping {
     /// Entries one behind the other; `None` when they are none, or more than a frame has.
     pub(super) fn new(entries: &[Entry], book: &Book<'_>, quality: Quality) -> Option<Self> {
-        let mut mapping =
-            Self { places: Vec::new(), entries: Vec::new(), bytes: 0, quality, watched: false };
+        let mut mapping = Self { places: Vec::new(), entries: Vec::new(), bytes: 0, quality };
         let mut at = 0_u8;
         for entry in entries {
             let end = at.checked_add(entry.bits).filter(|end| *end <= BITS_MAX && *end > at)?;
@@ -94,7 +106,6 @@ impl Mapping {
             return;
         }
         let object = entry.object;
-        self.watched |= is_watched(object);
         let meanings = book.meanings(object);
         self.places.extend(meanings.iter().map(|meaning| Place::new(field, object, meaning)));
     }
@@ -105,7 +116,7 @@ impl Mapping {
     pub fn signals(&self, data: u64, mut each: impl FnMut(&Place, i64, f64)) {
         for place in &self.places {
             let exact = place.exact(data);
-            each(place, exact, exact as f64 * place.factor);
+            each(place, exact, place.value(exact));
         }
     }
 
@@ -121,17 +132,22 @@ impl Mapping {
         self.quality
     }
 
-    /// It holds a value by which a state is told.
-    pub(super) const fn is_watched(&self) -> bool {
-        self.watched
+    /// The values, and the flags in them, in order.
+    #[must_use]
+    pub fn places(&self) -> &[Place] {
+        &self.places
+    }
+
+    /// Values that are whole numbers, in order.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = &Place> {
+        self.places.iter().filter(|place| place.is_number())
     }
 
     /// The entries in order, where each lies, and what eight bytes hold for it.
     pub(super) fn values(&self, data: u64) -> impl Iterator<Item = (Entry, Field, &Place, i64)> {
-        let numbers = self.places.iter().filter(|place| place.is_number());
         let mapped = self.entries.iter().filter(|(entry, _)| !entry.is_gap());
         mapped
-            .zip(numbers)
+            .zip(self.numbers())
             .map(move |((entry, field), place)| (*entry, *field, place, place.exact(data)))
     }
 }

@@ -279,6 +279,13 @@ impl Node {
         }
     }
 
+    /// Process data of it change nothing: it is there, and may send them.
+    pub const fn may_process(&self) -> bool {
+        let free = !matches!(self.state, Some(State::PreOperational | State::Stopped))
+            && !matches!(self.ordered, Some((State::PreOperational | State::Stopped, _)));
+        free && self.heard && self.used && !self.only_beats
+    }
+
     /// It sent process data.
     pub fn processes(&mut self, now: Option<Stamp>, notices: &mut Vec<Notice>) {
         self.hear(true, notices);

@@ -1,7 +1,8 @@
 //! Which PDOs there are, and what they carry: by the objects 1400h to 1BFFh that the capture shows
 //! being written or read, else by the data sheet or profile, else as drives usually have it.
 
-use core::fmt::Write as _;
+use core::fmt;
+use std::sync::Arc;
 
 use polepair_core::drives;
 use polepair_core::profile::Profile;
@@ -12,7 +13,7 @@ use polepair_core::proto::canopen::sdo::Object;
 
 use super::mapping::{ENTRIES_MAX, Mapping};
 use super::meaning::Book;
-use super::wording::Wording;
+use super::process::Process;
 use crate::explained::Explained;
 use crate::session::{Notice, Oddity, Quality};
 
@@ -45,9 +46,7 @@ pub(super) struct Pdo {
 /// What frames of a length are read by.
 #[derive(Debug)]
 struct Laid {
-    mapping: Option<Mapping>,
-    /// The mapping in words, once they are wanted.
-    wording: Option<Wording>,
+    process: Option<Arc<Process>>,
     /// The length that it was concluded from, where it was.
     by_len: Option<u8>,
 }
@@ -67,18 +66,27 @@ impl Pdo {
         Self { node, told, number, cob, count, entries, stale, laid, accused, fitted }
     }
 
-    /// The mapping of a frame with so many bytes.
-    pub fn mapping(&mut self, len: u8, beside: &Beside<'_>) -> Option<&Mapping> {
+    /// Works out what a frame with so many bytes says.
+    pub fn map(&mut self, len: u8, beside: &Beside<'_>) {
         let fits = |laid: &Laid| laid.by_len.is_none_or(|by| by == len);
         if !self.laid.as_ref().is_some_and(fits) {
             self.laid = Some(self.lay(len, beside));
         }
-        self.laid.as_ref()?.mapping.as_ref()
     }
 
-    /// The mapping by which the last frame was read.
-    pub fn last_mapping(&self) -> Option<&Mapping> {
-        self.laid.as_ref()?.mapping.as_ref()
+    /// That by which the last frame was read.
+    pub fn last(&self) -> Option<&Arc<Process>> {
+        self.laid.as_ref()?.process.as_ref()
+    }
+
+    /// That by which a frame with so many bytes is read, where one as long was and nothing changed.
+    #[inline]
+    pub fn settled(&self, len: u8) -> Option<&Arc<Process>> {
+        let laid = self.laid.as_ref().filter(|_| self.fitted && !self.accused)?;
+        let process = laid.process.as_ref()?;
+        let need = process.mapping().bytes();
+        let right = len == need || (!self.told && len > need);
+        (right && laid.by_len.is_none_or(|by| by == len)).then_some(process)
     }
 
     /// Says what bytes are by the mapping. False where there is none, or they are too few for it.
@@ -88,32 +96,25 @@ impl Pdo {
         profile: Option<&'static Profile>,
         said: &mut Explained,
     ) -> bool {
-        let mut name = String::new();
-        if self.laid.as_ref().is_some_and(|laid| laid.wording.is_none()) {
-            self.named(&mut name);
-        }
-        let Some(Laid { mapping: Some(mapping), wording, .. }) = &mut self.laid else {
-            return false;
-        };
-        let long = bytes.len() >= mapping.bytes().into();
-        if long {
-            let wording = wording.get_or_insert_with(|| Wording::new(name, mapping, profile));
-            wording.say(mapping, bytes, said);
-        }
-        long
+        let name = self.name();
+        let laid = self.laid.as_mut().and_then(|laid| laid.process.as_mut());
+        let long = |process: &&mut Arc<Process>| bytes.len() >= process.mapping().bytes().into();
+        let Some(process) = laid.filter(long) else { return false };
+        Process::word(process, super::word(bytes), || name.to_string(), profile);
+        process.say(bytes, said);
+        true
     }
 
-    /// Puts down what it is called: `TPDO1`.
-    pub fn named(&self, text: &mut String) {
-        text.clear();
-        let _ = write!(text, "{}PDO{}", if self.told { 'T' } else { 'R' }, self.number);
+    /// What it is called: `TPDO1`.
+    pub const fn name(&self) -> Called {
+        Called { told: self.told, number: self.number }
     }
 
     /// Looks whether a frame of so many bytes is as long as its mapping: one that the capture shows,
     /// or a data sheet's, once a frame fitted it; until then the node may be another product. Who
     /// receives may be sent more.
     pub fn measure(&mut self, len: u8, notices: &mut Vec<Notice>) {
-        let Some(mapping) = self.last_mapping() else { return };
+        let Some(mapping) = self.last().map(|process| process.mapping()) else { return };
         let (need, good) = (mapping.bytes(), mapping.quality() == Quality::Good);
         let wrong = len < need || (self.told && len > need);
         self.fitted |= !wrong;
@@ -123,9 +124,7 @@ impl Pdo {
             return;
         }
         if !core::mem::replace(&mut self.accused, true) {
-            let mut text = String::new();
-            self.named(&mut text);
-            let _ = write!(text, " has {len} bytes, mapped are {need}");
+            let text = format!("{} has {len} bytes, mapped are {need}", self.name());
             notices.push(super::odd(Oddity::Length, self.node, text));
         }
     }
@@ -150,16 +149,20 @@ impl Pdo {
     fn lay(&self, len: u8, beside: &Beside<'_>) -> Laid {
         let book = &beside.book;
         if let Some((entries, quality)) = self.stated(book.profile) {
-            let mapping = Mapping::new(&entries, book, quality);
-            return Laid { mapping, wording: None, by_len: None };
+            let process = self.process(Mapping::new(&entries, book, quality));
+            return Laid { process, by_len: None };
         }
         let usual = || usual_mapping(self.default_cob().filter(|_| beside.drive)?, len);
         let known = self.count.is_some() || self.entries.iter().any(Option::is_some);
         let usual = if known { None } else { usual() };
         let entries: Vec<Entry> =
             usual.iter().flat_map(|map| map.fields()).map(|(e, _)| e).collect();
-        let mapping = Mapping::new(&entries, book, Quality::Inferred);
-        Laid { mapping, wording: None, by_len: Some(len) }
+        let process = self.process(Mapping::new(&entries, book, Quality::Inferred));
+        Laid { process, by_len: Some(len) }
+    }
+
+    fn process(&self, mapping: Option<Mapping>) -> Option<Arc<Process>> {
+        Some(Arc::new(Process::new(self.node, self.told, mapping?)))
     }
 
     /// Its entries, of the capture where that has them, else as the profile says they are at first.
@@ -202,6 +205,19 @@ impl Pdo {
         }
         self.stale = false;
         self.forget();
+    }
+}
+
+/// The name of a PDO.
+#[derive(Clone, Copy)]
+pub(super) struct Called {
+    told: bool,
+    number: u16,
+}
+
+impl fmt::Display for Called {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}PDO{}", if self.told { 'T' } else { 'R' }, self.number)
     }
 }
 

@@ -46,6 +46,25 @@ impl Power {
         }
     }
 
+    /// Takes a value by which no state changes; false of one that has to be [taken](Self::take).
+    #[inline]
+    pub fn stays(&mut self, object: Object, raw: i64) -> bool {
+        match object {
+            STATUSWORD if self.word != Some(raw as u16) => {
+                let state = State::of(raw as u16);
+                let same = self.state == Some(state) || matches!(state, State::Other(_));
+                if same {
+                    self.word = Some(raw as u16);
+                }
+                return same;
+            }
+            MODE_DISPLAY => return self.mode == Some(raw as i8),
+            ERROR_CODE => self.code = raw as u16,
+            _ => {}
+        }
+        true
+    }
+
     fn enter(
         &mut self,
         node: u8,

@@ -138,7 +138,6 @@ pub(super) fn process(
         return;
     }
     said.clear();
-    said.axis(pdo.node.into());
     if pdo.say(bytes, profile, said) {
         return;
     }
@@ -147,7 +146,8 @@ pub(super) fn process(
     if usual.is_none() || usual != id {
         said.error = None;
         said.axis(pdo.node.into());
-        pdo.named(&mut said.kind);
+        said.kind.clear();
+        let _ = write!(said.kind, "{}", pdo.name());
     }
     if usual.is_none() {
         further(pdo, bytes, said);
@@ -156,7 +156,8 @@ pub(super) fn process(
 
 /// A PDO beyond those of the predefined set, which has no words of its own.
 fn further(pdo: &Pdo, bytes: &[u8], said: &mut Explained) {
-    pdo.named(&mut said.text);
+    said.text.clear();
+    let _ = write!(said.text, "{}", pdo.name());
     said.text.make_ascii_lowercase();
     bytes.iter().for_each(|byte| {
         let _ = write!(said.text, " {byte:02X}");

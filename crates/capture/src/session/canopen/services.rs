@@ -65,6 +65,12 @@ impl Services {
         }
     }
 
+    /// What an identifier of 11 bits was last for.
+    #[inline]
+    pub fn known(&self, id: u32) -> Service {
+        self.short.get(id as usize).map_or(Service::Unknown, |service| *service)
+    }
+
     /// Whether the capture gave an identifier to a service.
     pub fn claims(&self, id: u32, extended: bool) -> bool {
         match extended {

@@ -10,34 +10,37 @@ use polepair_core::proto::canopen::sdo::Object;
 
 use super::mapping::Mapping;
 use crate::explained::Explained;
+use crate::page::{Hex, Page, Piece};
 use crate::put;
 use crate::session::{Name, Quality};
 
 /// The words of one PDO.
-#[derive(Debug)]
-pub(super) struct Wording {
+#[derive(Clone, Debug)]
+pub(crate) struct Wording {
     /// `TPDO1`.
     kind: String,
     /// `tpdo1`.
-    verb: String,
+    verb: Piece,
     words: Vec<Word>,
     /// What stands behind the last value.
-    end: String,
+    end: Piece,
     profile: Option<&'static Profile>,
 }
 
+/// Words for numbers of one value that are kept; those of further ones are put together each time.
+const MEANINGS_MAX: usize = 8;
+
 /// The words of one value.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Word {
     object: Object,
     name: Name,
     bytes: (u16, u16),
     /// What stands in front of the number, behind the bytes or the value before.
-    label: String,
-    /// What stands behind it, and of which number.
-    behind: String,
-    of: i64,
-    /// It stands behind all numbers.
+    label: Piece,
+    /// What stands behind it, by numbers that came; of one alone where it is steady.
+    behind: Vec<(i64, Piece)>,
+    /// The same stands behind all numbers.
     steady: bool,
 }
 
@@ -55,26 +58,71 @@ impl Wording {
         let words: Vec<Word> = words.collect();
         // Where bits are mapped to nothing, that is said.
         let end = if words.is_empty() { format!("{join})") } else { ")".to_owned() };
-        Self { verb: name.to_lowercase(), words, end, kind: name, profile }
+        let (verb, end) = (name.to_lowercase(), Piece::new(end.as_bytes()));
+        Self { verb: Piece::new(verb.as_bytes()), words, end, kind: name, profile }
+    }
+
+    /// Whether the words of each number that eight bytes hold are kept, or are not to be.
+    #[inline]
+    pub fn knows(&self, mapping: &Mapping, data: u64) -> bool {
+        let mut pairs = self.words.iter().zip(mapping.numbers());
+        pairs.all(|(word, place)| word.knows(place.exact(data)))
+    }
+
+    /// Keeps the words of each number that eight bytes hold.
+    pub fn learn(&mut self, mapping: &Mapping, data: u64) {
+        for (word, place) in self.words.iter_mut().zip(mapping.numbers()) {
+            word.learn(place.exact(data), self.profile);
+        }
     }
 
     /// Says what the bytes of a frame are.
-    pub fn say(&mut self, mapping: &Mapping, bytes: &[u8], said: &mut Explained) {
+    pub fn say(&self, mapping: &Mapping, bytes: &[u8], said: &mut Explained) {
         said.kind.push_str(&self.kind);
         said.field(field("data", (0, bytes.len() as u16), Value::Words(bytes)));
         let mut text = core::mem::take(&mut said.text).into_bytes();
-        text.extend_from_slice(self.verb.as_bytes());
+        self.verb.put(&mut text);
         for byte in bytes {
             let [high, low] = put::hex(*byte);
             text.extend_from_slice(&[b' ', high, low]);
         }
-        for (word, (.., raw)) in self.words.iter_mut().zip(mapping.values(super::word(bytes))) {
+        for (word, (.., raw)) in self.words.iter().zip(mapping.values(super::word(bytes))) {
             word.say(raw, self.profile, &mut text);
             said.field(field(word.name, word.bytes, Value::Int(raw)));
         }
-        text.extend_from_slice(self.end.as_bytes());
+        self.end.put(&mut text);
         // Names are text, and so is all between them.
         said.text = String::from_utf8(text).unwrap_or_default();
+    }
+
+    /// Bytes that a line takes of them at most.
+    pub fn room(&self) -> usize {
+        let words = self.words.iter().map(|word| word.label.len() + word.longest() + Page::NUMBER);
+        self.verb.len() + self.end.len() + words.sum::<usize>()
+    }
+
+    /// Puts the same into a line, and its end; false where words are not kept.
+    #[inline]
+    pub fn put(
+        &self,
+        mapping: &Mapping,
+        data: u64,
+        (hex, len): (Hex, u8),
+        page: &mut Page,
+    ) -> bool {
+        page.piece(&self.verb);
+        page.word(b' '.into(), 1);
+        page.hex(hex, (3 * usize::from(len)).saturating_sub(1));
+        for (word, place) in self.words.iter().zip(mapping.numbers()) {
+            let raw = place.exact(data);
+            let Some(behind) = word.kept(raw) else { return false };
+            page.piece(&word.label);
+            page.signed(raw);
+            page.piece(behind);
+        }
+        page.piece(&self.end);
+        page.word(b'\n'.into(), 1);
+        true
     }
 }
 
@@ -97,25 +145,50 @@ impl Word {
             let _ = write!(clean, "{name} = ");
         }
         let _ = say::label(object, profile, &mut clean);
-        let mut word = Self { object, name, bytes, label, behind: String::new(), of: 0, steady };
-        word.mean(0, profile);
+        let label = Piece::new(label.as_bytes());
+        let mut word = Self { object, name, bytes, label, behind: Vec::new(), steady };
+        if steady {
+            word.behind.push((0, word.mean(0, profile)));
+        }
         word
     }
 
-    /// Puts together what stands behind a number.
-    fn mean(&mut self, raw: i64, profile: Option<&'static Profile>) {
-        self.behind.clear();
-        let _ = say::meaning(self.object, raw, profile, &mut Clean(&mut self.behind));
-        self.of = raw;
+    /// What stands behind a number.
+    fn mean(&self, raw: i64, profile: Option<&'static Profile>) -> Piece {
+        let mut behind = String::new();
+        let _ = say::meaning(self.object, raw, profile, &mut Clean(&mut behind));
+        Piece::new(behind.as_bytes())
     }
 
-    fn say(&mut self, raw: i64, profile: Option<&'static Profile>, text: &mut Vec<u8>) {
-        if !self.steady && self.of != raw {
-            self.mean(raw, profile);
+    /// Bytes of the longest that is kept.
+    fn longest(&self) -> usize {
+        self.behind.iter().map(|(_, words)| words.len()).max().unwrap_or(0)
+    }
+
+    #[inline]
+    fn kept(&self, raw: i64) -> Option<&Piece> {
+        let mut behind = self.behind.iter();
+        behind.find(|(of, _)| self.steady || *of == raw).map(|(_, words)| words)
+    }
+
+    #[inline]
+    fn knows(&self, raw: i64) -> bool {
+        self.steady || self.behind.len() == MEANINGS_MAX || self.kept(raw).is_some()
+    }
+
+    fn learn(&mut self, raw: i64, profile: Option<&'static Profile>) {
+        if !self.knows(raw) {
+            self.behind.push((raw, self.mean(raw, profile)));
         }
-        text.extend_from_slice(self.label.as_bytes());
+    }
+
+    fn say(&self, raw: i64, profile: Option<&'static Profile>, text: &mut Vec<u8>) {
+        self.label.put(text);
         put::signed(raw, text);
-        text.extend_from_slice(self.behind.as_bytes());
+        match self.kept(raw) {
+            Some(words) => words.put(text),
+            None => self.mean(raw, profile).put(text),
+        }
     }
 }
 
@@ -150,6 +223,7 @@ mod tests {
                 let mut word = Word::new(" | ", object, "0x2000:1", (0, 4), profile);
                 for raw in [0, 7, 7, -1, 0x1637, 0x000F, 0x6061_0008, i64::MAX, 0, -12345] {
                     let (mut text, mut plain) = (Vec::new(), " | ".to_owned());
+                    word.learn(raw, profile);
                     word.say(raw, profile, &mut text);
                     if say::name(object, profile).is_empty() {
                         plain.push_str("0x2000:1 = ");

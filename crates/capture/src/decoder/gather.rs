@@ -1,0 +1,97 @@
+//! Frames into batches. Process data whose mapping is known, and by which no state changes, are not
+//! explained: their conversation is told that they came, and their bytes go into the batch.
+
+use polepair_core::medium::Frame;
+
+use super::{Decoder, Event};
+use crate::batch::Batch;
+use crate::read::Scan;
+use crate::record::{Data, Record};
+
+/// Takes a batch that is full; what comes then goes into it anew.
+type Full<'a> = &'a mut dyn FnMut(&mut Batch);
+
+impl Decoder {
+    /// Takes a piece of the capture, cut anywhere. Its frames are put into `batch`, which `full` is
+    /// given as often as it has as many as it should.
+    pub fn gather(&mut self, piece: &[u8], batch: &mut Batch, full: Full<'_>) {
+        batch.begin(self.head);
+        let mut reader = core::mem::take(&mut self.reader);
+        reader.feed(piece, &mut |record| self.put(record, batch, full));
+        self.reader = reader;
+    }
+
+    /// The same of a piece that begins where a line does, and was looked through.
+    pub fn gather_lines(&mut self, piece: &[u8], scan: &Scan, batch: &mut Batch, full: Full<'_>) {
+        if scan.lines().is_empty() || !self.reader.pass_over(0, 0) {
+            return self.gather(piece, batch, full);
+        }
+        batch.begin(self.head);
+        let mut reader = core::mem::take(&mut self.reader);
+        let before = reader.came();
+        // What a line behind another is does not hang on that one: the reader is told of them later.
+        let (mut from, mut at, mut lines) = (0, 0, 0);
+        for line in scan.lines() {
+            if line.at > at {
+                reader.pass_over(lines, (at - from) as u64);
+                reader.feed(&piece[at..line.at], &mut |record| self.put(record, batch, full));
+                (from, lines) = (line.at, 0);
+            }
+            self.put(&scan.record(line, before), batch, full);
+            (at, lines) = (line.end, lines + 1);
+        }
+        reader.pass_over(lines, (at - from) as u64);
+        reader.feed(&piece[at..], &mut |record| self.put(record, batch, full));
+        self.reader = reader;
+    }
+
+    /// Ends the capture: what waits for more is put into `batch` as it is.
+    pub fn gather_rest(&mut self, batch: &mut Batch, full: Full<'_>) {
+        batch.begin(self.head);
+        let mut head = self.head;
+        self.finish(&mut |event| keep(event, &mut head, batch, full));
+        self.head = head;
+    }
+
+    fn put(&mut self, record: &Record<'_>, batch: &mut Batch, full: Full<'_>) {
+        if let Data::Frame(frame) = &record.data
+            && self.is_settled(record, frame, batch)
+        {
+            if batch.is_full() {
+                hand_over(self.head, batch, full);
+            }
+            return;
+        }
+        let mut head = self.head;
+        self.record(record, &mut |event| keep(event, &mut head, batch, full));
+        self.head = head;
+    }
+
+    /// Whether a frame changes nothing; then it is put into the batch.
+    #[inline]
+    fn is_settled(&mut self, record: &Record<'_>, frame: &Frame, batch: &mut Batch) -> bool {
+        let Some(now) = record.time.filter(|_| self.follows) else { return false };
+        let Some(wire) = self.wires.iter_mut().find(|wire| *wire.name == *record.link) else {
+            return false;
+        };
+        let Some(lane) = wire.lanes.left(frame) else { return false };
+        let Some(process) = wire.session.settled(frame, now) else { return false };
+        let whose = (process, &wire.name, lane.dissector.name());
+        let added = batch.add(record, (self.count + 1, frame), &mut lane.voice, whose);
+        self.count += u64::from(added);
+        added
+    }
+}
+
+fn keep(event: &Event<'_>, head: &mut crate::text::Head, batch: &mut Batch, full: Full<'_>) {
+    head.see(event);
+    batch.keep(event);
+    if batch.is_full() {
+        hand_over(*head, batch, full);
+    }
+}
+
+fn hand_over(head: crate::text::Head, batch: &mut Batch, full: Full<'_>) {
+    full(batch);
+    batch.begin(head);
+}

@@ -1,0 +1,138 @@
+//! Any number of threads makes the same of a capture, and nobody waits for ever.
+
+use std::fmt::Write as _;
+
+use super::{JOBS_MAX, Maker, decode};
+use crate::text::{Style, Text};
+use crate::{Batch, Decoder, Rules};
+
+/// Lines of text.
+#[derive(Default)]
+struct Lines {
+    text: Text,
+    out: Vec<u8>,
+}
+
+impl Maker for Lines {
+    fn make(&mut self, batch: &Batch) {
+        self.text.write_batch(batch, &mut self.out);
+    }
+}
+
+/// A log of several pieces: process data, and other lines between; `extra` follows each hundredth.
+fn log(extra: &str) -> String {
+    let mut log = String::new();
+    for n in 0..60_000_u64 {
+        let (at, data) = (1_700_000_000_000_000 + n * 250, n.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let _ = write!(log, "({}.{:06}) ", at / 1_000_000, at % 1_000_000);
+        let _ = match n % 100 {
+            17 => writeln!(log, "can1 70{}#05", 1 + n / 100 % 4),
+            33 => writeln!(log, "can0 601#4041600000000000"),
+            34 => writeln!(log, "can0 581#4B41600037160000\n{extra}"),
+            n => writeln!(log, "can{} 18{}#{data:016X}", n % 2, 1 + n % 4),
+        };
+    }
+    log
+}
+
+/// What several threads make of a log.
+fn made(log: &str, jobs: usize) -> (String, Vec<String>, u64) {
+    let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
+    let mut makers: Vec<Lines> = (0..jobs).map(|_| Lines::default()).collect();
+    let (mut bytes, mut out) = (log.as_bytes(), Vec::new());
+    let decoded: Result<(), ()> = decode(
+        &mut decoder,
+        &mut makers,
+        &mut |piece, most| {
+            // As much as a pipe gives.
+            let (now, rest) = bytes.split_at(bytes.len().min(most).min(70_000));
+            piece.extend_from_slice(now);
+            bytes = rest;
+            Ok(())
+        },
+        &mut |maker| {
+            out.append(&mut maker.out);
+            Ok(())
+        },
+    );
+    assert_eq!(decoded, Ok(()));
+    let damage = decoder.tally().damage.iter().map(ToString::to_string).collect();
+    (String::from_utf8(out).expect("text"), damage, decoder.tally().records)
+}
+
+#[test]
+fn any_number_of_threads_makes_the_same() {
+    let long = format!("{}\n", "x".repeat(70_000));
+    for extra in ["", "no frame\n", "(1700000000.5) can0 123#01 T\n# remark\n", &long] {
+        let log = log(extra);
+        let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
+        let (mut text, mut out) = (Text::new(Style::default()), Vec::new());
+        decoder.feed(log.as_bytes(), &mut |event| text.write(event, &mut out));
+        decoder.finish(&mut |event| text.write(event, &mut out));
+        let damage: Vec<String> = decoder.tally().damage.iter().map(ToString::to_string).collect();
+        let plain = String::from_utf8(out).expect("text");
+        for jobs in [1, 2, 3, JOBS_MAX] {
+            let (text, told, records) = made(&log, jobs);
+            let differs = plain.lines().zip(text.lines()).find(|(one, two)| one != two);
+            assert_eq!(differs, None, "{jobs} threads");
+            assert!(text == plain, "{jobs} threads");
+            assert_eq!((told, records), (damage.clone(), decoder.tally().records));
+        }
+    }
+}
+
+#[test]
+fn who_fails_stops_all() {
+    let log = log("");
+    for jobs in [1, 4] {
+        for broken in [0, 3, 40] {
+            let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
+            let mut makers: Vec<Lines> = (0..jobs).map(|_| Lines::default()).collect();
+            let (mut bytes, mut reads, mut puts) = (log.as_bytes(), 0, 0);
+            let failed = decode(
+                &mut decoder,
+                &mut makers,
+                &mut |piece, most| {
+                    let (now, rest) = bytes.split_at(bytes.len().min(most).min(70_000));
+                    piece.extend_from_slice(now);
+                    (bytes, reads) = (rest, reads + 1);
+                    if reads > broken { Err("reading") } else { Ok(()) }
+                },
+                &mut |_| {
+                    puts += 1;
+                    if puts > broken / 8 { Err("writing") } else { Ok(()) }
+                },
+            );
+            assert!(failed.is_err(), "{jobs} threads, {broken}");
+            assert!(puts <= broken / 8 + 1, "{puts} of {broken}");
+        }
+    }
+}
+
+/// A writer that gives up in the middle takes the others with it.
+#[test]
+#[should_panic(expected = "a scoped thread panicked")]
+fn who_falls_leaves_nobody_waiting() {
+    struct Falls(i64);
+    impl Maker for Falls {
+        fn make(&mut self, _: &Batch) {
+            self.0 += 1;
+            assert!(self.0 < 2, "enough");
+        }
+    }
+    let (log, mut decoder) = (log(""), Decoder::new(Rules::default()));
+    // The thread that waits here is none of those that fall.
+    let mut makers = [Falls(i64::MIN), Falls(0), Falls(0)];
+    let mut bytes = log.as_bytes();
+    let _: Result<(), ()> = decode(
+        &mut decoder,
+        &mut makers,
+        &mut |piece, most| {
+            let (now, rest) = bytes.split_at(bytes.len().min(most));
+            piece.extend_from_slice(now);
+            bytes = rest;
+            Ok(())
+        },
+        &mut |_| Ok(()),
+    );
+}

@@ -1,0 +1,81 @@
+//! Lines of candump's log in their usual form, found and read without regard to what stands before
+//! them: pieces of a capture that end where lines do may be read on several threads at once.
+
+use polepair_core::medium::Frame;
+
+use super::text::{Before, logged};
+use crate::record::{Data, Record};
+
+/// Links of one piece that are told apart.
+const LINKS_MAX: usize = 64;
+/// Lines that are looked at before a piece is given up in which there are no such lines.
+const TRIES: usize = 64;
+
+/// The lines of one piece that are in their usual form. All others are for a reader.
+#[derive(Debug, Default)]
+pub struct Scan {
+    lines: Vec<Line>,
+    links: Vec<String>,
+}
+
+/// One line.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Line {
+    /// Where it begins, and where the next one does.
+    pub at: usize,
+    pub end: usize,
+    /// On which of the links.
+    pub link: u8,
+    time: crate::Stamp,
+    frame: Frame,
+}
+
+impl Scan {
+    /// Looks through a piece that begins where a line does.
+    pub fn read(&mut self, piece: &[u8]) {
+        self.lines.clear();
+        self.links.clear();
+        let (mut at, mut before, mut tried, mut number) = (0, Before::default(), 0, 0);
+        while at < piece.len() {
+            let rest = &piece[at..];
+            if let Some((record, len)) = logged(rest, &mut before)
+                && let (Some(time), Data::Frame(frame)) = (record.time, record.data)
+                && let Some(same) = number_of(&mut self.links, record.link, number)
+            {
+                (number, at) = (same, at + len);
+                self.lines.push(Line { at: at - len, end: at, link: number as u8, time, frame });
+                continue;
+            }
+            tried += 1;
+            let end = memchr::memchr(b'\n', rest);
+            let Some(end) = end.filter(|_| tried < TRIES || !self.lines.is_empty()) else { return };
+            at += end + 1;
+        }
+    }
+
+    /// The lines in order.
+    pub(crate) fn lines(&self) -> &[Line] {
+        &self.lines
+    }
+
+    /// What a line says, in a capture of which so many bytes came before.
+    pub(crate) fn record(&self, line: &Line, before: u64) -> Record<'_> {
+        let link = self.links.get(usize::from(line.link)).map_or("-", String::as_str);
+        let (time, data, at) = (Some(line.time), Data::Frame(line.frame), before + line.at as u64);
+        Record { time, link, direction: None, data, at }
+    }
+}
+
+/// Which of the links it is: mostly that of the line before.
+fn number_of(links: &mut Vec<String>, link: &str, last: usize) -> Option<usize> {
+    if links.get(last).is_some_and(|known| known == link) {
+        return Some(last);
+    }
+    let known = links.iter().position(|known| known == link);
+    known.or_else(|| {
+        (links.len() < LINKS_MAX).then(|| {
+            links.push(link.to_owned());
+            links.len() - 1
+        })
+    })
+}

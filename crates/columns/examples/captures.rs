@@ -1,0 +1,35 @@
+//! What a frame of the bench's log costs at best: the least disturbed of many short runs.
+
+#[path = "../benches/work/mod.rs"]
+mod work;
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use work::{columns, log, parse, text, text_by};
+
+/// Frames of a short run, and of one that is worth several threads.
+const SHORT: usize = 4_000;
+const LONG: usize = 400_000;
+
+fn best(name: &str, log: &str, runs: usize, mut run: impl FnMut(&str) -> u64) {
+    let frames = log.lines().count() as f64;
+    let times = (0..runs).map(|_| {
+        let began = Instant::now();
+        black_box(run(black_box(log)));
+        began.elapsed().as_secs_f64()
+    });
+    let least = times.fold(f64::INFINITY, f64::min);
+    println!("{name:20} {:7.1} ns a frame", least * 1e9 / frames);
+}
+
+fn main() {
+    let (short, long) = (log(SHORT), log(LONG));
+    best("read", &short, 400, parse);
+    best("text", &short, 400, |log| text(log) as u64);
+    best("columns", &short, 400, |log| columns(log) as u64);
+    for jobs in [1, 2] {
+        let name = format!("text, {jobs} threads");
+        best(&name, &long, 20, |log| text_by(log, jobs) as u64);
+    }
+}
