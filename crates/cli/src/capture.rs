@@ -1,10 +1,12 @@
 //! A capture as the verbs take it: a file or stdin, what is stated about it, who takes its frames.
 
+use std::fs::File;
 use std::io::{Read as _, stdin};
 use std::path::Path;
 use std::time::Duration;
 
 use clap::Args;
+use polepair_capture::parallel::{self, JOBS_MAX, Maker, Put};
 use polepair_capture::{
     Decoder, Event, Follow, Format, Judge, Next, Place, Rules, Tally, Verdict, WriteError,
 };
@@ -12,6 +14,7 @@ use polepair_core::profile::Profile;
 
 use crate::cmd::{NamedBy, capture_format};
 use crate::problem::{self, Exit, Problem, Result};
+use crate::progress::Progress;
 use crate::terminal::say;
 
 /// A capture on stdin that pauses so long is judged by what came so far, and followed from there.
@@ -99,7 +102,8 @@ impl Stated {
     pub fn source(&self) -> Result<Source> {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
-        Ok(Source { rules, profile: self.named_by.profile()?, form: self.from, words: true })
+        let profile = self.named_by.profile()?;
+        Ok(Source { rules, profile, form: self.from, words: true, progress: false })
     }
 }
 
@@ -110,12 +114,33 @@ pub struct Source {
     pub profile: Option<&'static Profile>,
     form: Option<Format>,
     words: bool,
+    progress: bool,
 }
 
 impl Source {
     /// What frames say in words and fields is not wanted.
     pub fn without_words(self) -> Self {
         Self { words: false, ..self }
+    }
+
+    /// How far it is may be shown, where data go elsewhere.
+    pub fn with_progress(self, progress: bool) -> Self {
+        Self { progress, ..self }
+    }
+
+    /// Decodes a capture file with a thread for each of `makers`; what they make is handed over in
+    /// the capture's order.
+    pub fn read_by<M: Maker>(
+        mut self,
+        path: &Path,
+        makers: &mut [M],
+        put: Put<'_, M, Problem>,
+    ) -> Result<Decoder> {
+        let mut decoder = self.decoder_for(path)?;
+        let mut reading = Reading::of(path, self.progress)?;
+        let fill = &mut |piece: &mut Vec<u8>, most| reading.append(piece, most);
+        parallel::decode(&mut decoder, makers, fill, put)?;
+        Ok(decoder)
     }
 
     /// Explains a capture, frame by frame. `-` is stdin, which is followed as it grows.
@@ -149,20 +174,23 @@ impl Source {
         if self.words { decoder } else { decoder.without_words() }
     }
 
+    /// A decoder for a file, which is once gone through to judge it where nobody says who speaks.
+    fn decoder_for(&mut self, path: &Path) -> Result<Decoder> {
+        if let Some(rules) = self.rules.take() {
+            return Ok(self.decoder(rules));
+        }
+        let mut judge = Judge::of_format(self.form);
+        pieces(path, self.progress, &mut |piece| {
+            judge.feed(piece);
+            Ok(())
+        })?;
+        Ok(self.judged(judge))
+    }
+
     /// Decodes a file: once through to judge it, once to explain it.
     fn file(mut self, path: &Path, sink: &mut dyn Sink) -> Result<Decoder> {
-        let mut decoder = match self.rules.take() {
-            Some(rules) => self.decoder(rules),
-            None => {
-                let mut judge = Judge::of_format(self.form);
-                pieces(path, &mut |piece| {
-                    judge.feed(piece);
-                    Ok(())
-                })?;
-                self.judged(judge)
-            }
-        };
-        pieces(path, &mut |piece| {
+        let mut decoder = self.decoder_for(path)?;
+        pieces(path, self.progress, &mut |piece| {
             decoder.feed(piece, &mut |event| sink.take(event));
             sink.settle(false)
         })?;
@@ -216,16 +244,49 @@ impl Source {
     }
 }
 
-/// Reads a file in pieces.
-pub fn pieces(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
-    let failed = |error| problem::file(path, "read", &error);
-    let mut file = std::fs::File::open(path).map_err(failed)?;
-    let mut buffer = vec![0; PIECE];
+/// Threads that decode one capture: as many as asked for, else as there are cores.
+pub fn jobs(asked: Option<usize>) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    asked.unwrap_or_else(cores).clamp(1, JOBS_MAX)
+}
+
+/// Reads a file in pieces; how far it is may be shown.
+pub fn pieces(
+    path: &Path,
+    progress: bool,
+    each: &mut dyn FnMut(&[u8]) -> Result<()>,
+) -> Result<()> {
+    let (mut reading, mut piece) = (Reading::of(path, progress)?, Vec::with_capacity(PIECE));
     loop {
-        match file.read(&mut buffer).map_err(failed)? {
-            0 => return Ok(()),
-            count => each(&buffer[..count])?,
+        piece.clear();
+        reading.append(&mut piece, PIECE)?;
+        if piece.is_empty() {
+            return Ok(());
         }
+        each(&piece)?;
+    }
+}
+
+/// A file that is read from its beginning to its end.
+struct Reading<'a> {
+    path: &'a Path,
+    file: File,
+    progress: Progress,
+}
+
+impl<'a> Reading<'a> {
+    fn of(path: &'a Path, progress: bool) -> Result<Self> {
+        let opened = File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
+        let (size, file) = opened.map_err(|error| problem::file(path, "read", &error))?;
+        let progress = Progress::of(Some(size).filter(|size| progress && *size > 0));
+        Ok(Self { path, file, progress })
+    }
+
+    /// Appends at most so many bytes; none at the end.
+    fn append(&mut self, piece: &mut Vec<u8>, most: usize) -> Result<()> {
+        let read = (&mut self.file).take(most as u64).read_to_end(piece);
+        self.progress.add(read.map_err(|error| problem::file(self.path, "read", &error))?);
+        Ok(())
     }
 }
 

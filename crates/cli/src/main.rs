@@ -8,6 +8,7 @@ mod interrupt;
 mod motion;
 mod outcome;
 mod problem;
+mod progress;
 mod session;
 mod target;
 mod terminal;

@@ -38,7 +38,7 @@ fn wanted() -> bool {
 
 /// Where data goes: stdout or a file.
 pub struct Output {
-    sink: Box<dyn io::Write>,
+    sink: Box<dyn io::Write + Send>,
     name: String,
     gathered: Vec<u8>,
 }

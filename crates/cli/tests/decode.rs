@@ -4,7 +4,7 @@ mod run;
 
 use std::collections::BTreeMap;
 
-use run::{hex, polepair, polepair_with, text, vectors};
+use run::{command, hex, polepair, polepair_with, ran, text, vectors};
 use serde_json::Value;
 
 /// Decodes a capture, and groups the frames by link.
@@ -242,4 +242,58 @@ fn every_request_encodes_from_its_text() {
         }
         assert!(tried >= 15, "{name}: {tried}");
     }
+}
+
+/// A bus of process data of two megabytes, with lines that are none.
+fn bus() -> String {
+    let mut log = String::new();
+    for n in 0..40_000_u64 {
+        let (us, data) = (n * 250, n.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let frame = match n % 1000 {
+            500 => "no frame".to_owned(),
+            501 => "601#4041600000000000".to_owned(),
+            502 => "581#4B41600037160000".to_owned(),
+            _ => format!("18{}#{data:016X}", 1 + n % 4),
+        };
+        log +=
+            &format!("({}.{:06}) can0 {frame}\n", 1_700_000_000 + us / 1_000_000, us % 1_000_000);
+    }
+    log
+}
+
+/// One core or several, a file or a pipe: the same bytes.
+#[test]
+fn any_number_of_threads_decodes_the_same() {
+    let folder = std::env::temp_dir().join(format!("polepair-jobs-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let (capture, log) = (folder.join("bus.log").display().to_string(), bus());
+    std::fs::write(&capture, &log).expect("a capture");
+    for format in ["text", "jsonl"] {
+        let arguments = ["--as", "canopen", "--format", format];
+        let mut piped = command(&[&["decode", "-"], &arguments[..]].concat());
+        let piped = piped.stdin(std::fs::File::open(&capture).expect("the capture"));
+        let piped = ran(piped.output().expect("the binary ends"));
+        assert!(piped.code == 0 && piped.out.len() > log.len(), "{}", piped.err);
+        for jobs in ["1", "2", "5"] {
+            let ran = polepair(&[&["decode", &capture, "--jobs", jobs], &arguments[..]].concat());
+            assert!(ran.out == piped.out, "{format}, {jobs} threads");
+            assert_eq!((ran.code, ran.err), (0, piped.err.clone()));
+        }
+    }
+    for format in ["parquet", "arrow"] {
+        let files = ["1", "2", "5"].map(|jobs| {
+            let out = folder.join(format!("{format}-{jobs}"));
+            let to = out.display().to_string();
+            let arguments = ["--as", "canopen", "--format", format, "-o", &to, "--jobs", jobs];
+            let ran = polepair(&[&["decode", &capture], &arguments[..]].concat());
+            assert_eq!(ran.code, 0, "{}", ran.err);
+            ["frames", "signals", "transactions", "events"]
+                .map(|table| std::fs::read(out.join(table).with_extension(format)).expect(table))
+        });
+        assert!(files[0] == files[1] && files[1] == files[2], "{format}");
+        assert!(files[0][0].len() > 100_000, "{format}");
+    }
+    let refused = polepair(&["decode", &capture, "--jobs", "0"]);
+    assert!(refused.code == 2 && refused.err.contains("--jobs"), "{}", refused.err);
+    std::fs::remove_dir_all(&folder).expect("removed");
 }

@@ -96,7 +96,7 @@ fn count(unfit: &mut Unfit, why: &'static str) {
 
 fn read(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
     if path.as_os_str() != "-" {
-        return pieces(path, each);
+        return pieces(path, true, each);
     }
     let mut buffer = vec![0; PIECE];
     loop {

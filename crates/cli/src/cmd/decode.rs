@@ -8,13 +8,14 @@ mod folder;
 mod lines;
 mod plot;
 
+use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use polepair_capture::Filter;
 use polepair_capture::text::{Notices, Style};
 
-use crate::capture::{Sink, Stated, report};
+use crate::capture::{Sink, Stated, jobs, report};
 use crate::problem::{Problem, Result};
 use crate::value;
 use columns::Wanted;
@@ -83,6 +84,9 @@ pub struct Decode {
     /// Write to a file instead of stdout; columns, to this folder
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
+    /// Threads that decode [default: one for each core]
+    #[arg(long, value_name = "N", value_parser = threads)]
+    jobs: Option<usize>,
     /// Compare with the lines of a file, in part or whole as --format jsonl writes them: differences
     /// are shown, and the exit code is 1
     #[arg(long, value_name = "EXPECTED", conflicts_with_all = ["format", "out", "changes", "plot"])]
@@ -90,6 +94,12 @@ pub struct Decode {
     /// Times that lines expect may differ by so much, counted from the first; else they do not matter
     #[arg(long, value_name = "TIME", requires = "expect", value_parser = value::span)]
     within: Option<f64>,
+}
+
+/// Reads how many threads there shall be.
+fn threads(text: &str) -> std::result::Result<usize, String> {
+    let count = text.parse().ok().filter(|count| *count > 0);
+    count.ok_or_else(|| "a number from 1".to_owned())
 }
 
 /// How frames are written.
@@ -132,7 +142,8 @@ impl Decode {
             Format::Arrow => return self.columns(Stored::Arrow),
             Format::Text | Format::Jsonl => {}
         }
-        let source = self.stated.source()?;
+        let elsewhere = self.out.is_some() || !std::io::stdout().is_terminal();
+        let source = self.stated.source()?.with_progress(elsewhere);
         let filter = self.filter.as_deref().map(filter).transpose()?;
         if let Some(path) = &self.expect {
             return expect::run(
@@ -141,6 +152,11 @@ impl Decode {
                 filter,
                 Expectation::read(path, self.within)?,
             );
+        }
+        let of_file = self.source.as_os_str() != "-";
+        if filter.is_none() && self.plot.is_empty() && of_file {
+            let lines = self.lines(self.out.as_deref())?;
+            return report(&lines.write(source, &self.source, jobs(self.jobs))?);
         }
         let mut sink = self.sink(self.out.as_deref())?;
         if let Some(filter) = filter {
@@ -151,7 +167,7 @@ impl Decode {
     }
 
     fn columns(&self, stored: Stored) -> Result {
-        let (out, source) = (self.out()?, self.stated.source()?);
+        let (out, source) = (self.out()?, self.stated.source()?.with_progress(true));
         let tables = columns::tables(self.tables.as_deref())?;
         let file = self.source.file_name().unwrap_or_default().to_string_lossy();
         let wanted = Wanted {
@@ -160,6 +176,7 @@ impl Decode {
             file: &file,
             blake3: columns::fingerprint(&self.source)?,
             profile: self.stated.profile_word(),
+            jobs: jobs(self.jobs),
         };
         report(&columns::decode(source, &self.source, out, stored, &wanted)?)
     }
@@ -172,8 +189,8 @@ impl Decode {
         let site = Site { root: self.out()?.to_owned(), name: self.site.clone() };
         let tables = columns::tables(self.tables.as_deref())?;
         let (captures, stated) = (self.source.as_path(), &self.stated);
-        let recorder = self.gateway.as_str();
-        Folder { captures, stated, site, recorder, tables: &tables }.decode()
+        let (recorder, jobs) = (self.gateway.as_str(), jobs(self.jobs));
+        Folder { captures, stated, site, recorder, tables: &tables, jobs }.decode()
     }
 
     /// Refuses for a folder what is asked of one capture.
@@ -205,10 +222,14 @@ impl Decode {
         if !self.plot.is_empty() {
             return Ok(Box::new(Drawing::new(&self.plot, out)));
         }
-        Ok(match self.format() {
-            Format::Jsonl => Box::new(Lines::jsonl(out)?),
-            _ => Box::new(Lines::text(out, self.style())?),
-        })
+        Ok(Box::new(self.lines(out)?))
+    }
+
+    fn lines(&self, out: Option<&Path>) -> Result<Lines> {
+        match self.format() {
+            Format::Jsonl => Lines::jsonl(out),
+            _ => Lines::text(out, self.style()),
+        }
     }
 
     fn style(&self) -> Style {

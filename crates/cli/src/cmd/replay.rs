@@ -184,7 +184,7 @@ impl Options {
                 lines.write(event, out.buffer());
             }
         };
-        pieces(&self.source, &mut |piece| {
+        pieces(&self.source, false, &mut |piece| {
             decoder.feed(piece, &mut |event| note(event, &mut out));
             out.spill()
         })?;

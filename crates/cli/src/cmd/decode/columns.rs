@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use polepair_capture::{Decoder, Event};
+use polepair_capture::parallel::Maker;
+use polepair_capture::{Batch as Decoded, Decoder, Event};
 use polepair_columns::{
-    Files, Keep, Origin, Provenance, RecordBatch, StoreError, Stored, Table, Tables,
+    ArrowError, Files, Keep, Numbering, Origin, Provenance, RecordBatch, StoreError, Stored, Table,
+    Tables,
 };
 
 use crate::capture::{Sink, Source};
@@ -27,6 +29,15 @@ pub struct Wanted<'a> {
     pub blake3: String,
     /// The drive whose names were stated.
     pub profile: &'a str,
+    /// Threads that decode.
+    pub jobs: usize,
+}
+
+impl Wanted<'_> {
+    fn tables(&self) -> Tables {
+        let origin = Origin { source: self.recorder.to_owned(), file: self.file.to_owned() };
+        Tables::new(self.tables, &origin)
+    }
 }
 
 /// Decodes a capture into a folder with a file for each table.
@@ -50,7 +61,18 @@ pub fn into(
     wanted: &Wanted<'_>,
 ) -> Result<Decoder> {
     let mut columns = Columns::new(keep, out, wanted);
-    let decoder = source.without_words().read(path, &mut columns)?;
+    let source = source.without_words();
+    let decoder = match path.as_os_str() == "-" {
+        true => source.read(path, &mut columns)?,
+        false => {
+            let mut builders: Vec<_> = (0..wanted.jobs).map(|_| Builder::new(wanted)).collect();
+            let put = &mut |builder: &mut Builder| columns.send(builder.built());
+            let mut decoder = source.read_by(path, &mut builders, put)?;
+            decoder.ending(&mut |event| columns.ending(event));
+            columns.finish()?;
+            decoder
+        }
+    };
     let provenance = Provenance {
         file: wanted.file.to_owned(),
         blake3: wanted.blake3.clone(),
@@ -92,38 +114,76 @@ fn refused(out: &Path, error: StoreError) -> Problem {
     }
 }
 
-/// Builds columns here; they are compressed and written on a thread beside.
-struct Columns {
+/// Builds columns of batches, for others to hand them on.
+struct Builder {
     tables: Tables,
+    made: Vec<Batch>,
+    failed: Option<ArrowError>,
+}
+
+impl Builder {
+    fn new(wanted: &Wanted<'_>) -> Self {
+        Self { tables: wanted.tables(), made: Vec::new(), failed: None }
+    }
+
+    fn flush(&mut self) {
+        let Self { tables, made, failed } = self;
+        let flushed = tables.flush(&mut |table, batch| {
+            made.push((table, batch));
+            Ok(())
+        });
+        *failed = failed.take().or(flushed.err());
+    }
+
+    /// What was built since the last time.
+    fn built(&mut self) -> Built {
+        let built = std::mem::take(&mut self.made);
+        self.failed.take().map_or(Ok(built), Err)
+    }
+}
+
+impl Maker for Builder {
+    fn make(&mut self, batch: &Decoded) {
+        self.tables.take_batch(batch);
+        self.flush();
+    }
+}
+
+/// Takes columns in order; they are compressed and written on a thread beside.
+struct Columns {
+    own: Builder,
+    numbering: Numbering,
     batches: Option<SyncSender<Batch>>,
     writer: Option<JoinHandle<Written>>,
     out: PathBuf,
 }
 
 type Batch = (Table, RecordBatch);
+type Built = std::result::Result<Vec<Batch>, ArrowError>;
 type Written = std::result::Result<Box<dyn Keep>, StoreError>;
 
 impl Columns {
     fn new(keep: Box<dyn Keep>, out: &Path, wanted: &Wanted<'_>) -> Self {
         let (batches, waiting) = sync_channel(WAITING_MAX);
         let writer = std::thread::spawn(move || write(keep, &waiting));
-        let origin = Origin { source: wanted.recorder.to_owned(), file: wanted.file.to_owned() };
         Self {
-            tables: Tables::new(wanted.tables, &origin),
+            own: Builder::new(wanted),
+            numbering: Numbering::default(),
             batches: Some(batches),
             writer: Some(writer),
             out: out.to_owned(),
         }
     }
 
-    fn flush(&mut self) -> Result<()> {
+    /// Sends what was built.
+    fn send(&mut self, built: Built) -> Result<()> {
+        let refused = |error: ArrowError| refused(&self.out, error.into());
         let Some(batches) = &self.batches else { return Ok(()) };
         let mut open = true;
-        let flushed = self.tables.flush(&mut |table, batch| {
+        for (table, batch) in built.map_err(refused)? {
+            let batch = self.numbering.number(table, batch).map_err(refused)?;
             open &= batches.send((table, batch)).is_ok();
-            Ok(())
-        });
-        flushed.map_err(|error| refused(&self.out, error.into()))?;
+        }
         // The writer goes away only when it failed.
         if open { Ok(()) } else { self.written().map(|_| ()) }
     }
@@ -152,14 +212,19 @@ fn write(mut keep: Box<dyn Keep>, waiting: &Receiver<Batch>) -> Written {
 
 impl Sink for Columns {
     fn take(&mut self, event: &Event<'_>) {
-        self.tables.take(event);
+        self.own.tables.take(event);
     }
 
     fn settle(&mut self, now: bool) -> Result<()> {
-        if now || self.tables.is_full() { self.flush() } else { Ok(()) }
+        if !now && !self.own.tables.is_full() {
+            return Ok(());
+        }
+        self.own.flush();
+        let built = self.own.built();
+        self.send(built)
     }
 
     fn ending(&mut self, event: &Event<'_>) {
-        self.tables.ending(event.link, event.notices);
+        self.own.tables.ending(event.link, event.notices);
     }
 }

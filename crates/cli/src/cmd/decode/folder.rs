@@ -28,6 +28,8 @@ pub struct Folder<'a> {
     pub recorder: &'a str,
     /// The tables.
     pub tables: &'a [Table],
+    /// Threads that decode.
+    pub jobs: usize,
 }
 
 /// What became of the captures.
@@ -52,12 +54,13 @@ impl Folder<'_> {
         }
         let (next, tally) = (AtomicUsize::new(0), Mutex::new(Tally::default()));
         let bar = bar(captures.len());
-        let workers = std::thread::available_parallelism().map_or(1, usize::from);
+        let workers = self.jobs.min(WORKERS_MAX).min(captures.len());
+        let jobs = self.jobs / workers;
         std::thread::scope(|scope| {
-            for _ in 0..workers.min(WORKERS_MAX).min(captures.len()) {
+            for _ in 0..workers {
                 scope.spawn(|| {
                     while let Some(path) = captures.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        let done = self.one(path);
+                        let done = self.one(path, jobs);
                         bar.suspend(|| count(&tally, path, done));
                         bar.inc(1);
                     }
@@ -91,7 +94,7 @@ impl Folder<'_> {
     }
 
     /// Decodes one capture; false if it is there already.
-    fn one(&self, path: &Path) -> Result<bool> {
+    fn one(&self, path: &Path, jobs: usize) -> Result<bool> {
         let blake3 = columns::fingerprint(path)?;
         let done = Done::new(&self.site, &blake3, &self.stated.said(), self.tables);
         if done.is_there(&self.site) {
@@ -100,7 +103,7 @@ impl Folder<'_> {
         let file = path.strip_prefix(self.captures).unwrap_or(path).display().to_string();
         let profile = self.stated.profile_word();
         let (tables, recorder) = (self.tables, self.recorder);
-        let wanted = Wanted { tables, recorder, file: &file, blake3, profile };
+        let wanted = Wanted { tables, recorder, file: &file, blake3, profile, jobs };
         let parts = Box::new(Parts::new(self.site.clone(), done));
         let decoder = columns::into(self.stated.source()?, path, &self.site.root, parts, &wanted)?;
         report(&decoder).map(|_| true)

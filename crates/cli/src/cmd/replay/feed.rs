@@ -59,7 +59,7 @@ impl Feed {
                 batches[item.wire].push(Item { at: begin + item.at, ..item });
             }
         };
-        let read = pieces(&self.path, &mut |piece| {
+        let read = pieces(&self.path, false, &mut |piece| {
             decoder.feed(piece, &mut |event| keep(event, &mut batches));
             taken = hand_over(&mut batches, wires);
             if taken { Ok(()) } else { Err(Problem::interrupted()) }
