@@ -3,6 +3,7 @@
 
 mod axis;
 mod bench;
+mod capture;
 mod entry;
 mod input;
 mod motion;
@@ -18,8 +19,9 @@ use axum::extract::DefaultBodyLimit;
 use axum::http::{Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodRouter, delete, get, post};
+use tokio::sync::Semaphore;
 
-use crate::bench::{Bench, Session};
+use crate::bench::{Bench, CAPTURE_MAX, Session};
 use crate::guard::{Hosts, guard};
 use crate::journal::Journal;
 use crate::live;
@@ -33,6 +35,8 @@ pub use openapi::description;
 
 /// Bytes of a body.
 pub const BODY_MAX: usize = 1 << 20;
+/// Captures that are taken in at once: each may be long, and is read in one go.
+const UPLOADS_MAX: usize = 2;
 
 /// What every route works with.
 #[derive(Debug)]
@@ -43,6 +47,7 @@ pub(crate) struct Gate {
     pub journal: Arc<Journal>,
     pub metrics: Metrics,
     pub board: live::Board,
+    pub uploads: Semaphore,
     sessions: AtomicU64,
 }
 
@@ -51,8 +56,8 @@ pub(crate) type Shared = Arc<Gate>;
 impl Gate {
     pub fn new(bench: Bench, door: Door, hosts: Hosts, journal: Arc<Journal>) -> Self {
         let (metrics, board) = (Metrics::default(), live::Board::default());
-        let sessions = AtomicU64::new(1);
-        Self { bench, door, hosts, journal, metrics, board, sessions }
+        let (uploads, sessions) = (Semaphore::new(UPLOADS_MAX), AtomicU64::new(1));
+        Self { bench, door, hosts, journal, metrics, board, uploads, sessions }
     }
 
     /// A name for a client that stays.
@@ -165,6 +170,8 @@ pub const ROUTES: &[Route] = &[
     route("POST", "/api/v1/axes/{id}/commands", MOVE, || post(motion::command)),
     route("POST", "/api/v1/stop", STOP, || post(motion::stop)),
     route("POST", "/api/v1/release", MOVE, || post(motion::release)),
+    Route { takes_file: true, ..route("POST", "/api/v1/captures", READ, || post(capture::open)) },
+    route("GET", "/api/v1/captures/{id}", READ, || get(capture::page)),
     route("POST", "/api/v1/simulation/pace", CONFIGURE, || post(bench::pace)),
     route("POST", "/api/v1/simulation/{link}/{drive}", CONFIGURE, || post(bench::act)),
 ];
@@ -181,7 +188,8 @@ impl Route {
 pub(crate) fn router(gate: &Shared) -> Router {
     let mut router = Router::new();
     for route in ROUTES {
-        let answers = (route.answers)().layer(DefaultBodyLimit::max(BODY_MAX));
+        let most = if route.takes_file { CAPTURE_MAX } else { BODY_MAX };
+        let answers = (route.answers)().layer(DefaultBodyLimit::max(most));
         router = router.route(route.path, answers);
     }
     router
@@ -211,8 +219,11 @@ mod tests {
             let by = |words: &str| route.needs.met_by(words.parse().unwrap());
             let viewer = by("read,stop");
             let is_read = route.method == "GET";
-            assert_eq!(is_read, by("read") && route.needs != Needs::Nothing, "{route:?}");
-            let for_viewers = is_read || ["/api/v1/stop", "/api/v1/login"].contains(&route.path);
+            let by_reading = by("read") && route.needs != Needs::Nothing;
+            assert_eq!(is_read || route.takes_file, by_reading, "{route:?}");
+            // A capture is somebody's own file: to look at it does nothing to the bench.
+            let harmless = ["/api/v1/stop", "/api/v1/login", "/api/v1/captures"];
+            let for_viewers = is_read || harmless.contains(&route.path);
             assert_eq!(viewer, for_viewers, "{route:?}");
         }
     }

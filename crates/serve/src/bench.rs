@@ -70,6 +70,7 @@ use shared::{Shared, held};
 use telemetry::Telemetry;
 use wire::{AskLease, Commanded, Do, Order, StopThese};
 
+pub use captures::CAPTURE_MAX;
 pub use frames::Frames;
 pub use lease::Session;
 pub use reply::Reply;

@@ -128,6 +128,12 @@ export class Bench {
     return this.t0 + seconds * 1000;
   }
 
+  /** Whether the motor is powered, as far as its drive tells, and the server lets motion through. */
+  ready(id: number): boolean {
+    const state = this.states[id];
+    return state !== undefined && state.armed && state.enabled !== false;
+  }
+
   take(axis: number, over: boolean): void {
     this.socket.send({ type: "lease", axis, act: over ? "take_over" : "take", epoch: 0 });
   }
@@ -211,8 +217,11 @@ export class Bench {
 
   /** Does something to a simulated drive. */
   async act(axis: AxisInfo, act: string, value: number | null): Promise<boolean> {
+    // A drive is named by its place on its link.
+    const onLink = this.view?.axes.filter((each) => each.link === axis.link) ?? [];
+    const place = onLink.findIndex((each) => each.id === axis.id);
     try {
-      await send("POST", `/simulation/${axis.link}/${axis.number}`, { act, value });
+      await send("POST", `/simulation/${axis.link}/${place}`, { act, value });
       this.note(axis.id, `${act}${value === null ? "" : ` ${value}`}`, "done");
       return true;
     } catch (problem) {

@@ -2,7 +2,7 @@
 
 use utoipa::OpenApi;
 
-use super::{axis, bench, entry, motion, record};
+use super::{axis, bench, capture, entry, motion, record};
 use crate::message::{ClientMessage, ServerMessage};
 
 /// What is described.
@@ -29,6 +29,8 @@ use crate::message::{ClientMessage, ServerMessage};
         motion::command,
         motion::stop,
         motion::release,
+        capture::open,
+        capture::page,
         record::journal,
         record::openapi,
         record::metrics,

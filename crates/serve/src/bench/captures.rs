@@ -15,7 +15,7 @@ use crate::message::{CaptureOpened, CapturePage, FrameItem, Refused};
 /// Captures that are kept; the oldest goes when there are more.
 const CAPTURES_MAX: usize = 4;
 /// Bytes of one.
-const BYTES_MAX: usize = 64 << 20;
+pub const CAPTURE_MAX: usize = 64 << 20;
 /// Frames of a page.
 const PAGE_MAX: usize = 1000;
 /// Bytes that are explained at once.
@@ -57,8 +57,8 @@ impl Bench {
     /// # Errors
     /// `gateway.size` for one that is too long, `E510` for what is no capture.
     pub fn open_capture(&self, name: &str, bytes: Vec<u8>) -> Result<CaptureOpened, Refused> {
-        if bytes.len() > BYTES_MAX {
-            let what = format!("a capture has at most {} MiB here", BYTES_MAX >> 20);
+        if bytes.len() > CAPTURE_MAX {
+            let what = format!("a capture has at most {} MiB here", CAPTURE_MAX >> 20);
             let hint = "`polepair summary` takes any length";
             return Err(Refused::new("gateway.size", what).hint(hint));
         }

@@ -71,7 +71,13 @@ impl Eyes {
     /// Looks until the bench closes.
     pub fn run(mut self) {
         while !self.shared.is_closing() {
-            if self.desk.work() || self.sample() {
+            if self.desk.work() {
+                continue;
+            }
+            let watched = self.sample();
+            // Who watches more than the wire can carry does not keep states from being asked for; a
+            // command comes before either.
+            if watched && (self.desk.work() || self.shared.now() < self.rest_until) {
                 continue;
             }
             let now = self.shared.now();
@@ -79,7 +85,7 @@ impl Eyes {
                 self.desk.wait(self.rest_until.since(now).min(self.idle()));
             } else if self.ask() {
                 self.rest_until = self.shared.now() + self.shared.now().since(now);
-            } else {
+            } else if !watched {
                 self.desk.wait(self.idle());
             }
         }

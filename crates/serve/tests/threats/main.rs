@@ -8,7 +8,7 @@ use std::net::TcpStream;
 use std::time::Instant;
 
 use polepair::Connector;
-use polepair_serve::{BODY_MAX, Needs, ROUTES, Scopes, Server, TRIES_MAX};
+use polepair_serve::{BODY_MAX, Needs, ROUTES, Route, Scopes, Server, TRIES_MAX};
 use serde_json::{Value, json};
 use site::{Site, folder, next, now_ms, options, tell};
 use tungstenite::Message;
@@ -19,6 +19,11 @@ const JSON: &str = "Content-Type: application/json\r\nX-Polepair: 1\r\n";
 fn filled(path: &str) -> String {
     let numbers = path.replace("{id}", "0").replace("{link}", "0").replace("{drive}", "0");
     numbers.replace("{name}", "max%20current")
+}
+
+/// What a program sends with a request to a route.
+fn heads(route: &Route) -> String {
+    if route.takes_file { JSON.replace("json", "octet-stream") } else { JSON.to_owned() }
 }
 
 #[test]
@@ -85,7 +90,7 @@ fn t03_nothing_answers_without_a_token() {
     let wrong = format!("Authorization: Bearer {}\r\n", "0".repeat(64));
     for route in ROUTES.iter().filter(|route| route.needs != Needs::Nothing) {
         let line = format!("{} {}", route.method, filled(route.path));
-        let answer = site.send(&line, JSON, "{}");
+        let answer = site.send(&line, &heads(route), "{}");
         assert_eq!(answer.status, 401, "{route:?}");
         assert_eq!(answer.code(), "gateway.token", "{route:?}");
     }
@@ -292,7 +297,8 @@ fn t10_a_scope_grants_nothing_else() {
             let scopes: Scopes = if word == "raw" { Scopes::NONE } else { word.parse().unwrap() };
             let line = format!("{} {}", route.method, filled(route.path));
             // What is let through is stopped by what is wrong with it.
-            let status = site.post(&line, word, "{\"nonsense\":").status;
+            let heads = site.bearer(word) + &heads(route);
+            let status = site.send(&line, &heads, "{\"nonsense\":").status;
             let denied = status == 403;
             assert_eq!(denied, !route.needs.met_by(scopes), "{route:?} as {word}: {status}");
         }

@@ -1,0 +1,38 @@
+//! A capture that a page opens, on a real server.
+
+#[path = "threats/site.rs"]
+#[allow(dead_code, reason = "the tests of threats need more of it")]
+mod site;
+
+use serde_json::Value;
+use site::Site;
+
+#[test]
+fn a_capture_is_opened_and_read_page_by_page() {
+    let site = Site::new();
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/feeder.log");
+    let capture = std::fs::read_to_string(file).unwrap();
+    let heads =
+        site.bearer("viewer") + "Content-Type: application/octet-stream\r\nX-Polepair: 1\r\n";
+    let opened = site.send("POST /api/v1/captures?name=feeder.log", &heads, &capture);
+    assert_eq!(opened.status, 200, "{opened:?}");
+    let opened = opened.json();
+    assert_eq!(opened["name"], "feeder.log");
+    let total = opened["page"]["total"].as_u64().unwrap();
+    let page = |query: &str| {
+        let path = format!("/api/v1/captures/{}?{query}", opened["id"].as_str().unwrap());
+        site.get(&path, &site.bearer("viewer"))
+    };
+    let (mut from, mut seen) = (Some(0), 0);
+    while let Some(next) = from {
+        let page: Value = page(&format!("from={next}&count=7")).json();
+        seen += page["items"].as_array().unwrap().len() as u64;
+        from = page["next"].as_u64();
+    }
+    assert_eq!(seen, total);
+    assert_eq!(page("filter=axis+%3D+%3D+2").status, 400);
+    assert_eq!(site.get("/api/v1/captures/capture-9", &site.bearer("viewer")).status, 404);
+    let nothing = site.send("POST /api/v1/captures?name=x", &heads, "");
+    assert_eq!(nothing.code(), "E510");
+    site.end();
+}
