@@ -1,12 +1,17 @@
 //! The WebSocket: one for each viewer, with a reader that never waits for drives and a writer that puts
 //! what was asked before what is merely shown.
 //!
-//! States of axes are made once for all viewers, ten times a second, by the [`Board`]. A viewer that
-//! takes nothing for five seconds is closed; its leases end with it.
+//! States of axes are made once for all viewers, ten times a second, by the [`Board`]. Telemetry and
+//! frames are taken from the bench by each viewer's writer when nothing else is to be said
+//! ([`watched`]). A viewer that takes nothing for five seconds is closed: it is asked each second
+//! whether it is there. Its leases end with it, and nothing is watched for it any more.
+
+mod watched;
 
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::body::Bytes;
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade};
 use axum::extract::{Extension, State};
 use axum::response::{IntoResponse as _, Response};
@@ -24,6 +29,7 @@ use crate::message::{
 };
 use crate::scope::Scope;
 use crate::session::Caller;
+use watched::{Round, Watched};
 
 /// The sub-protocol.
 pub const PROTOCOL: &str = "polepair.v1";
@@ -37,6 +43,8 @@ const ANSWERS_MAX: usize = 256;
 const COMMANDS_MAX: usize = 64;
 /// How long a viewer may take nothing.
 const SILENT_MAX: Duration = Duration::from_secs(5);
+/// How often it is asked whether it is there.
+const ASK: Duration = Duration::from_secs(1);
 /// How often states are looked at.
 const LOOK: Duration = Duration::from_millis(100);
 /// After how many looks a state is told though only its age has changed.
@@ -147,6 +155,7 @@ struct Viewer {
     session: Session,
     answers: mpsc::Sender<Utf8Bytes>,
     under_way: Arc<Semaphore>,
+    watched: Arc<Watched>,
 }
 
 impl Viewer {
@@ -161,9 +170,11 @@ impl Viewer {
             session: session.clone(),
             answers,
             under_way: Arc::new(Semaphore::new(COMMANDS_MAX)),
+            watched: Arc::default(),
         };
         let all = viewer.all();
-        let shown = Shown { waiting, events, states };
+        let watched = Arc::clone(&viewer.watched);
+        let shown = Shown { waiting, events, states, watched };
         tokio::select! {
             () = shown.write(gate, &viewer.caller, to, all) => {}
             () = viewer.read(from) => {}
@@ -186,7 +197,8 @@ impl Viewer {
     }
 
     async fn read(&self, mut from: SplitStream<WebSocket>) {
-        while let Some(Ok(message)) = from.next().await {
+        // It says at least that it is there, unless it takes nothing.
+        while let Ok(Some(Ok(message))) = timeout(SILENT_MAX, from.next()).await {
             let told = match message {
                 Message::Text(text) => self.hear(&text),
                 Message::Binary(_) => Some(error("a message is a text", None, None)),
@@ -227,9 +239,37 @@ impl Viewer {
             }
             ClientMessage::Command { axis, command } => return self.command(axis, command),
             ClientMessage::Lease { axis, act, epoch } => return self.lease(axis, act, epoch),
-            _ => return Some(error("this server does not show that", Some(about), None)),
+            shown => return self.show(shown),
         }
         None
+    }
+
+    /// What only looks. What is watched is told by the writer.
+    fn show(&self, message: ClientMessage) -> Option<ServerMessage> {
+        let (bench, watched) = (&self.gate.bench, &self.watched);
+        let (about, _) = about(&message);
+        let (shown, subject) = match message {
+            ClientMessage::Subscribe { channel, axis, signal, parameter, hz } => {
+                let subscribed = bench.subscribe(axis, signal.as_deref(), parameter.as_deref(), hz);
+                (subscribed.and_then(|its| watched.subscribe(channel, its)), Some(channel))
+            }
+            ClientMessage::Unsubscribe { channel } => {
+                watched.unsubscribe(channel);
+                return None;
+            }
+            ClientMessage::Frames { on: true, filter } => {
+                (watched.frames(bench, filter.as_deref()), None)
+            }
+            ClientMessage::Explain { n } => match bench.explain(n) {
+                Ok(fields) => return Some(ServerMessage::Explained { n, fields }),
+                Err(refused) => (Err(refused), None),
+            },
+            _ => {
+                watched.no_frames();
+                return None;
+            }
+        };
+        shown.err().map(|refused| told(refused, Some(about), subject))
     }
 
     fn refused(&self, message: &ClientMessage, about: &str, refused: Refused) -> ServerMessage {
@@ -304,6 +344,7 @@ struct Shown {
     waiting: mpsc::Receiver<Utf8Bytes>,
     events: broadcast::Receiver<Event>,
     states: broadcast::Receiver<Utf8Bytes>,
+    watched: Arc<Watched>,
 }
 
 impl Shown {
@@ -315,10 +356,12 @@ impl Shown {
         mut to: SplitSink<WebSocket, Message>,
         first: Vec<Utf8Bytes>,
     ) {
-        let mut texts = first;
+        let (mut asks, mut round) = (interval(ASK), Round::default());
+        asks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut messages: Vec<Message> = first.into_iter().map(Message::Text).collect();
         loop {
-            for text in texts.drain(..) {
-                let sent = timeout(SILENT_MAX, to.send(Message::Text(text))).await;
+            for message in messages.drain(..) {
+                let sent = timeout(SILENT_MAX, to.send(message)).await;
                 if !matches!(sent, Ok(Ok(()))) {
                     return;
                 }
@@ -327,37 +370,39 @@ impl Shown {
             tokio::select! {
                 biased;
                 text = self.waiting.recv() => match text {
-                    Some(text) => texts.push(text),
+                    Some(text) => messages.push(Message::Text(text)),
                     None => return,
                 },
                 event = self.events.recv() => match event {
-                    Ok(event) => texts.extend(of_event(gate, caller, event)),
+                    Ok(event) => messages.extend(of_event(gate, caller, event)),
                     Err(broadcast::error::RecvError::Lagged(_)) => {
-                        texts.extend(whole(gate, caller));
+                        messages.extend(whole(gate, caller).map(Message::Text));
                     }
                     Err(broadcast::error::RecvError::Closed) => return,
                 },
+                _ = asks.tick() => messages.push(Message::Ping(Bytes::new())),
                 state = self.states.recv() => match state {
-                    Ok(state) => texts.push(state),
+                    Ok(state) => messages.push(Message::Text(state)),
                     Err(broadcast::error::RecvError::Lagged(lost)) => {
                         gate.metrics.dropped.inc_by(lost);
                     }
                     Err(broadcast::error::RecvError::Closed) => return,
                 },
+                message = round.message(&self.watched, &gate.metrics) => messages.push(message),
             }
         }
     }
 }
 
 /// The bench and every axis.
-fn whole(gate: &Shared, caller: &Caller) -> Vec<Utf8Bytes> {
+fn whole(gate: &Shared, caller: &Caller) -> impl Iterator<Item = Utf8Bytes> {
     let bench = api::bench_of(gate, caller);
     let axes = bench.axes.iter().filter_map(|axis| gate.bench.axis(axis.id).ok());
     let axes: Vec<_> = axes.map(|state| text(&ServerMessage::Axis(state))).collect();
-    std::iter::once(text(&ServerMessage::Bench(bench))).chain(axes).collect()
+    std::iter::once(text(&ServerMessage::Bench(bench))).chain(axes)
 }
 
-fn of_event(gate: &Shared, caller: &Caller, event: Event) -> Option<Utf8Bytes> {
+fn of_event(gate: &Shared, caller: &Caller, event: Event) -> Option<Message> {
     let message = match event {
         Event::Lease { axis, .. } => ServerMessage::Axis(gate.bench.axis(axis).ok()?),
         Event::Stopped(axis) => ServerMessage::Stopped(Stopped { axes: vec![axis] }),
@@ -365,7 +410,7 @@ fn of_event(gate: &Shared, caller: &Caller, event: Event) -> Option<Utf8Bytes> {
         Event::Unlocked => ServerMessage::Unlocked,
         Event::Bench => ServerMessage::Bench(api::bench_of(gate, caller)),
     };
-    Some(text(&message))
+    Some(Message::Text(text(&message)))
 }
 
 /// A message's `type`, and what it needs besides being let in.

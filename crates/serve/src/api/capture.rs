@@ -1,40 +1,43 @@
-//! Captures that somebody has as a file: taken in, and shown page by page.
+//! Captures that somebody opens: taken in as files, explained off the threads that answer others.
+
+use std::sync::Arc;
 
 use axum::Json;
-use axum::body::Bytes;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{FromRequest as _, Path, Query, Request, State};
-use axum::http::StatusCode;
+use axum::extract::{Path, Query, Request, State};
 use serde::Deserialize;
-use tokio::task::spawn_blocking;
 
+use super::input::body;
 use super::{Answer, Shared};
-use crate::message::{CaptureOpened, CapturePage, ErrorBody, Refused};
+use crate::bench::Bench;
+use crate::message::{CaptureOpened, CapturePage, ErrorBody, ExplainedField, Refused};
 
-/// Frames of a page where nobody says.
-const COUNT: usize = 500;
+/// Frames of a page, where nobody says how many.
+const COUNT: usize = 200;
 
-/// What the file is called.
+/// What a capture is called.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Named {
+    #[serde(default)]
     name: String,
 }
 
-/// Which frames.
+/// Which page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Which {
-    from: Option<u64>,
+pub(super) struct Page {
+    #[serde(default)]
+    from: u64,
     count: Option<usize>,
     filter: Option<String>,
 }
 
-/// Open a capture
+/// Take a capture in
 ///
-/// The body is the file, of any format that `polepair decode` reads, up to 64 MiB
-/// (`Content-Type: application/octet-stream`). The server keeps the last four.
-#[utoipa::path(post, path = "/api/v1/captures", tag = "capture", params(("name" = String, Query)),
+/// The file as it is, at most 64 MiB. It is kept until newer ones push it out.
+#[utoipa::path(post, path = "/api/v1/captures", tag = "captures",
+    params(("name" = Option<String>, Query)),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"), responses(
     (status = 200, body = CaptureOpened),
     (status = "default", body = ErrorBody),
@@ -44,26 +47,24 @@ pub(super) async fn open(
     named: Result<Query<Named>, QueryRejection>,
     request: Request,
 ) -> Answer<CaptureOpened> {
-    let Query(Named { name }) = named.map_err(|error| unclear(&error))?;
-    // Before it is read: it may be long.
-    let busy = |_| Refused::new("gateway.busy", "others open captures").hint("try again soon");
-    let place = gate.uploads.try_acquire().map_err(busy)?;
-    let read = Bytes::from_request(request, &gate).await;
-    let bytes = read.map_err(|rejection| match rejection.status() {
-        StatusCode::PAYLOAD_TOO_LARGE => Refused::new("gateway.size", "more than this takes")
-            .hint("`polepair summary` takes a capture of any length"),
-        _ => Refused::new("gateway.request", "the file broke off"),
+    let Query(Named { name }) = named.map_err(|error| wrong(error.body_text()))?;
+    // Before its bytes come, so that no more of them lie here than there are places.
+    let place = Arc::clone(&gate.uploads).try_acquire_owned().map_err(|_| {
+        Refused::new("gateway.busy", "captures are being taken in already").hint("try again")
     })?;
-    let bench = gate.bench.clone();
-    let opened = spawn_blocking(move || bench.open_capture(&name, bytes.into())).await;
-    drop(place);
-    opened.map_err(|error| Refused::new("gateway.busy", error.to_string()))?.map(Json)
+    let bytes = body(request).await?;
+    apart(&gate, move |bench| {
+        let opened = bench.open_capture(&name, bytes.into());
+        drop(place);
+        opened
+    })
+    .await
 }
 
-/// Some frames of a capture
+/// Read a capture's frames
 ///
-/// Those from that number on which a filter of the analyser's language wants, at most 1,000.
-#[utoipa::path(get, path = "/api/v1/captures/{id}", tag = "capture",
+/// At most 1,000 from the one of that number on.
+#[utoipa::path(get, path = "/api/v1/captures/{id}", tag = "captures",
     params(("id" = String, Path), ("from" = Option<u64>, Query), ("count" = Option<usize>, Query),
         ("filter" = Option<String>, Query)), responses(
     (status = 200, body = CapturePage),
@@ -72,14 +73,37 @@ pub(super) async fn open(
 pub(super) async fn page(
     State(gate): State<Shared>,
     Path(id): Path<String>,
-    which: Result<Query<Which>, QueryRejection>,
+    page: Result<Query<Page>, QueryRejection>,
 ) -> Answer<CapturePage> {
-    let Query(Which { from, count, filter }) = which.map_err(|error| unclear(&error))?;
-    let (from, count, bench) = (from.unwrap_or(0), count.unwrap_or(COUNT), gate.bench.clone());
-    let read = spawn_blocking(move || bench.capture_page(&id, from, count, filter.as_deref()));
-    read.await.map_err(|error| Refused::new("gateway.busy", error.to_string()))?.map(Json)
+    let Query(Page { from, count, filter }) = page.map_err(|error| wrong(error.body_text()))?;
+    let count = count.unwrap_or(COUNT);
+    apart(&gate, move |bench| bench.capture_page(&id, from, count, filter.as_deref())).await
 }
 
-fn unclear(error: &QueryRejection) -> Refused {
-    Refused::new("gateway.request", error.body_text())
+/// Take a frame of a capture apart
+#[utoipa::path(get, path = "/api/v1/captures/{id}/frames/{n}", tag = "captures",
+    params(("id" = String, Path), ("n" = u64, Path)), responses(
+    (status = 200, body = Vec<ExplainedField>),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn frame(
+    State(gate): State<Shared>,
+    Path((id, n)): Path<(String, String)>,
+) -> Answer<Vec<ExplainedField>> {
+    let n = n.parse().map_err(|_| Refused::new("gateway.missing", format!("no frame {n:?}")))?;
+    apart(&gate, move |bench| bench.explain_captured(&id, n)).await
+}
+
+/// Does what takes a while where nobody else's answer waits for it.
+async fn apart<T: Send + 'static>(
+    gate: &Shared,
+    act: impl FnOnce(&Bench) -> Result<T, Refused> + Send + 'static,
+) -> Answer<T> {
+    let bench = gate.bench.clone();
+    let done = tokio::task::spawn_blocking(move || act(&bench)).await;
+    done.map_err(|error| Refused::new("gateway.busy", error.to_string()))?.map(Json)
+}
+
+fn wrong(what: String) -> Refused {
+    Refused::new("gateway.request", what)
 }

@@ -13,19 +13,19 @@ pub(crate) struct Input<T>(pub T);
 impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Input<T> {
     type Rejection = Refused;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Refused> {
-        let bytes = Bytes::from_request(request, state).await.map_err(|rejection| {
-            match axum::response::IntoResponse::into_response(rejection).status() {
-                StatusCode::PAYLOAD_TOO_LARGE => {
-                    Refused::new("gateway.size", "more than this takes")
-                }
-                _ => Refused::new("gateway.request", "the body broke off"),
-            }
-        })?;
-        serde_json::from_slice(&bytes)
+    async fn from_request(request: Request, _: &S) -> Result<Self, Refused> {
+        serde_json::from_slice(&body(request).await?)
             .map(Self)
             .map_err(|error| Refused::new("gateway.request", format!("the body: {error}")))
     }
+}
+
+/// A body as it is, whole.
+pub(super) async fn body(request: Request) -> Result<Bytes, Refused> {
+    Bytes::from_request(request, &()).await.map_err(|rejection| match rejection.status() {
+        StatusCode::PAYLOAD_TOO_LARGE => Refused::new("gateway.size", "more than this takes"),
+        _ => Refused::new("gateway.request", "the body broke off"),
+    })
 }
 
 /// A number in a path.

@@ -7,15 +7,17 @@ use polepair_capture::summary::{Manner, Summary, text};
 use polepair_capture::{Decoder, Event, Filter, Judge};
 
 use super::Bench;
-use super::explained::item;
+use super::explained::{fields, item};
 use super::frames::parsed;
 use super::shared::held;
-use crate::message::{CaptureOpened, CapturePage, FrameItem, Refused};
+use crate::message::{CaptureOpened, CapturePage, ExplainedField, FrameItem, Refused};
 
 /// Captures that are kept; the oldest goes when there are more.
 const CAPTURES_MAX: usize = 4;
 /// Bytes of one.
 pub const CAPTURE_MAX: usize = 64 << 20;
+/// Frames whose fields are kept.
+const SHOWN_MAX: usize = 4000;
 /// Frames of a page.
 const PAGE_MAX: usize = 1000;
 /// Bytes that are explained at once.
@@ -36,7 +38,12 @@ struct Capture {
     total: u64,
     /// Where the last page ended: who reads on need not begin anew.
     cursor: Mutex<Option<Cursor>>,
+    /// The fields of frames that were shown last.
+    shown: Mutex<VecDeque<Fields>>,
 }
+
+/// A frame's number and fields.
+type Fields = (u64, Vec<ExplainedField>);
 
 /// A capture that was explained so far.
 struct Cursor {
@@ -45,7 +52,7 @@ struct Cursor {
     /// Bytes that were explained; more than there are once it is at its end.
     fed: usize,
     /// Frames that were explained and not shown yet, with those that were passed over counted.
-    ready: VecDeque<FrameItem>,
+    ready: VecDeque<(FrameItem, Vec<ExplainedField>)>,
     /// The number of the next frame.
     next: u64,
     first_ns: Option<u64>,
@@ -97,12 +104,16 @@ impl Bench {
         count: usize,
         filter: Option<&str>,
     ) -> Result<CapturePage, Refused> {
-        let capture = held(&self.0.captures.held).iter().find(|held| held.id == id).cloned();
-        let capture = capture.ok_or_else(|| {
-            Refused::new("gateway.missing", format!("capture `{id}` is kept no more"))
-                .hint("open the file again")
-        })?;
+        let capture = self.0.captures.find(id)?;
         capture.page(from, count.clamp(1, PAGE_MAX), filter)
+    }
+
+    /// The fields of a capture's frame. At once for those that were shown last, else it takes a while.
+    ///
+    /// # Errors
+    /// `gateway.missing` for a capture that is kept no more, or a frame that it does not have.
+    pub fn explain_captured(&self, id: &str, n: u64) -> Result<Vec<ExplainedField>, Refused> {
+        self.0.captures.find(id)?.explain(n)
     }
 }
 
@@ -113,13 +124,22 @@ fn judged(bytes: &[u8]) -> Decoder {
 }
 
 impl Captures {
+    fn find(&self, id: &str) -> Result<Arc<Capture>, Refused> {
+        let capture = held(&self.held).iter().find(|held| held.id == id).cloned();
+        capture.ok_or_else(|| {
+            Refused::new("gateway.missing", format!("capture `{id}` is kept no more"))
+                .hint("open the file again")
+        })
+    }
+
     fn keep(&self, bytes: Vec<u8>, links: Vec<String>, total: u64) -> String {
         let id = {
             let mut count = held(&self.count);
             *count += 1;
             format!("capture-{count}")
         };
-        let capture = Capture { id: id.clone(), bytes, links, total, cursor: Mutex::default() };
+        let (cursor, shown) = (Mutex::default(), Mutex::default());
+        let capture = Capture { id: id.clone(), bytes, links, total, cursor, shown };
         let mut all = held(&self.held);
         if all.len() == CAPTURES_MAX {
             all.pop_front();
@@ -144,8 +164,11 @@ impl Capture {
         let mut items = Vec::new();
         while items.len() < count {
             match cursor.ready.pop_front() {
-                Some(item) if item.n < from => {}
-                Some(item) => items.push(item),
+                Some((item, _)) if item.n < from => {}
+                Some((item, fields)) => {
+                    self.keep(item.n, fields);
+                    items.push(item);
+                }
                 None if cursor.fed > self.bytes.len() => break,
                 None => cursor.go_on(&self.bytes, &self.links),
             }
@@ -153,6 +176,34 @@ impl Capture {
         let next = Some(cursor.shown_to()).filter(|next| *next < self.total);
         let (id, total) = (self.id.clone(), self.total);
         Ok(CapturePage { id, from, next, total, items })
+    }
+
+    fn keep(&self, n: u64, fields: Vec<ExplainedField>) {
+        let mut shown = held(&self.shown);
+        if shown.len() == SHOWN_MAX {
+            shown.pop_front();
+        }
+        shown.push_back((n, fields));
+    }
+
+    fn explain(&self, n: u64) -> Result<Vec<ExplainedField>, Refused> {
+        if let Some((_, fields)) = held(&self.shown).iter().find(|(shown, _)| *shown == n) {
+            return Ok(fields.clone());
+        }
+        let (mut found, mut next) = (None, 0);
+        let mut take = |event: &Event<'_>| {
+            found = found.take().or_else(|| (next == n).then(|| fields(event)));
+            next += 1;
+        };
+        let mut decoder = judged(&self.bytes);
+        if n < self.total {
+            self.bytes.chunks(PIECE).for_each(|piece| decoder.feed(piece, &mut take));
+            decoder.finish(&mut take);
+        }
+        found.ok_or_else(|| {
+            let what = format!("capture `{}` has no frame {n}", self.id);
+            Refused::new("gateway.missing", what).hint("frames count from 0")
+        })
     }
 }
 
@@ -165,7 +216,7 @@ impl Cursor {
 
     /// The number of the first frame that no page looked at.
     fn shown_to(&self) -> u64 {
-        self.ready.front().map_or(self.next, |item| item.n)
+        self.ready.front().map_or(self.next, |(item, _)| item.n)
     }
 
     /// Explains a piece more.
@@ -182,7 +233,7 @@ impl Cursor {
             let link = links.iter().position(|link| link == event.link).unwrap_or(0) as u16;
             let since = ns.zip(*first_ns).map_or(0, |(ns, first)| ns.saturating_sub(first));
             let t_us = since as f64 / 1e3;
-            ready.push_back(FrameItem { t_us, ..item(n, link, event) });
+            ready.push_back((FrameItem { t_us, ..item(n, link, event) }, fields(event)));
         };
         if *fed >= bytes.len() {
             decoder.finish(&mut take);

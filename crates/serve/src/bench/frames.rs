@@ -87,7 +87,7 @@ impl Bench {
     /// # Errors
     /// `gateway.request` for what is no filter, `gateway.limit` when too many watch.
     pub fn frames(&self, filter: Option<&str>) -> Result<Frames, Refused> {
-        let filter = filter.filter(|text| !text.trim().is_empty()).map(parsed).transpose()?;
+        let filter = wanted(filter)?;
         let traffic = Arc::clone(&self.0.traffic);
         let mut viewers = held(&traffic.viewers);
         viewers.retain(|viewer| viewer.strong_count() > 0);
@@ -117,6 +117,11 @@ impl Bench {
     }
 }
 
+/// A filter, if there is one.
+fn wanted(filter: Option<&str>) -> Result<Option<Filter>, Refused> {
+    filter.filter(|text| !text.trim().is_empty()).map(parsed).transpose()
+}
+
 /// A filter of the analyser's language.
 pub(super) fn parsed(text: &str) -> Result<Filter, Refused> {
     Filter::parse(text).map_err(|error| {
@@ -127,6 +132,16 @@ pub(super) fn parsed(text: &str) -> Result<Filter, Refused> {
 }
 
 impl Frames {
+    /// Watches those that another filter wants, from now on.
+    ///
+    /// # Errors
+    /// `gateway.request` for what is no filter: all stays as it was.
+    pub fn choose(&mut self, filter: Option<&str>) -> Result<(), Refused> {
+        let filter = wanted(filter)?;
+        *held(&self.waiting) = Waiting { filter, items: VecDeque::new(), lost: 0 };
+        Ok(())
+    }
+
     /// Takes at most so many frames, and tells how many were dropped before the first of them.
     pub fn take(&mut self, most: usize) -> (Vec<FrameItem>, u64) {
         let mut waiting = held(&self.waiting);

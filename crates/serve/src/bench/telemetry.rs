@@ -45,8 +45,15 @@ pub(super) struct Source {
     pushed: AtomicBool,
     /// When the drive last did, µs.
     pushed_us: AtomicU64,
-    /// How often it is wanted, and when it is next to be asked for.
-    wanted: Mutex<(f64, Instant)>,
+    wanted: Mutex<Wanted>,
+}
+
+/// How often something is wanted, and when it is next to be asked for.
+#[derive(Debug, Default)]
+struct Wanted {
+    /// Of each who watches.
+    rates: Vec<f64>,
+    next: Instant,
 }
 
 #[derive(Debug, Default)]
@@ -88,6 +95,8 @@ struct Watched {
 #[derive(Debug)]
 pub struct Channel {
     source: Arc<Source>,
+    /// How often it is wanted here.
+    wanted: f64,
     /// The number of the next sample.
     next: u64,
     /// The number of the next gap.
@@ -187,8 +196,7 @@ impl Telemetry {
                 source
             }
         };
-        source.want(hz);
-        Ok(Channel::new(source))
+        Ok(source.channel(hz))
     }
 
     /// What is watched of an axis.
@@ -207,13 +215,14 @@ impl Source {
             ring: Mutex::default(),
             pushed: AtomicBool::new(false),
             pushed_us: AtomicU64::new(0),
-            wanted: Mutex::new((0.0, Instant::ZERO)),
+            wanted: Mutex::default(),
         }
     }
 
-    fn want(&self, hz: f64) {
-        let mut wanted = held(&self.wanted);
-        wanted.0 = wanted.0.max(hz);
+    /// Lets somebody watch, so often.
+    fn channel(self: Arc<Self>, hz: f64) -> Channel {
+        held(&self.wanted).rates.push(hz);
+        Channel::new(self, hz)
     }
 
     /// Takes a sample that the drive sent.
@@ -240,15 +249,22 @@ impl Source {
     pub fn due(&self, now_us: u64) -> Option<Instant> {
         let sent = self.pushed.load(Ordering::Relaxed)
             && now_us.saturating_sub(self.pushed_us.load(Ordering::Relaxed)) < SILENCE_US;
-        (!sent).then(|| held(&self.wanted).1)
+        (!sent).then(|| held(&self.wanted).next)
     }
 
     /// Notes that it is asked for now. What was too slow is not caught up with.
     pub fn asked(&self, now: Instant) {
         let mut wanted = held(&self.wanted);
-        let period = Duration::from_secs_f64(1.0 / wanted.0.max(1e-3));
-        let on_time = wanted.1 + period;
-        wanted.1 = if on_time > now { on_time } else { now + period };
+        let period = Duration::from_secs_f64(1.0 / wanted.hz().max(1e-3));
+        let on_time = wanted.next + period;
+        wanted.next = if on_time > now { on_time } else { now + period };
+    }
+}
+
+impl Wanted {
+    /// As often as the quickest wants it.
+    fn hz(&self) -> f64 {
+        self.rates.iter().copied().fold(0.0, f64::max)
     }
 }
 
@@ -274,13 +290,13 @@ impl Ring {
 }
 
 impl Channel {
-    fn new(source: Arc<Source>) -> Self {
+    fn new(source: Arc<Source>, wanted: f64) -> Self {
         let (next, next_gap) = {
             let ring = held(&source.ring);
             let next = ring.first + ring.samples.len() as u64;
             (next, ring.gaps_before + ring.gaps.len() as u64)
         };
-        Self { source, next, next_gap, seen_us: 0, lost: 0 }
+        Self { source, wanted, next, next_gap, seen_us: 0, lost: 0 }
     }
 
     /// Takes the samples that came since, behind what `out` has, and tells what was lost before them.
@@ -338,7 +354,16 @@ impl Channel {
         };
         match span() {
             Some(us) if rated > 1 && us > 0 => (rated - 1) as f64 * 1e6 / us as f64,
-            _ => held(&self.source.wanted).0,
+            _ => held(&self.source.wanted).hz(),
+        }
+    }
+}
+
+impl Drop for Channel {
+    fn drop(&mut self) {
+        let mut wanted = held(&self.source.wanted);
+        if let Some(own) = wanted.rates.iter().position(|hz| hz.total_cmp(&self.wanted).is_eq()) {
+            wanted.rates.swap_remove(own);
         }
     }
 }
@@ -365,7 +390,7 @@ mod tests {
     #[test]
     fn who_falls_behind_loses_the_oldest_and_is_told() {
         let source = Arc::new(Source::new(What::Signal(Signal::Velocity), "rad/s"));
-        let (mut slow, mut quick) = (Channel::new(source.clone()), Channel::new(source.clone()));
+        let (mut slow, mut quick) = (source.clone().channel(20.0), source.clone().channel(50.0));
         let (mut seen, mut all) = (Vec::new(), Vec::new());
         for n in 0..3 * SAMPLES_MAX as u64 {
             source.push(sample(n));
@@ -381,12 +406,15 @@ mod tests {
         assert_eq!(gap.to_us, seen[0].t_us);
         assert!((quick.hz() - 1000.0).abs() < 0.1);
         assert_eq!(quick.source(), From::Pushed);
+        assert_eq!(held(&source.wanted).hz(), 50.0);
+        drop(quick);
+        assert_eq!(held(&source.wanted).hz(), 20.0, "nobody wants it quicker any more");
     }
 
     #[test]
     fn what_was_lost_on_the_way_here_is_told_once_to_each() {
         let source = Arc::new(Source::new(What::Signal(Signal::Velocity), ""));
-        let mut channel = Channel::new(source.clone());
+        let mut channel = source.clone().channel(20.0);
         let mut out = Vec::new();
         source.push(sample(1));
         source.push(sample(9));

@@ -107,7 +107,7 @@ pub enum ServerMessage {
     Bench(BenchView),
     /// An axis changed: all of its state, at most ten times a second. Each axis once after `bench`.
     Axis(AxisState),
-    /// The answer to `subscribe`.
+    /// The answer to `subscribe`, before the first sample. Comes again when the source changes.
     Subscribed {
         /// The client's number for it.
         channel: u16,
