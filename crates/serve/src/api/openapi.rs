@@ -12,8 +12,8 @@ use crate::message::{ClientMessage, ServerMessage};
         title = "Polepair gateway",
         description = "Drives behind one door. Every request needs a token (`Authorization: Bearer`, \
             or the page's cookie); what is no GET also needs `Content-Type: application/json` (a \
-            capture: `application/octet-stream`) and `X-Polepair: 1`. `GET /api/v1/live` is a WebSocket (sub-protocol `polepair.v1`); its \
-            texts are `ClientMessage` and `ServerMessage`."
+            capture: `application/octet-stream`) and `X-Polepair: 1`. `GET /api/v1/live` is a \
+            WebSocket (sub-protocol `polepair.v1`); its texts are `ClientMessage` and `ServerMessage`."
     ),
     paths(
         bench::show,
