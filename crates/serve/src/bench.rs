@@ -156,7 +156,7 @@ impl Bench {
     /// Links in virtual time (`time=virtual`) have no threads: [`pass`](Self::pass) does it all.
     ///
     /// # Errors
-    /// As [`polepair::connect`]; `gateway.request` when only some links are in virtual time.
+    /// As [`polepair::connect()`]; `gateway.request` when only some links are in virtual time.
     pub fn open(urls: &[String], options: Options) -> Result<Self, Refused> {
         let traffic = Arc::new(Traffic::default());
         let Opened { links, roots, axes, clock } = open::open(urls, &options.connector, &traffic)?;

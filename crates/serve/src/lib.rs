@@ -3,7 +3,7 @@
 //! Fieldbuses know no passwords; whoever is on the wire owns the motor. So what this crate lets
 //! through is the only policy there is between a browser and a drive: [`scope`] says what a caller
 //! may do at all, [`message`] what can be said. `guard` stands before every route of `api`;
-//! [`journal`] keeps what was done; [`bench`] does it, and knows no HTTP. [`server`] puts them
+//! [`journal`] keeps what was done; [`mod@bench`] does it, and knows no HTTP. [`server`] puts them
 //! together.
 //!
 //! This is no certified safety function: hard-wire STO and emergency stop.

@@ -17,7 +17,7 @@ use crate::token::{Grant, Token};
 const COOKIES_MAX: usize = 256;
 /// How long a browser is let in.
 const COOKIE_LASTS: Duration = Duration::from_secs(12 * 3600);
-/// Wrong tokens of one address within [`TRIES_WITHIN`].
+/// Wrong tokens of one address within `TRIES_WITHIN`.
 pub const TRIES_MAX: usize = 5;
 /// How long a wrong token is held against its address.
 const TRIES_WITHIN: Duration = Duration::from_secs(60);
