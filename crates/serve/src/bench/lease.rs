@@ -109,7 +109,7 @@ impl Seat {
         if over { self.end() } else { None }
     }
 
-    /// The lease, if it is this session's and of this epoch, and not over.
+    /// The lease, if it is its caller's and of this epoch, and not over.
     pub fn held(&self, session: &Session, epoch: u64, now: Instant) -> Result<&Holder, Refused> {
         match self.live(now) {
             Some(holder) if holder.session == *session && holder.epoch == epoch => Ok(holder),
