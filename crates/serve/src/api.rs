@@ -16,8 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
-use axum::http::{Method, StatusCode};
-use axum::response::{IntoResponse, Response};
+use axum::http::Method;
 use axum::routing::{MethodRouter, delete, get, post};
 use tokio::sync::Semaphore;
 
@@ -25,7 +24,7 @@ use crate::bench::{Bench, CAPTURE_MAX, Session};
 use crate::guard::{Hosts, guard};
 use crate::journal::Journal;
 use crate::live;
-use crate::message::{ErrorBody, Refused};
+use crate::message::Refused;
 use crate::metrics::Metrics;
 use crate::scope::{Scope, Scopes};
 use crate::session::{Caller, Door};
@@ -200,14 +199,6 @@ pub(crate) fn router(gate: &Shared) -> Router {
         .fallback(entry::page)
         .layer(axum::middleware::from_fn_with_state(Arc::clone(gate), guard))
         .with_state(Arc::clone(gate))
-}
-
-impl IntoResponse for Refused {
-    fn into_response(self) -> Response {
-        let status = StatusCode::from_u16(self.status());
-        let status = status.unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        (status, axum::Json(ErrorBody { error: self })).into_response()
-    }
 }
 
 /// What routes answer.

@@ -66,19 +66,11 @@ impl Refusal {
 }
 
 impl From<Refused> for Refusal {
-    /// By the code's first digit, as everywhere.
     fn from(refused: Refused) -> Self {
+        let exit = refused.exit();
         let code = match refused.code {
             std::borrow::Cow::Borrowed(code) => code,
             std::borrow::Cow::Owned(_) => "E299",
-        };
-        let exit = match code.as_bytes() {
-            [b'E', b'3', ..] => Exit::Adapter,
-            [b'E', b'4', ..] => Exit::NoReply,
-            [b'E', b'5', ..] => Exit::Corrupt,
-            [b'E', b'6', ..] => Exit::Refused,
-            [b'E', b'8', ..] => Exit::DriveFault,
-            _ => Exit::Usage,
         };
         Self { hint: refused.hint, ..Self::new(exit, code, refused.message) }
     }

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::fmt;
 
+use polepair::error::Exit;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -65,6 +66,26 @@ impl Refused {
             },
         }
     }
+
+    /// The exit code that goes with its code: a number's first digit says it.
+    #[must_use]
+    pub fn exit(&self) -> Exit {
+        match self.code.as_bytes() {
+            [b'E', b'1', ..] => Exit::Negative,
+            [b'E', b'3', ..] => Exit::Adapter,
+            [b'E', b'4', ..] => Exit::NoReply,
+            [b'E', b'5', ..] => Exit::Corrupt,
+            [b'E', b'6', ..] => Exit::Refused,
+            [b'E', b'7', ..] => Exit::Partial,
+            [b'E', b'8', ..] => Exit::DriveFault,
+            [b'E', ..] => Exit::Usage,
+            _ => match self.status() {
+                409 | 423 => Exit::Refused,
+                429.. => Exit::Adapter,
+                _ => Exit::Usage,
+            },
+        }
+    }
 }
 
 impl fmt::Display for Refused {
@@ -83,6 +104,16 @@ impl From<polepair::Error> for Refused {
             hint: error.hint().to_owned(),
             executed: error.executed(),
         }
+    }
+}
+
+#[cfg(feature = "server")]
+impl axum::response::IntoResponse for Refused {
+    fn into_response(self) -> axum::response::Response {
+        use axum::http::StatusCode;
+        let status = StatusCode::from_u16(self.status());
+        let status = status.unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+        (status, axum::Json(ErrorBody { error: self })).into_response()
     }
 }
 

@@ -16,6 +16,7 @@
 //!   a drive may have done it.
 //! - Epochs of leases begin at 1; 0 is nobody's.
 //! - [`telemetry`] is the one binary message.
+#![forbid(unsafe_code)]
 
 mod axis;
 mod bench;
@@ -24,6 +25,7 @@ mod command;
 mod journal;
 mod live;
 mod refused;
+pub mod scope;
 pub mod telemetry;
 #[cfg(test)]
 mod tests;
@@ -44,3 +46,4 @@ pub use command::{
 pub use journal::{Deed, JournalRecord};
 pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};
 pub use refused::{ErrorBody, Refused};
+pub use scope::{Scope, Scopes};
