@@ -92,6 +92,11 @@ pub trait Sink {
     fn text(&mut self, piece: &str);
     /// What the frame breaks. Fields found so far stand.
     fn error(&mut self, error: WireError);
+    /// Whether words are wanted: where not, an explainer may leave out pieces of text and readings
+    /// that take it long.
+    fn words(&self) -> bool {
+        true
+    }
     /// A value that the frame carries. Whose it is, [`axis`](Self::axis) says.
     fn reading(&mut self, reading: Reading<'_>) {
         let _ = reading;

@@ -1,8 +1,6 @@
 //! Frames made of a protocol's own text, and values taken out of frames, without their words.
 
-use std::collections::HashMap;
 use std::fmt;
-use std::sync::{Mutex, PoisonError};
 
 use polepair_core::error::WireError;
 use polepair_core::explain::{
@@ -12,7 +10,7 @@ use polepair_core::medium::STREAM_UNIT_MAX;
 use polepair_core::{drives, proto};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyString, PyTuple};
 
 use crate::errors::{corrupt, usage};
 
@@ -24,7 +22,7 @@ const KEPT_MAX: usize = 1 << 10;
 pub struct Codec {
     dissector: &'static dyn Dissector,
     addressing: Addressing,
-    kept: Mutex<HashMap<String, Py<PyBytes>>>,
+    kept: Py<PyDict>,
 }
 
 impl fmt::Debug for Codec {
@@ -61,7 +59,7 @@ impl Codec {
         };
         let profile = drives::usual(dissector);
         let addressing = Addressing { axis, groups: false, host, profile, via };
-        Ok(Self { dissector, addressing, kept: Mutex::default() })
+        Ok(Self { dissector, addressing, kept: PyDict::new(py).unbind() })
     }
 
     /// The protocol's word.
@@ -71,16 +69,20 @@ impl Codec {
     }
 
     /// The bytes of a text. What was said before is looked up.
-    fn encode<'py>(&self, py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyBytes>> {
-        if let Some(bytes) = self.kept().get(text) {
-            return Ok(bytes.bind(py).clone());
+    fn encode<'py>(
+        &self,
+        py: Python<'py>,
+        text: &Bound<'py, PyString>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let kept = self.kept.bind(py);
+        if let Some(bytes) = kept.get_item(text)? {
+            return Ok(bytes);
         }
-        let (bytes, _, _) = self.make(py, text)?;
-        let mut kept = self.kept();
+        let (bytes, _, _) = self.make(py, text.to_str()?)?;
         if kept.len() < KEPT_MAX {
-            kept.insert(text.to_owned(), bytes.clone().unbind());
+            kept.set_item(text, &bytes)?;
         }
-        Ok(bytes)
+        Ok(bytes.into_any())
     }
 
     /// The bytes of a text, and its CAN identifier with its width.
@@ -126,12 +128,6 @@ impl Codec {
     }
 }
 
-impl Codec {
-    fn kept(&self) -> std::sync::MutexGuard<'_, HashMap<String, Py<PyBytes>>> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 /// Takes one field of a frame, and leaves its words.
 struct Found<'py, 'n> {
     py: Python<'py>,
@@ -146,6 +142,10 @@ impl Sink for Found<'_, '_> {
     fn axis(&mut self, _axis: u32) {}
 
     fn text(&mut self, _piece: &str) {}
+
+    fn words(&self) -> bool {
+        false
+    }
 
     fn field(&mut self, field: Field<'_>) {
         if field.name == self.field {

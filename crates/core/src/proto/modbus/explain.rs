@@ -56,17 +56,14 @@ impl Dissector for ModbusDissector {
     }
 
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
-        let mut store = [0; rtu::ADU_MAX];
         match self.0 {
             Format::Rtu => {
-                let opened = rtu::open(bytes);
-                let body = bytes.get(..bytes.len().saturating_sub(2)).unwrap_or_default();
                 let request = context.request.and_then(|request| rtu::open(request).ok());
                 let place = Place { format: Format::Rtu, check: 2 };
-                whole(place, body, bytes.len(), opened.err(), request, context, sink);
+                whole(place, bytes, rtu::open(bytes).err(), request, context, sink);
             }
             Format::Ascii => {
-                let mut asked = [0; rtu::ADU_MAX];
+                let (mut store, mut asked) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
                 let request =
                     context.request.and_then(|request| gathered(request, &mut asked).ok());
                 let request = request.and_then(|bytes| ascii::open(bytes).ok());
@@ -74,9 +71,8 @@ impl Dissector for ModbusDissector {
                     Ok(adu) => (adu, ascii::open(adu).err()),
                     Err(error) => (&[][..], Some(error)),
                 };
-                let body = adu.get(..adu.len().saturating_sub(1)).unwrap_or_default();
                 let place = Place { format: Format::Ascii, check: 1 };
-                whole(place, body, bytes.len(), error, request, context, sink);
+                whole(place, adu, error, request, context, sink);
             }
         }
     }
@@ -215,18 +211,31 @@ impl Place {
         let (start, end) = (self.at(bytes.start), self.at(bytes.end));
         sink.field(Field { name, start, end, value, meaning });
     }
+
+    /// The check as it stands in the frame behind `len` bytes.
+    fn checked(self, len: usize, check: &[u8], error: Option<WireError>, sink: &mut dyn Sink) {
+        let name = match self.format {
+            Format::Rtu => "crc",
+            Format::Ascii => "lrc",
+        };
+        let found = check.iter().fold(0, |found, &byte| found << 8 | u64::from(byte));
+        let wrong = matches!(error, Some(WireError::Checksum { .. }));
+        let value = Value::Hex(found, 2 * check.len() as u8);
+        self.field(sink, name, len..len + check.len(), value, if wrong { "wrong" } else { "" });
+    }
 }
 
+/// Tells a frame; `adu` are its bytes, the check's among them.
 fn whole(
     place: Place,
-    body: &[u8],
-    len: usize,
+    adu: &[u8],
     error: Option<WireError>,
     request: Option<(u8, &[u8])>,
     context: &Context<'_>,
     sink: &mut dyn Sink,
 ) {
     let mut error = error;
+    let (body, check) = adu.split_at(adu.len().saturating_sub(place.check));
     if let [unit, pdu @ ..] = body
         && !pdu.is_empty()
     {
@@ -236,31 +245,17 @@ fn whole(
         let teller = Teller { place, profile: context.profile.filter(|_| !context.assumed) };
         let asked = request.filter(|(asked, _)| asked == unit).map(|(_, pdu)| pdu);
         let wrong = teller.pdu(pdu, context.direction, asked, sink);
-        talk::values(pdu, context, asked, sink);
+        if sink.words() {
+            talk::values(pdu, context, asked, sink);
+        }
         error = error.or(wrong.map(shifted));
-        check(place, body, len, error, sink);
+        place.checked(body.len(), check, error, sink);
     } else {
         sink.kind("incomplete");
         sink.text("no whole frame");
     }
     if let Some(error) = error {
         sink.error(error);
-    }
-}
-
-/// The check as it stands in the frame.
-fn check(place: Place, body: &[u8], len: usize, error: Option<WireError>, sink: &mut dyn Sink) {
-    let (right, digits, name) = match place.format {
-        Format::Rtu => (u32::from(rtu::crc16(body).swap_bytes()), 4, "crc"),
-        Format::Ascii => (u32::from(ascii::lrc(body)), 2, "lrc"),
-    };
-    let (found, meaning) = match error {
-        Some(WireError::Checksum { found, .. }) => (found, "wrong"),
-        _ => (right, ""),
-    };
-    if usize::from(place.at(body.len() + place.check)) <= len {
-        let value = Value::Hex(u64::from(found), digits);
-        place.field(sink, name, body.len()..body.len() + place.check, value, meaning);
     }
 }
 
@@ -304,12 +299,9 @@ impl Teller {
         sink.kind(if refused { "exception" } else { function.name() });
         let code = Value::Hex(u64::from(pdu[0]), 2);
         self.place.field(sink, "function", 1..2, code, function.name());
-        let request = RequestPdu::parse(pdu);
-        let reply = ReplyPdu::parse(pdu);
-        let as_reply = is_reply(pdu, direction, asked);
-        let told = match as_reply {
-            true => reply.map(|reply| self.reply(&reply, asked, sink)),
-            false => request.map(|request| self.request(&request, sink)),
+        let told = match is_reply(pdu, direction, asked) {
+            true => ReplyPdu::parse(pdu).map(|reply| self.reply(&reply, asked, sink)),
+            false => RequestPdu::parse(pdu).map(|request| self.request(&request, sink)),
         };
         told.err()
     }
@@ -387,6 +379,9 @@ impl Teller {
     /// What was read, under the names of what was asked for.
     fn read(&self, space: Space, data: &[u8], asked: Option<&[u8]>, sink: &mut dyn Sink) {
         self.counted(2, data, space, sink);
+        if !sink.words() {
+            return;
+        }
         let asked = asked.and_then(|pdu| RequestPdu::parse(pdu).ok());
         match asked {
             Some(RequestPdu::Read { space: wanted, start, count })
