@@ -5,6 +5,7 @@ mod capture;
 mod cmd;
 mod ears;
 mod interrupt;
+mod joined;
 mod motion;
 mod outcome;
 mod problem;
@@ -16,14 +17,12 @@ mod value;
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
-
 fn main() -> ExitCode {
-    let arguments = match cmd::Arguments::try_parse() {
+    let arguments = match cmd::Arguments::read() {
         Ok(arguments) => arguments,
         Err(error) => return usage(&error),
     };
-    match cmd::run(arguments.verb) {
+    match cmd::run(arguments) {
         Ok(exit) => ExitCode::from(exit as u8),
         Err(problem) => {
             if !problem.what.is_empty() {

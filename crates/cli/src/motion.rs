@@ -25,7 +25,7 @@ const AHEAD: Duration = Duration::from_millis(150);
 /// How long a stopping motor keeps its power: Ctrl-C ends a verb within a second.
 const REST_MAX: Duration = Duration::from_millis(800);
 /// How long a move may take unless the user says otherwise.
-const ARRIVE_MAX: Duration = Duration::from_secs(600);
+pub const ARRIVE_MAX: Duration = Duration::from_secs(600);
 
 /// What to do with a motion once it runs.
 #[derive(Clone, Copy, PartialEq, Debug)]

@@ -1,6 +1,7 @@
 //! What went wrong, for people and for scripts: one sentence of what, one of why, what to try, a
 //! stable code whose first digit is the exit code.
 
+use std::borrow::Cow;
 use std::fmt::Write as _;
 
 pub use polepair::error::Exit;
@@ -11,7 +12,7 @@ pub struct Problem {
     /// What a script branches on.
     pub exit: Exit,
     /// Stable: `E401`.
-    pub code: &'static str,
+    pub code: Cow<'static, str>,
     /// One sentence.
     pub what: String,
     /// One sentence; empty if there is nothing to add.
@@ -25,8 +26,8 @@ pub type Result<T = Exit> = std::result::Result<T, Problem>;
 
 impl Problem {
     /// A problem without reason and advice yet.
-    pub fn new(exit: Exit, code: &'static str, what: impl Into<String>) -> Self {
-        Self { exit, code, what: what.into(), why: String::new(), hints: Vec::new() }
+    pub fn new(exit: Exit, code: impl Into<Cow<'static, str>>, what: impl Into<String>) -> Self {
+        Self { exit, code: code.into(), what: what.into(), why: String::new(), hints: Vec::new() }
     }
 
     /// Something about the command line.

@@ -18,6 +18,7 @@ use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_link::tap::{Direction, Log, Tap};
 
+use crate::joined;
 use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::session::Session;
@@ -60,6 +61,15 @@ impl Target {
     /// Opens the link and finds out what is there.
     pub fn open(&self) -> Result<Session> {
         self.open_url(&self.url)
+    }
+
+    /// What stands where the URL would, where a server does it. Frames pass where the server is.
+    pub fn axes(&self) -> Result<&str> {
+        if self.verbose || self.trace.is_some() || self.profiles.is_given() {
+            return Err(joined::cannot("-v, --trace or --profile", "It opened its links itself.")
+                .hint("its page shows the frames"));
+        }
+        Ok(&self.url)
     }
 
     /// How links are opened, with what shows or keeps the frames.

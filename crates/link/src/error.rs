@@ -160,7 +160,8 @@ const fn hint(cause: Cause) -> &'static str {
         }
         Cause::NotFound => "`polepair ports` lists what is there; check plug and cable.",
         Cause::Busy => {
-            "Close the other program (a terminal, a vendor's tool, ModemManager), then try again."
+            "Close the other program (a terminal, a vendor's tool, ModemManager), then try again. Where \
+             it is `polepair serve`, join it: `polepair --server http://127.0.0.1:7365 scan`."
         }
         Cause::Gone => "Plug it in again, or check power and network at the far end.",
         Cause::Refused => {

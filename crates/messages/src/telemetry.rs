@@ -45,3 +45,25 @@ pub fn encode(channel: u16, lost_total: u64, samples: &[Sample]) -> (Vec<u8>, us
     }
     (bytes, count)
 }
+
+/// What such a message says: its channel, the samples of it that were lost so far, its samples. `None`
+/// for what is none.
+#[must_use]
+pub fn decode(bytes: &[u8]) -> Option<(u16, u64, Vec<Sample>)> {
+    let (head, samples) = bytes.split_at_checked(HEAD)?;
+    let field = |at: usize, length: usize| {
+        head[at..at + length].iter().rev().fold(0, |all, byte| all << 8 | u64::from(*byte))
+    };
+    let count = usize::try_from(field(4, 4)).ok()?;
+    let (samples, rest) = samples.as_chunks::<SAMPLE>();
+    if head[..2] != [1, 1] || samples.len() != count || !rest.is_empty() {
+        return None;
+    }
+    let t0_us = field(8, 8);
+    let sample = |bytes: &[u8; SAMPLE]| {
+        let [a, b, c, d, value @ ..] = *bytes;
+        let dt_us = u32::from_le_bytes([a, b, c, d]);
+        Sample { t_us: t0_us.saturating_add(dt_us.into()), value: f64::from_le_bytes(value) }
+    };
+    Some((field(2, 2) as u16, field(16, 8), samples.iter().map(sample).collect()))
+}

@@ -1,4 +1,4 @@
-use super::telemetry::{HEAD, SAMPLE, SAMPLES_MAX, Sample, encode};
+use super::telemetry::{HEAD, SAMPLE, SAMPLES_MAX, Sample, decode, encode};
 use super::*;
 
 fn client(text: &str) -> ClientMessage {
@@ -67,6 +67,10 @@ fn telemetry_lies_as_it_is_written_down() {
     expected.extend([0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xF0, 0x3F]);
     expected.extend([0xE8, 3, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xC0]);
     assert_eq!(bytes, expected);
+    assert_eq!(decode(&bytes), Some((7, 9, samples.to_vec())));
+    for end in 0..bytes.len() {
+        assert_eq!(decode(&bytes[..end]), None, "{end} bytes of it");
+    }
 }
 
 #[test]

@@ -3,14 +3,19 @@
 use clap::Args;
 use polepair::{Axis, Value};
 use polepair_capture::jsonl;
+use polepair_client::message::{ParameterInfo, ParameterRead};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 
 use crate::cmd::params::no_such_parameter;
+use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::Session;
 use crate::target::{Format, Target};
 use crate::terminal::{Output, csv, say};
+
+/// The columns.
+const HEAD: &str = "axis,name,symbol,raw,value,unit";
 
 /// Reads parameters by name, with their units. A group answers drive by drive.
 #[derive(Args, Debug)]
@@ -39,7 +44,7 @@ impl Get {
         session.listen();
         let mut out = Output::stdout();
         if self.format == Format::Csv {
-            out.line("axis,name,symbol,raw,value,unit");
+            out.line(HEAD);
         }
         let mut failed: Vec<Problem> = Vec::new();
         let mut shown = 0;
@@ -64,6 +69,38 @@ impl Get {
         partial(failed, shown)
     }
 
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        let axes = server.pick(&self.target)?;
+        let mut out = Output::stdout();
+        if self.format == Format::Csv {
+            out.line(HEAD);
+        }
+        let mut failed: Vec<Problem> = Vec::new();
+        let mut shown = 0;
+        for axis in &axes {
+            let has = server.gateway.parameters(axis.id).map_err(joined::refused)?;
+            for name in every(&has, &self.names) {
+                match server.gateway.parameter(axis.id, &name).map_err(joined::refused) {
+                    Ok(read) => {
+                        shown += 1;
+                        let who = server.who(&axes, axis);
+                        let symbol = has.iter().find(|its| its.name == read.name);
+                        let symbol = symbol.map_or("", |its| &its.symbol);
+                        self.line(&who, &of_server(axis.number, symbol, &read), &mut out);
+                    }
+                    Err(problem) if problem.exit == Exit::Refused => failed.push(problem),
+                    Err(problem) => {
+                        out.flush()?;
+                        return Err(problem);
+                    }
+                }
+            }
+        }
+        out.flush()?;
+        partial(failed, shown)
+    }
+
     fn show(
         &self,
         session: &Session,
@@ -72,19 +109,50 @@ impl Get {
         value: &Value,
         out: &mut Output,
     ) {
-        let Some(parameter) = axis.profile().parameter(id) else { return };
+        let Some(Parameter { name, symbol, .. }) = axis.profile().parameter(id) else { return };
+        let who = match number == axis.number() {
+            true => session.who(axis),
+            false => format!("#{number} "),
+        };
+        let (raw, text, unit) = (value.raw, value.to_string(), value.unit.symbol());
+        self.line(&who, &Read { number, name, symbol, raw, value: value.value, unit, text }, out);
+    }
+
+    fn line(&self, who: &str, read: &Read<'_>, out: &mut Output) {
         match self.format {
-            Format::Jsonl => object(number, parameter, value, out.buffer()),
-            Format::Csv => out.line(&row(number, parameter, value)),
-            Format::Text => {
-                let shown = if self.raw { value.raw.to_string() } else { value.to_string() };
-                let who = match number == axis.number() {
-                    true => session.who(axis),
-                    false => format!("#{number} "),
-                };
-                out.line(&format!("{who}{} = {shown}", parameter.name));
-            }
+            Format::Jsonl => object(read, out.buffer()),
+            Format::Csv => out.line(&row(read)),
+            Format::Text if self.raw => out.line(&format!("{who}{} = {}", read.name, read.raw)),
+            Format::Text => out.line(&format!("{who}{} = {}", read.name, read.text)),
         }
+    }
+}
+
+/// What was read, as it is printed.
+struct Read<'a> {
+    number: u32,
+    name: &'a str,
+    symbol: &'a str,
+    raw: i64,
+    value: f64,
+    unit: &'a str,
+    text: String,
+}
+
+fn of_server<'a>(number: u32, symbol: &'a str, read: &'a ParameterRead) -> Read<'a> {
+    let value = read.value.unwrap_or(f64::NAN);
+    let number_shown = read.value.map(|value| joined::shown(value, &read.unit));
+    let text = read.word.clone().or(number_shown).unwrap_or_else(|| format!("{} raw", read.raw));
+    Read { number, name: &read.name, symbol, raw: read.raw, value, unit: &read.unit, text }
+}
+
+/// The names that are meant.
+fn every(has: &[ParameterInfo], names: &[String]) -> Vec<String> {
+    match names {
+        [all] if all == "all" => {
+            has.iter().filter(|its| its.readable).map(|its| its.name.clone()).collect()
+        }
+        _ => names.to_vec(),
     }
 }
 
@@ -95,21 +163,21 @@ fn each(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, Value)>> {
     parts.map_err(outcome::error)
 }
 
-fn row(number: u32, parameter: &Parameter, value: &Value) -> String {
-    let number = number.to_string();
-    let (raw, shown) = (value.raw.to_string(), value.value.to_string());
-    csv([&number, parameter.name, parameter.symbol, &raw, &shown, value.unit.symbol()])
+fn row(read: &Read<'_>) -> String {
+    let (number, raw, value) =
+        (read.number.to_string(), read.raw.to_string(), read.value.to_string());
+    csv([&number, read.name, read.symbol, &raw, &value, read.unit])
 }
 
-fn object(number: u32, parameter: &Parameter, value: &Value, out: &mut Vec<u8>) {
-    out.extend_from_slice(format!("{{\"axis\":{number},\"name\":").as_bytes());
-    jsonl::string(out, parameter.name);
+fn object(read: &Read<'_>, out: &mut Vec<u8>) {
+    out.extend_from_slice(format!("{{\"axis\":{},\"name\":", read.number).as_bytes());
+    jsonl::string(out, read.name);
     out.extend_from_slice(b",\"symbol\":");
-    jsonl::string(out, parameter.symbol);
-    out.extend_from_slice(format!(",\"raw\":{},\"value\":", value.raw).as_bytes());
-    jsonl::real(out, value.value);
+    jsonl::string(out, read.symbol);
+    out.extend_from_slice(format!(",\"raw\":{},\"value\":", read.raw).as_bytes());
+    jsonl::real(out, read.value);
     out.extend_from_slice(b",\"unit\":");
-    jsonl::string(out, value.unit.symbol());
+    jsonl::string(out, read.unit);
     out.extend_from_slice(b"}\n");
 }
 

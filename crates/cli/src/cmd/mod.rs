@@ -33,12 +33,13 @@ mod watch;
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use polepair::Connector;
 use polepair::config::Config;
 use polepair_capture::Format;
 use polepair_core::profile::Profile;
 
+use crate::joined::{self, Join};
 use crate::outcome;
 use crate::problem::Result;
 
@@ -50,9 +51,31 @@ use crate::problem::Result;
 #[command(name = "polepair", version, verbatim_doc_comment, max_term_width = 100)]
 #[command(disable_help_subcommand = true, after_help = AFTER)]
 pub struct Arguments {
+    #[command(flatten)]
+    join: Join,
     /// What to do.
     #[command(subcommand)]
-    pub verb: Verb,
+    verb: Verb,
+    /// The verb's word.
+    #[arg(skip)]
+    word: String,
+}
+
+impl Arguments {
+    /// Reads the command line.
+    pub fn read() -> std::result::Result<Self, clap::Error> {
+        let names = |word: std::ffi::OsString| {
+            word.to_str().is_some_and(|word| word == "--server" || word.starts_with("--server="))
+        };
+        let command = Self::command();
+        let command = match std::env::args_os().any(names) {
+            true => Join::reworded(command),
+            false => command,
+        };
+        let matches = command.try_get_matches()?;
+        let word = matches.subcommand_name().unwrap_or_default().to_owned();
+        Ok(Self { word, ..Self::from_arg_matches(&matches)? })
+    }
 }
 
 const AFTER: &str = "\
@@ -137,8 +160,32 @@ pub enum Verb {
     Completions(completions::Completions),
 }
 
-/// Carries a verb out.
-pub fn run(verb: Verb) -> Result {
+/// Carries a verb out: on a server if one is named.
+pub fn run(arguments: Arguments) -> Result {
+    if arguments.join.is_wanted() { joined(arguments) } else { here(arguments.verb) }
+}
+
+fn joined(Arguments { join, verb, word }: Arguments) -> Result {
+    match verb {
+        Verb::Scan(verb) => verb.joined(&join.open()?),
+        Verb::Info(verb) => verb.joined(&join.open()?),
+        Verb::Get(verb) => verb.joined(&join.open()?),
+        Verb::Set(verb) => verb.joined(&join.open()?),
+        Verb::Enable(verb) => verb.joined(&join.open()?),
+        Verb::Disable(verb) => verb.joined(&join.open()?),
+        Verb::Stop(verb) => verb.joined(&join.open()?),
+        Verb::Clear(verb) => verb.joined(&join.open()?),
+        Verb::Spin(verb) => verb.joined(&join.open()?),
+        Verb::Move(verb) => verb.joined(&join.open()?),
+        Verb::Torque(verb) => verb.joined(&join.open()?),
+        Verb::Home(verb) => verb.joined(&join.open()?),
+        Verb::Jog(verb) => verb.joined(&join.open()?),
+        Verb::Watch(verb) => verb.joined(&join.open()?),
+        _ => Err(joined::no_such_verb(&word)),
+    }
+}
+
+fn here(verb: Verb) -> Result {
     match verb {
         Verb::Decode(verb) => verb.run(),
         Verb::Summary(verb) => verb.run(),
@@ -200,6 +247,11 @@ impl ProfileFile {
             Some(file) => connector.with_profile(file).map_err(outcome::error),
             None => Ok(connector),
         }
+    }
+
+    /// Whether there is one.
+    pub fn is_given(&self) -> bool {
+        self.file.is_some()
     }
 
     /// Every profile that is known, the user's own first.

@@ -2,11 +2,13 @@
 
 use clap::Args;
 use polepair::Axis;
+use polepair_client::message::{Arguments, AxisInfo};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 
 use crate::cmd::info;
+use crate::joined::{self, Joined, Order};
 use crate::motion::{self, Then, argument};
 use crate::problem::Result;
 use crate::session::Session;
@@ -161,6 +163,15 @@ impl Spin {
         };
         lasting(&self.target, &self.lasting, command)
     }
+
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        lasting_by(server, &self.target, &self.lasting, Verb::Velocity, |axis| {
+            let velocity = Some(joined::argument(axis, Verb::Velocity, "velocity", &self.speed)?);
+            let acceleration = told(axis, Verb::Velocity, "acceleration", &self.acc)?;
+            Ok(Arguments { velocity, acceleration, ..Arguments::default() })
+        })
+    }
 }
 
 impl Jog {
@@ -173,6 +184,15 @@ impl Jog {
         };
         lasting(&self.target, &self.lasting, command)
     }
+
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        let speed = self.speed.as_deref().unwrap_or(JOG);
+        lasting_by(server, &self.target, &self.lasting, Verb::Velocity, |axis| {
+            let velocity = Some(joined::argument(axis, Verb::Velocity, "velocity", speed)?);
+            Ok(Arguments { velocity, ..Arguments::default() })
+        })
+    }
 }
 
 impl Torque {
@@ -184,17 +204,19 @@ impl Torque {
         };
         lasting(&self.target, &self.lasting, command)
     }
+
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        lasting_by(server, &self.target, &self.lasting, Verb::Torque, |axis| {
+            let torque = Some(joined::argument(axis, Verb::Torque, "torque", &self.torque)?);
+            Ok(Arguments { torque, ..Arguments::default() })
+        })
+    }
 }
 
 impl Move {
     pub fn run(self) -> Result {
-        let verb = match (self.rel, self.s_curve.is_some()) {
-            (true, false) if self.additive => Verb::MoveOn,
-            (true, false) => Verb::MoveBy,
-            (false, false) => Verb::MoveTo,
-            (true, true) => Verb::CurveBy,
-            (false, true) => Verb::CurveTo,
-        };
+        let verb = self.verb();
         let command = |axis: &Axis| {
             let mut command = Command::new(verb);
             command.target = Some(argument(axis, verb, Argument::Target, &self.position)?);
@@ -206,6 +228,33 @@ impl Move {
         let run = if self.sync { motion::run_together } else { motion::run };
         arriving(&self.target, &self.arriving, run, command)
     }
+
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        if self.sync {
+            return Err(joined::cannot("--sync", "It starts moves back to back."));
+        }
+        let verb = self.verb();
+        arriving_by(server, &self.target, &self.arriving, verb, |axis| {
+            Ok(Arguments {
+                target: Some(joined::argument(axis, verb, "target", &self.position)?),
+                velocity: told(axis, verb, "velocity", &self.vel)?,
+                acceleration: told(axis, verb, "acceleration", &self.acc)?,
+                jerk_time: told(axis, verb, "jerk_time", &self.s_curve)?,
+                ..Arguments::default()
+            })
+        })
+    }
+
+    const fn verb(&self) -> Verb {
+        match (self.rel, self.s_curve.is_some()) {
+            (true, false) if self.additive => Verb::MoveOn,
+            (true, false) => Verb::MoveBy,
+            (false, false) => Verb::MoveTo,
+            (true, true) => Verb::CurveBy,
+            (false, true) => Verb::CurveTo,
+        }
+    }
 }
 
 impl Home {
@@ -216,6 +265,14 @@ impl Home {
             Ok(command)
         };
         arriving(&self.target, &self.arriving, motion::run, command)
+    }
+
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        arriving_by(server, &self.target, &self.arriving, Verb::Home, |axis| {
+            let velocity = told(axis, Verb::Home, "velocity", &self.vel)?;
+            Ok(Arguments { velocity, ..Arguments::default() })
+        })
     }
 }
 
@@ -260,4 +317,56 @@ fn arriving(
 
 fn each(axes: &[Axis], command: impl Fn(&Axis) -> Result<Command>) -> Result<Vec<(Axis, Command)>> {
     axes.iter().map(|axis| command(axis).map(|command| (axis.clone(), command))).collect()
+}
+
+fn told(axis: &AxisInfo, verb: Verb, name: &str, text: &Option<String>) -> Result<Option<f64>> {
+    text.as_deref().map(|text| joined::argument(axis, verb, name, text)).transpose()
+}
+
+fn lasting_by(
+    server: &Joined,
+    target: &Target,
+    how: &Lasting,
+    verb: Verb,
+    arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
+) -> Result {
+    joined::no_dry_run(how.dry_run)?;
+    let then = if how.detach { Then::Detach } else { Then::Hold(how.seconds) };
+    joined::run(server, &orders(server, target, verb, arguments)?, then)
+}
+
+fn arriving_by(
+    server: &Joined,
+    target: &Target,
+    how: &Arriving,
+    verb: Verb,
+    arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
+) -> Result {
+    joined::no_dry_run(how.dry_run)?;
+    let then = if how.detach { Then::Detach } else { Then::Arrive(how.timeout) };
+    let orders = orders(server, target, verb, arguments)?;
+    let exit = joined::run(server, &orders, then)?;
+    let axes: Vec<AxisInfo> = orders.into_iter().map(|order| order.axis).collect();
+    let mut out = Output::stdout();
+    for axis in &axes {
+        if let Some(position) = joined::fresh(server, axis, Signal::Position)? {
+            out.line(&format!("{}position = {position}", server.who(&axes, axis)));
+        }
+    }
+    out.flush()?;
+    Ok(exit)
+}
+
+/// What each axis is to do: all of it is read before the first is told.
+fn orders(
+    server: &Joined,
+    target: &Target,
+    verb: Verb,
+    arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
+) -> Result<Vec<Order>> {
+    let all = server.pick(target)?.into_iter().map(|axis| {
+        let arguments = arguments(&axis)?;
+        Ok(Order { axis, verb, arguments })
+    });
+    all.collect()
 }

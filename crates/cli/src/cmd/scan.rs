@@ -6,8 +6,10 @@ use std::ops::{ControlFlow, RangeInclusive};
 use clap::Args;
 use polepair::scan::{Found, Numbers, Progress};
 use polepair_capture::jsonl;
+use polepair_client::message::AxisInfo;
 
 use crate::interrupt;
+use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::target::{Format, Target};
@@ -79,6 +81,69 @@ impl Scan {
                 .hint("docs/guides/one-bus.md tells who may be on one bus")),
         }
     }
+}
+
+impl Scan {
+    /// What a server found when it opened its links.
+    pub fn joined(self, server: &Joined) -> Result {
+        if self.ids.is_some() {
+            return Err(joined::cannot("--ids", "It asked who is there when it opened its links."));
+        }
+        let mut out = Output::stdout();
+        let axes = server.pick(&self.target)?;
+        let clashes = |axis: &AxisInfo| {
+            let all = &server.bench.clashes;
+            all.iter().any(|clash| (clash.link, clash.number) == (axis.link, axis.number))
+        };
+        match self.format {
+            Format::Text => out.buffer().extend_from_slice(served(&axes).as_bytes()),
+            Format::Jsonl => {
+                axes.iter().for_each(|axis| object_served(axis, clashes(axis), out.buffer()));
+            }
+            Format::Csv => {
+                out.line("axis,link,name,drive,product");
+                for axis in &axes {
+                    let (number, link) = (axis.number.to_string(), axis.link.to_string());
+                    let AxisInfo { name, profile, drive, .. } = axis;
+                    out.line(&csv([&*number, &link, name, profile, drive]));
+                }
+            }
+        }
+        out.flush()?;
+        for link in &server.bench.links {
+            let state = match (&link.reason, link.simulated) {
+                (Some(reason), _) => format!(": lost, {reason}"),
+                (None, true) => " (simulated)".to_owned(),
+                (None, false) => String::new(),
+            };
+            say(&format!("link {} is {}{state}", link.id, link.url));
+        }
+        if let Some(lock) = &server.bench.lock {
+            say(&format!("motion is locked since {} stopped everything", lock.by));
+        }
+        server.bench.clashes.iter().for_each(|clash| say(&clash.message));
+        Ok(Exit::Ok)
+    }
+}
+
+fn served(axes: &[AxisInfo]) -> String {
+    let mut table = Table::with_heads(&["axis", "link", "name", "drive", "product"]);
+    for axis in axes {
+        let (number, link) = (axis.number.to_string(), axis.link.to_string());
+        table.row([number, link, axis.name.clone(), axis.profile.clone(), axis.drive.clone()]);
+    }
+    table.render(colour_out())
+}
+
+fn object_served(axis: &AxisInfo, clash: bool, out: &mut Vec<u8>) {
+    let head = format!("{{\"axis\":{},\"link\":{},\"name\":", axis.number, axis.link);
+    out.extend_from_slice(head.as_bytes());
+    jsonl::string(out, &axis.name);
+    out.extend_from_slice(b",\"drive\":");
+    jsonl::string(out, &axis.profile);
+    out.extend_from_slice(b",\"product\":");
+    jsonl::string(out, &axis.drive);
+    out.extend_from_slice(format!(",\"clash\":{clash}}}\n").as_bytes());
 }
 
 fn ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {

@@ -112,12 +112,9 @@ pub fn refused(refusal: Refusal) -> Problem {
     Problem::new(exit, code, sentence(&what)).why(why).hint_if(Some(hint).filter(|h| !h.is_empty()))
 }
 
-/// `$XDG_STATE_HOME/polepair`, `~/.local/state/polepair`, `%LOCALAPPDATA%\polepair`.
+/// Where this account's server keeps what is its own.
 pub fn own_folder() -> Result<PathBuf> {
-    let of = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let base = of("XDG_STATE_HOME").or_else(|| of("LOCALAPPDATA"));
-    let base = base.or_else(|| Some(of("HOME")?.join(".local").join("state")));
-    base.map(|base| base.join("polepair")).ok_or_else(|| {
+    polepair_client::state_folder().ok_or_else(|| {
         Problem::usage("E255", "there is no folder for tokens and journal.")
             .why("Neither HOME nor XDG_STATE_HOME is set.")
             .hint("--state DIR")

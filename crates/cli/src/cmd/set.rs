@@ -1,10 +1,14 @@
 //! `polepair set URL NAME=VALUE…`
 
+use std::collections::BTreeMap;
+
 use clap::Args;
 use polepair::{Amount, Axis};
+use polepair_client::message::{Change, Given, WriteParameters};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 
 use crate::cmd::get::named;
+use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{Session, read};
@@ -33,9 +37,47 @@ pub struct Set {
     /// Let writes through that may start or change motion
     #[arg(long)]
     arm: bool,
+    /// Print what would change and write nothing
+    #[arg(long)]
+    dry_run: bool,
 }
 
 impl Set {
+    /// The same by a server: it checks all before it writes the first.
+    pub fn joined(self, server: &Joined) -> Result {
+        if self.raw || self.arm {
+            let why = "It takes values with their units, and nothing that may move the motor.";
+            return Err(joined::cannot("--raw or --arm", why));
+        }
+        let mut values = BTreeMap::new();
+        for setting in &self.settings {
+            let (name, value) = split(setting)?;
+            values.insert(name.to_owned(), Given::Text(value.to_owned()));
+        }
+        let live = server.gateway.live().map_err(joined::refused)?;
+        let axes = server.pick(&self.target)?;
+        let mut out = Output::stdout();
+        for axis in &axes {
+            let who = server.who(&axes, axis);
+            let (values, dry_run) = (values.clone(), self.dry_run);
+            let write = WriteParameters { values, keep: self.store, dry_run, epoch: 0 };
+            if self.dry_run {
+                let plan = server.gateway.write(axis.id, &write).map_err(joined::refused)?;
+                plan.iter().for_each(|change| out.line(&format!("{who}{}", planned(change))));
+                continue;
+            }
+            let lease = live.take(axis.id).map_err(joined::refused)?;
+            let write = WriteParameters { epoch: lease.epoch(), ..write };
+            for change in server.gateway.write(axis.id, &write).map_err(joined::refused)? {
+                kept(server, axis.id, &who, &change, &mut out)?;
+                out.flush()?;
+            }
+            lease.give_back().map_err(joined::refused)?;
+        }
+        out.flush()?;
+        Ok(Exit::Ok)
+    }
+
     pub fn run(self) -> Result {
         let session = self.target.open()?;
         session.listen();
@@ -48,6 +90,12 @@ impl Set {
                 let id = named(axis, name)?;
                 writes.push((id, self.value(axis, id, value)?));
             }
+            if self.dry_run {
+                for (id, raw) in writes {
+                    out.line(&format!("{}{}", session.who(axis), plan(axis, id, raw)?));
+                }
+                continue;
+            }
             if self.arm {
                 axis.arm(true);
             }
@@ -57,6 +105,7 @@ impl Set {
             }
             axis.arm(false);
         }
+        out.flush()?;
         Ok(Exit::Ok)
     }
 
@@ -102,6 +151,51 @@ impl Set {
         Err(Problem::new(Exit::Negative, "E111", what)
             .why(format!("{raw} raw was written and accepted, {} raw is read back.", value.raw)))
     }
+}
+
+/// What a write would change: it is read, and nothing is written.
+fn plan(axis: &Axis, id: ParameterId, raw: i64) -> Result<String> {
+    let Some(parameter) = axis.profile().parameter(id) else { return Ok(String::new()) };
+    let to = axis.value(id, raw).map_err(outcome::error)?.to_string();
+    let from = match parameter.access {
+        Access::Write => None,
+        _ => Some(read(axis, id)?.to_string()),
+    };
+    Ok(step(parameter.name, from, &to))
+}
+
+/// The same, as a server tells it.
+fn planned(change: &Change) -> String {
+    let from = change.from.map(|from| joined::shown(from, &change.unit));
+    step(&change.name, from, &joined::shown(change.to, &change.unit))
+}
+
+fn step(name: &str, from: Option<String>, to: &str) -> String {
+    match from {
+        Some(from) if from == to => format!("{name} = {to}, as it is"),
+        Some(from) => format!("{name}: {from} -> {to}"),
+        None => format!("{name}: -> {to}"),
+    }
+}
+
+/// Reads back what a server wrote.
+fn kept(server: &Joined, axis: u16, who: &str, change: &Change, out: &mut Output) -> Result<()> {
+    let has = server.gateway.parameters(axis).map_err(joined::refused)?;
+    let name = &change.name;
+    if !has.iter().any(|its| its.name == *name && its.readable) {
+        out.line(&format!("{who}{name} = {}", joined::shown(change.to, &change.unit)));
+        return Ok(());
+    }
+    let read = server.gateway.parameter(axis, name).map_err(joined::refused)?;
+    let shown = |value| joined::shown(value, &change.unit);
+    let now = read.value.map_or_else(|| format!("{} raw", read.raw), shown);
+    out.line(&format!("{who}{name} = {}", read.word.unwrap_or(now)));
+    if read.value == Some(change.to) {
+        return Ok(());
+    }
+    let what = format!("{name:?} did not keep what was written.");
+    Err(Problem::new(Exit::Negative, "E111", what)
+        .why(format!("{} was written and accepted.", shown(change.to))))
 }
 
 fn split(setting: &str) -> Result<(&str, &str)> {

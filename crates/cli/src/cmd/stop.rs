@@ -4,8 +4,10 @@ use std::io::IsTerminal as _;
 
 use clap::Args;
 use polepair::stop::{Event, Stopped};
+use polepair_client::message::{StopClass, StopOrder};
 use polepair_core::axis::{Command, Verb};
 
+use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::target::Target;
@@ -53,6 +55,49 @@ impl Stop {
     }
 }
 
+impl Stop {
+    /// The same by a server: it stops whoever commands the axes.
+    pub fn joined(self, server: &Joined) -> Result {
+        joined::no_dry_run(self.dry_run)?;
+        if self.quick {
+            return Err(joined::cannot("--quick", "Its stop is the one that is always safe."));
+        }
+        let axes = server.pick(&self.target)?;
+        let ids = axes.iter().map(|axis| axis.id).collect();
+        let order = StopOrder { axes: Some(ids), reason: "polepair stop".to_owned() };
+        let stopped = server.gateway.stop(&order).map_err(joined::refused)?;
+        let mut failed: Vec<Problem> = Vec::new();
+        for axis in &axes {
+            let how = stopped.axes.iter().find(|stopped| stopped.id == axis.id);
+            match how.map(|how| (how.class, how.error.clone())) {
+                Some((StopClass::Standing, _)) => say(&format!("{} is stopped", axis.label)),
+                Some((StopClass::Acknowledged, _)) => {
+                    say(&format!("{} is told to stop; nobody saw it stand", axis.label));
+                }
+                Some((_, Some(error))) => failed.push(joined::refused(error)),
+                _ => failed.push(unconfirmed(&axis.label)),
+            }
+        }
+        match failed.len() {
+            0 => Ok(Exit::Ok),
+            _ => stops_failed(failed, axes.len()),
+        }
+    }
+}
+
+fn unconfirmed(label: &str) -> Problem {
+    Problem::new(Exit::NoReply, "E401", format!("{label} did not confirm its stop."))
+}
+
+fn stops_failed(mut failed: Vec<Problem>, of: usize) -> Result {
+    if (failed.len(), of) == (1, 1) {
+        return Err(failed.remove(0));
+    }
+    failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
+    let what = format!("{} stops of {of} are not confirmed.", failed.len());
+    Err(Problem::new(Exit::Partial, "E702", what).hint("cut the power of these drives"))
+}
+
 /// Says what was stopped, and what was not reached.
 pub fn report(url: &str, stopped: Stopped) -> Result {
     let link = url.split('#').next().unwrap_or(url);
@@ -86,12 +131,7 @@ pub fn report(url: &str, stopped: Stopped) -> Result {
     match (failed.len(), at_rest) {
         (0, 0) => Err(nobody(stopped.everybody)),
         (0, _) => Ok(Exit::Ok),
-        (1, 0) => Err(failed.remove(0)),
-        (count, _) => {
-            failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
-            let what = format!("{count} stops of {} are not confirmed.", count + at_rest);
-            Err(Problem::new(Exit::Partial, "E702", what).hint("cut the power of these drives"))
-        }
+        (count, _) => stops_failed(failed, count + at_rest),
     }
 }
 

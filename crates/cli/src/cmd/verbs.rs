@@ -1,13 +1,18 @@
 //! `polepair enable|disable|clear URL`
 
 use clap::Args;
+use polepair_client::message::Arguments;
 use polepair_core::axis::{Command, Verb};
 
+use crate::joined::{self, Joined};
 use crate::motion;
 use crate::problem::{Exit, Result};
 use crate::session::verb;
 use crate::target::Target;
 use crate::terminal::say;
+
+/// What is said of an axis that was enabled.
+const POWERED: &str = "is powered and holds its position";
 
 /// Powers the motor, holding it where it stands.
 #[derive(Args, Debug)]
@@ -53,9 +58,14 @@ impl Enable {
         for axis in session.axes() {
             axis.arm(true);
             verb(axis, Verb::Enable)?;
-            say(&format!("{} is powered and holds its position", axis.label()));
+            say(&format!("{} {POWERED}", axis.label()));
         }
         Ok(Exit::Ok)
+    }
+
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        told(server, &self.target, &["arm", Verb::Enable.name()], self.dry_run, POWERED)
     }
 }
 
@@ -63,12 +73,38 @@ impl Disable {
     pub fn run(self) -> Result {
         simple(&self.target, Verb::Disable, self.dry_run, "has no power now")
     }
+
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        told(server, &self.target, &[Verb::Disable.name()], self.dry_run, "has no power now")
+    }
 }
 
 impl Clear {
     pub fn run(self) -> Result {
         simple(&self.target, Verb::Clear, self.dry_run, "has its faults cleared")
     }
+
+    /// The same by a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        told(server, &self.target, &[Verb::Clear.name()], self.dry_run, "has its faults cleared")
+    }
+}
+
+/// Has a server say verbs to axes, under a lease for as long.
+fn told(server: &Joined, target: &Target, verbs: &[&str], dry: bool, done: &str) -> Result {
+    joined::no_dry_run(dry)?;
+    let live = server.gateway.live().map_err(joined::refused)?;
+    for axis in server.pick(target)? {
+        let lease = live.take(axis.id).map_err(joined::refused)?;
+        for verb in verbs {
+            let said = lease.run(verb, Arguments::default(), joined::ANSWER_MAX);
+            said.map_err(joined::refused)?;
+        }
+        lease.give_back().map_err(joined::refused)?;
+        say(&format!("{} {done}", axis.label));
+    }
+    Ok(Exit::Ok)
 }
 
 fn simple(target: &Target, wanted: Verb, dry_run: bool, done: &str) -> Result {

@@ -1,22 +1,29 @@
 //! `polepair watch URL SIGNAL… [--rate HZ] [--format table|jsonl|csv]`
 
+use std::time::Duration;
+
 use clap::{Args, ValueEnum};
-use polepair::Axis;
+use polepair::{Axis, Value};
 use polepair_capture::jsonl;
-use polepair_core::profile::{ParameterId, Signal};
-use polepair_core::units::Unit;
+use polepair_client::Live;
+use polepair_client::message::AxisInfo;
+use polepair_core::profile::Signal;
 use polepair_link::clock;
 
 use crate::cmd::get::named;
 use crate::interrupt;
+use crate::joined::{self, Joined};
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read, signal};
+use crate::session::{Session, read, signal as signal_of};
 use crate::target::Target;
 use crate::terminal::{self, Output};
 use crate::value;
 
 /// How long a wait may last before Ctrl-C is looked for.
 const LOOK_MS: u32 = 50;
+/// How long a server's first samples are waited for, and how often they are looked for.
+const FIRST_MAX: Duration = Duration::from_secs(2);
+const FIRST_LOOK_MS: u32 = 2;
 
 /// Shows signals or parameters again and again, until Ctrl-C or --for.
 #[derive(Args, Debug)]
@@ -57,33 +64,81 @@ enum Format {
 
 /// One column.
 struct Column {
-    axis: Axis,
+    number: u32,
     name: String,
-    unit: Unit,
-    source: Source,
-}
-
-enum Source {
-    Signal(Signal),
-    Parameter(ParameterId),
+    /// Empty for flags and what has none.
+    unit: String,
+    read: Box<dyn Fn() -> Result<f64>>,
 }
 
 impl Watch {
     pub fn run(self) -> Result {
-        if !(self.rate > 0.0 && self.rate <= 10_000.0) {
-            return Err(Problem::usage("E245", "--rate is more than 0 and at most 10000."));
-        }
+        self.check()?;
         let session = self.target.open()?;
         let columns = self.columns(&session)?;
         session.listen();
+        self.show(&columns)
+    }
+
+    /// The same by a server, which reads for all who watch.
+    pub fn joined(self, server: &Joined) -> Result {
+        self.check()?;
+        let axes = server.pick(&self.target)?;
+        let live = server.gateway.live().map_err(joined::refused)?;
+        let mut columns = Vec::new();
+        for axis in &axes {
+            for name in self.names() {
+                let who = server.who(&axes, axis);
+                columns.push(self.served(&live, axis, &who, name)?);
+            }
+        }
+        interrupt::listen(|| {});
+        let end = clock::now() + FIRST_MAX;
+        for column in &columns {
+            while (column.read)()?.is_nan() && clock::now() < end && !interrupt::came() {
+                clock::sleep_until(clock::now().plus_ms(FIRST_LOOK_MS));
+            }
+        }
+        self.show(&columns)
+    }
+
+    fn check(&self) -> Result<()> {
+        match self.rate > 0.0 && self.rate <= 10_000.0 {
+            true => Ok(()),
+            false => Err(Problem::usage("E245", "--rate is more than 0 and at most 10000.")),
+        }
+    }
+
+    fn names(&self) -> Vec<&str> {
+        match self.signals.is_empty() {
+            true => vec!["position", "velocity"],
+            false => self.signals.iter().flat_map(|name| name.split(',')).collect(),
+        }
+    }
+
+    fn served(&self, live: &Live, axis: &AxisInfo, who: &str, name: &str) -> Result<Column> {
+        let name = plain(name);
+        let signal = axis.signals.iter().any(|signal| signal.signal == name);
+        let (signal, parameter) = if signal { (Some(&*name), None) } else { (None, Some(&*name)) };
+        let watched = live.watch(axis.id, signal, parameter, self.rate).map_err(joined::refused)?;
+        let unit = watched.unit().to_owned();
+        let read = move || {
+            let last = watched.last().map_err(joined::refused)?;
+            Ok(last.map_or(f64::NAN, |sample| sample.value))
+        };
+        let (number, name) = (axis.number, format!("{who}{name}"));
+        Ok(Column { number, name, unit, read: Box::new(read) })
+    }
+
+    fn show(&self, columns: &[Column]) -> Result {
         let mut out = Output::stdout();
-        self.head(&columns, &mut out);
+        self.head(columns, &mut out);
         let begun = clock::now();
         let end = self.seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
         let period = (1e9 / self.rate) as u64;
         let mut next = begun;
         loop {
-            self.row(&columns, next.since(begun).as_secs_f64(), &mut out)?;
+            self.row(columns, next.since(begun).as_secs_f64(), &mut out)?;
             out.flush()?;
             // Readings that the drive was too slow for are left out, not caught up with.
             next = next.plus_ns(period).max(clock::now());
@@ -103,11 +158,9 @@ impl Watch {
     }
 
     fn columns(&self, session: &Session) -> Result<Vec<Column>> {
-        let default = ["position".to_owned(), "velocity".to_owned()];
-        let names: &[String] = if self.signals.is_empty() { &default } else { &self.signals };
         let mut columns = Vec::new();
         for axis in session.axes() {
-            for name in names.iter().flat_map(|name| name.split(',')) {
+            for name in self.names() {
                 columns.push(column(session, axis, name)?);
             }
         }
@@ -137,7 +190,7 @@ impl Watch {
     fn row(&self, columns: &[Column], time: f64, out: &mut Output) -> Result<()> {
         let mut cells = Vec::with_capacity(columns.len());
         for column in columns {
-            cells.push(column.read()?);
+            cells.push((column.read)()?);
         }
         match self.format {
             Format::Table => {
@@ -162,12 +215,12 @@ fn object(columns: &[Column], cells: &[f64], time: f64, out: &mut Vec<u8>) {
     let mut axis = None;
     out.extend_from_slice(format!("{{\"time\":{time:.6}").as_bytes());
     for (column, value) in columns.iter().zip(cells) {
-        if axis != Some(column.axis.number()) {
+        if axis != Some(column.number) {
             if axis.is_some() {
                 out.extend_from_slice(format!("}}\n{{\"time\":{time:.6}").as_bytes());
             }
-            axis = Some(column.axis.number());
-            out.extend_from_slice(format!(",\"axis\":{}", column.axis.number()).as_bytes());
+            axis = Some(column.number);
+            out.extend_from_slice(format!(",\"axis\":{}", column.number).as_bytes());
         }
         out.push(b',');
         jsonl::string(out, &column.name);
@@ -177,26 +230,33 @@ fn object(columns: &[Column], cells: &[f64], time: f64, out: &mut Vec<u8>) {
     out.extend_from_slice(b"}\n");
 }
 
+fn plain(name: &str) -> String {
+    name.to_ascii_lowercase().replace(['-', '_'], " ")
+}
+
 fn column(session: &Session, axis: &Axis, name: &str) -> Result<Column> {
-    let plain = |text: &str| text.to_ascii_lowercase().replace(['-', '_'], " ");
     let signal = Signal::ALL.into_iter().find(|signal| signal.name() == plain(name));
     let source = signal.and_then(|signal| Some((signal, axis.profile().signal(signal)?)));
-    let (source, id) = match source {
-        Some((signal, source)) => (Source::Signal(signal), source.parameter),
-        None => {
-            let id = named(axis, name)?;
-            (Source::Parameter(id), id)
-        }
+    let (id, flag) = match source {
+        Some((_, source)) => (source.parameter, source.equals.is_some()),
+        None => (named(axis, name)?, false),
+    };
+    let unit = if flag { "" } else { axis.unit(id).symbol() }.to_owned();
+    let (number, its) = (axis.number(), axis.clone());
+    // Raw where its scale is not known.
+    let value = |value: Value| if value.value.is_finite() { value.value } else { value.raw as f64 };
+    let read: Box<dyn Fn() -> Result<f64>> = match source {
+        Some((wanted, _)) => Box::new(move || Ok(signal_of(&its, wanted)?.map_or(f64::NAN, value))),
+        None => Box::new(move || read(&its, id).map(value)),
     };
     let name = format!("{}{}", session.who(axis), plain(name));
-    Ok(Column { axis: axis.clone(), name, unit: axis.unit(id), source })
+    Ok(Column { number, name, unit, read })
 }
 
 impl Column {
     fn head(&self) -> String {
-        match self.unit.symbol() {
+        match &*self.unit {
             "" => self.name.clone(),
-            _ if self.is_flag() => self.name.clone(),
             symbol => format!("{} [{symbol}]", self.name),
         }
     }
@@ -205,20 +265,5 @@ impl Column {
     fn width(&self) -> usize {
         const USUAL: usize = 18;
         USUAL.max(self.head().chars().count() + 2)
-    }
-
-    fn is_flag(&self) -> bool {
-        let Source::Signal(signal) = self.source else { return false };
-        self.axis.profile().signal(signal).is_some_and(|source| source.equals.is_some())
-    }
-
-    /// The value in its unit; raw where its scale is not known.
-    fn read(&self) -> Result<f64> {
-        let value = match self.source {
-            Source::Signal(wanted) => signal(&self.axis, wanted)?,
-            Source::Parameter(id) => Some(read(&self.axis, id)?),
-        };
-        let Some(value) = value else { return Ok(f64::NAN) };
-        Ok(if value.value.is_finite() { value.value } else { value.raw as f64 })
     }
 }

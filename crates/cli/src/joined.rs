@@ -1,0 +1,160 @@
+//! `--server URL`: verbs on the axes of a running server instead of a link of one's own.
+//!
+//! A verb has the same words and prints in the same formats. What stands where its URL would are axes
+//! of the server: numbers, names, `LINK#NUMBER`, or `all`. Numbers go without a unit nowhere: a drive's
+//! own units are not the server's.
+
+mod motion;
+mod pick;
+
+use std::path::PathBuf;
+
+use clap::{Arg, Args, Command};
+use polepair_client::message::{AxisInfo, BenchView};
+use polepair_client::{Gateway, Options, Refused};
+
+pub use motion::{ANSWER_MAX, Order, argument, fresh, run, state};
+
+use crate::outcome::sentence;
+use crate::problem::{Exit, Problem, Result};
+use crate::target::Target;
+use crate::value;
+
+/// Verbs that a server carries out, and whether they are about all axes where none is named.
+const VERBS: [(&str, bool); 14] = [
+    ("clear", false),
+    ("disable", false),
+    ("enable", false),
+    ("get", false),
+    ("home", false),
+    ("info", true),
+    ("jog", false),
+    ("move", false),
+    ("scan", true),
+    ("set", false),
+    ("spin", false),
+    ("stop", true),
+    ("torque", false),
+    ("watch", false),
+];
+
+/// Options that help does not show, because they are about links.
+const FOR_LINKS: [&str; 8] = ["arm", "detach", "file", "ids", "quick", "sync", "trace", "verbose"];
+
+/// Which server, and what lets us in.
+#[derive(Args, Debug, Default)]
+#[command(next_help_heading = "On a running server")]
+pub struct Join {
+    /// Have this `polepair serve` do it: http://127.0.0.1:7365. URL is then which of its axes:
+    /// numbers, names, LINK#NUMBER, or all
+    #[arg(long, value_name = "URL")]
+    server: Option<String>,
+    /// A token of the server; without it POLEPAIR_TOKEN, else the one of your own server
+    #[arg(long, value_name = "FILE", requires = "server")]
+    token_file: Option<PathBuf>,
+    /// The certificate that an https server must have, or its SHA-256; without it your own server's
+    #[arg(long, value_name = "FILE|SHA256", requires = "server")]
+    certificate: Option<String>,
+}
+
+impl Join {
+    /// The command line's grammar where a server is named: URLs are axes.
+    pub fn reworded(command: Command) -> Command {
+        VERBS.iter().fold(command, |command, (verb, all)| {
+            let axes = |url: Arg| {
+                let url =
+                    url.value_name("AXES").help("Axes of the server: 1,3, a name, LINK#1, all");
+                if *all { url.required(false).default_value(pick::ALL) } else { url }
+            };
+            let dry = *verb != "set";
+            let its = |arg: Arg| match arg.get_id().as_str() {
+                "url" => axes(arg),
+                "dry_run" => arg.hide(dry),
+                id if FOR_LINKS.contains(&id) => arg.hide(true),
+                _ => arg,
+            };
+            command.mut_subcommand(verb, |verb| verb.mut_args(its).after_help(""))
+        })
+    }
+
+    /// Whether a server is named.
+    pub const fn is_wanted(&self) -> bool {
+        self.server.is_some()
+    }
+
+    /// Joins it.
+    pub fn open(self) -> Result<Joined> {
+        let Self { server, token_file, certificate } = self;
+        let url = server.unwrap_or_default();
+        let gateway = Gateway::new(&Options { url, token_file, certificate }).map_err(refused)?;
+        let mut bench = gateway.bench().map_err(refused)?;
+        if bench.links.len() > 1 {
+            let of = |axis: &mut AxisInfo| axis.label += &format!(" of link {}", axis.link);
+            bench.axes.iter_mut().for_each(of);
+        }
+        Ok(Joined { gateway, bench })
+    }
+}
+
+/// A server, and what it has.
+pub struct Joined {
+    pub gateway: Gateway,
+    pub bench: BenchView,
+}
+
+impl Joined {
+    /// The axes that are meant.
+    pub fn pick(&self, target: &Target) -> Result<Vec<AxisInfo>> {
+        pick::pick(&self.bench, target.axes()?)
+    }
+
+    /// `#1 ` before what concerns an axis, where there are several.
+    pub fn who(&self, axes: &[AxisInfo], axis: &AxisInfo) -> String {
+        match (axes.len(), &*axis.name) {
+            (0 | 1, _) => String::new(),
+            (_, "") if self.bench.links.len() > 1 => format!("{}#{} ", axis.link, axis.number),
+            (_, "") => format!("#{} ", axis.number),
+            (_, name) => format!("{name} "),
+        }
+    }
+}
+
+/// What the server refuses, or what became of it.
+pub fn refused(refused: Refused) -> Problem {
+    let why = match refused.executed {
+        _ if refused.message.contains("executed") => "",
+        None => "It may have been executed.",
+        Some(false) if refused.exit() == Exit::Refused => "Nothing was sent.",
+        Some(_) => "",
+    };
+    let (exit, hint) = (refused.exit(), refused.hint);
+    Problem::new(exit, refused.code, sentence(&refused.message))
+        .why(why)
+        .hint_if(Some(hint).filter(|hint| !hint.is_empty()))
+}
+
+/// A verb or an option that a server does not have.
+pub fn cannot(what: &str, why: &str) -> Problem {
+    Problem::usage("E257", format!("{what} is nothing that a server does.")).why(why)
+}
+
+/// Frames are the server's own affair.
+pub fn no_dry_run(dry_run: bool) -> Result<()> {
+    match dry_run {
+        false => Ok(()),
+        true => Err(cannot("--dry-run", "Only who opens a link can tell the frames.")),
+    }
+}
+
+/// A verb that is for links, or for files.
+pub fn no_such_verb(verb: &str) -> Problem {
+    let known: Vec<&str> = VERBS.iter().map(|(verb, _)| *verb).collect();
+    cannot(&format!("`{verb}`"), &format!("A server does {}.", crate::problem::list(&known)))
+        .hint("leave --server out; the server's link has to be free, so end the server first")
+}
+
+/// A value in its unit, as people read it.
+pub fn shown(value: f64, unit: &str) -> String {
+    let number = value::number(value);
+    if unit.is_empty() { number } else { format!("{number} {unit}") }
+}

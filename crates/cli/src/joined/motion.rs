@@ -1,0 +1,336 @@
+//! Motion by a server: taken, armed, powered, started, held, stopped, given back.
+
+use std::time::Duration;
+
+use polepair::quantity;
+use polepair_client::message::{Arguments, AxisInfo, AxisState, SignalValue};
+use polepair_client::{Lease, Live, Pending};
+use polepair_core::axis::Verb;
+use polepair_core::profile::Signal;
+use polepair_core::time::Instant;
+use polepair_core::units::Unit;
+use polepair_link::clock;
+
+use super::{Joined, cannot, refused, shown};
+use crate::interrupt;
+use crate::motion::{ARRIVE_MAX, Then};
+use crate::outcome::{self, sentence};
+use crate::problem::{Exit, Problem, Result};
+use crate::terminal::say;
+
+/// How long a wait lasts before Ctrl-C is looked for.
+const LOOK: Duration = Duration::from_millis(25);
+/// How often faults are looked for.
+const READ: Duration = Duration::from_millis(250);
+/// What a verb may take that is over when the drive has answered.
+pub const ANSWER_MAX: Duration = Duration::from_secs(10);
+/// How long a stopping motor keeps its power.
+const REST_MAX: Duration = Duration::from_millis(800);
+/// How long a value is waited for that was read after it was asked for.
+const FRESH_MAX: Duration = Duration::from_secs(1);
+/// Slower than this it stands, rad/s or m/s.
+const STANDS: f64 = 0.05;
+
+/// What an axis is to do.
+pub struct Order {
+    pub axis: AxisInfo,
+    pub verb: Verb,
+    pub arguments: Arguments,
+}
+
+/// Reads an argument of a verb. The server takes SI: without a unit nobody could tell whose is meant.
+pub fn argument(axis: &AxisInfo, verb: Verb, name: &str, text: &str) -> Result<f64> {
+    let info = axis.verbs.iter().find(|info| info.verb == verb.name());
+    let info = info.ok_or_else(|| {
+        let what = format!("{} cannot {}.", axis.profile, verb.name().replace('-', " "));
+        Problem::usage("E218", what).why("Its profile has no steps for that; nothing was sent.")
+    })?;
+    let argument = info.arguments.iter().find(|argument| argument.name == name);
+    let argument = argument.ok_or_else(|| {
+        let what = format!("{} takes no {name} with this verb.", axis.profile);
+        Problem::usage("E218", what).why("Nothing was sent.")
+    })?;
+    let measure = quantity::parse(text).map_err(outcome::error)?;
+    let unit = unit(&argument.unit);
+    if measure.quantity.is_none() && unit != Unit::Percent && measure.si != 0.0 {
+        return Err(Problem::usage("E217", format!("{text:?} has no unit."))
+            .why("Which one is the drive's own is for its link to know, not for a server.")
+            .hint(format!("{text}{}", unit.symbol())));
+    }
+    measure.si(unit).map_err(outcome::error)
+}
+
+/// What is measured in an SI unit.
+fn unit(si: &str) -> Unit {
+    match si {
+        "rad" => Unit::Radian,
+        "rad/s" => Unit::Rpm,
+        "rad/s²" => Unit::RpmPerSecond,
+        "m" => Unit::Millimetre,
+        "m/s" => Unit::MillimetrePerSecond,
+        "m/s²" => Unit::MillimetrePerSecondSquared,
+        "N·m" => Unit::NewtonMetre,
+        "A" => Unit::Ampere,
+        "V" => Unit::Volt,
+        "s" => Unit::Second,
+        _ => Unit::Percent,
+    }
+}
+
+/// An axis that is ours.
+struct Taken<'a> {
+    axis: &'a AxisInfo,
+    lease: Lease,
+    /// It was not powered before.
+    enabled_here: bool,
+}
+
+/// Carries a motion out, and stops what it started when it ends early.
+pub fn run(server: &Joined, orders: &[Order], then: Then) -> Result {
+    if then == Then::Detach {
+        return Err(cannot("--detach", "What a client set in motion stops when it goes."));
+    }
+    caution(orders);
+    interrupt::listen(|| {});
+    let live = server.gateway.live().map_err(refused)?;
+    let mut taken = take(&live, orders)?;
+    let within = match then {
+        Then::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
+        _ => ARRIVE_MAX,
+    };
+    let deadline = clock::now() + within;
+    let powered = taken.iter_mut().try_for_each(|taken| taken.power(server));
+    let ended = powered.and_then(|()| start(&taken, orders, deadline)).and_then(|()| match then {
+        Then::Hold(seconds) => hold(server, &taken, seconds),
+        _ => arrive(&taken, orders, deadline),
+    });
+    let arrived = ended.is_ok() && matches!(then, Then::Arrive(_));
+    let stopped = finish(server, taken, arrived);
+    match ended {
+        Err(problem) if problem.exit == Exit::Interrupted => {
+            stopped?;
+            say("interrupted: the motion was stopped");
+            Err(Problem::interrupted())
+        }
+        Err(problem) => Err(problem),
+        Ok(()) => stopped.map(|()| Exit::Ok),
+    }
+}
+
+/// Says what to watch out for, once per product.
+fn caution(orders: &[Order]) {
+    let mut told: Vec<&str> = Vec::new();
+    for Order { axis, .. } in orders {
+        if told.contains(&&*axis.profile) {
+            continue;
+        }
+        told.push(&axis.profile);
+        if !axis.caution.is_empty() {
+            say(&format!("caution: {}: {}", axis.profile, axis.caution));
+        }
+        say(&format!("watchdog: {}", axis.watchdog));
+    }
+}
+
+/// Takes every axis before any of them moves.
+fn take<'a>(live: &Live, orders: &'a [Order]) -> Result<Vec<Taken<'a>>> {
+    let all = orders.iter().map(|Order { axis, .. }| {
+        let lease = live.take(axis.id).map_err(refused)?;
+        Ok(Taken { axis, lease, enabled_here: false })
+    });
+    all.collect()
+}
+
+impl Taken<'_> {
+    fn power(&mut self, server: &Joined) -> Result<()> {
+        let enabled = state(server, self.axis)?.enabled;
+        self.say("arm")?;
+        if enabled != Some(true) && self.can(Verb::Enable) {
+            self.enabled_here = true;
+            self.say(Verb::Enable.name())?;
+        }
+        Ok(())
+    }
+
+    fn can(&self, verb: Verb) -> bool {
+        self.axis.verbs.iter().any(|info| info.verb == verb.name())
+    }
+
+    /// Carries out a verb without arguments.
+    fn say(&self, verb: &str) -> Result<()> {
+        self.lease.run(verb, Arguments::default(), ANSWER_MAX).map_err(refused)
+    }
+}
+
+/// Starts all of them back to back.
+fn start(taken: &[Taken<'_>], orders: &[Order], deadline: Instant) -> Result<()> {
+    let begun = taken.iter().zip(orders).map(|(taken, order)| {
+        taken.lease.start(order.verb.name(), order.arguments).map_err(refused)
+    });
+    let begun = begun.collect::<Result<Vec<_>>>()?;
+    let mut all = begun.into_iter().zip(taken.iter().zip(orders));
+    all.try_for_each(|(pending, (taken, order))| wait(pending, taken, order.verb, deadline))
+}
+
+/// Waits for the end of a command, Ctrl-C or the deadline.
+fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) -> Result<()> {
+    loop {
+        if interrupt::came() {
+            return Err(Problem::interrupted());
+        }
+        match pending.wait(LOOK) {
+            Ok(true) => return Ok(()),
+            Ok(false) if clock::now() >= deadline => {
+                let what = format!("{}: {} did not end in time.", taken.axis.label, verb.name());
+                return Err(Problem::new(Exit::Negative, "E101", what)
+                    .why("The drive took the command, but what was waited for did not come.")
+                    .hint("give it more time: --timeout"));
+            }
+            Ok(false) => {}
+            Err(error) => return Err(refused(error)),
+        }
+        taken.lease.check().map_err(refused)?;
+    }
+}
+
+fn hold(server: &Joined, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
+    let begun = clock::now();
+    let end = seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
+    let mut next = begun;
+    if seconds.is_none() {
+        say("holding; Ctrl-C stops it");
+    }
+    loop {
+        let now = clock::now();
+        if interrupt::came() {
+            return Err(Problem::interrupted());
+        }
+        if end.is_some_and(|end| now >= end) {
+            return Ok(());
+        }
+        taken.iter().try_for_each(|taken| taken.lease.check()).map_err(refused)?;
+        if now >= next {
+            next = now + READ;
+            taken.iter().try_for_each(|taken| check_fault(server, taken.axis))?;
+        }
+        let until = now + LOOK;
+        clock::sleep_until(end.map_or(until, |end| until.min(end)));
+    }
+}
+
+/// Ends with the drive's fault, if it has one.
+fn check_fault(server: &Joined, axis: &AxisInfo) -> Result<()> {
+    let state = server.gateway.axis(axis.id).map_err(refused)?;
+    let Some(fault) = state.faults.first() else { return Ok(()) };
+    let what = format!("{} reports a fault: {}", axis.label, fault.name);
+    Err(Problem::new(Exit::DriveFault, "E801", sentence(&what))
+        .why(&*fault.cause)
+        .hint_if(Some(&*fault.remedy).filter(|remedy| !remedy.is_empty())))
+}
+
+/// Waits until the drives say that they have arrived.
+fn arrive(taken: &[Taken<'_>], orders: &[Order], deadline: Instant) -> Result<()> {
+    for (taken, order) in taken.iter().zip(orders) {
+        // Homing ends when the reference is found.
+        if order.verb == Verb::Home {
+            continue;
+        }
+        if !taken.can(Verb::Reached) {
+            say(&format!("{} cannot tell when it arrives; it was started", taken.axis.label));
+            continue;
+        }
+        let asked = taken.lease.start(Verb::Reached.name(), Arguments::default());
+        wait(asked.map_err(refused)?, taken, order.verb, deadline)?;
+    }
+    Ok(())
+}
+
+/// Stops what was started, takes the power off that was put on, and gives all back. An axis that is
+/// ours no more is its next owner's: the end of the lease has stopped it.
+fn finish(server: &Joined, taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
+    let ours = |taken: &Taken<'_>| taken.lease.check().is_ok();
+    let stop = |taken: &Taken<'_>| {
+        let stops = !arrived && ours(taken) && taken.can(Verb::Stop);
+        stops.then(|| taken.lease.start(Verb::Stop.name(), Arguments::default()))
+    };
+    // Every stop is sent before the first is waited for.
+    let stops: Vec<_> = taken.iter().map(stop).collect();
+    let mut ended = Ok(());
+    for (taken, stop) in taken.into_iter().zip(stops) {
+        let stopped = stop.map_or(Ok(()), |stop| {
+            stop.and_then(|mut stop| stop.wait(ANSWER_MAX)).map(drop).map_err(refused)
+        });
+        if !ours(&taken) {
+            ended = ended.and(stopped);
+            continue;
+        }
+        if taken.enabled_here && !arrived {
+            rest(server, taken.axis);
+        }
+        let off = match taken.enabled_here && taken.can(Verb::Disable) {
+            true => taken.say(Verb::Disable.name()),
+            false => Ok(()),
+        };
+        let back = taken.lease.give_back().map_err(refused);
+        ended = ended.and(stopped).and(off).and(back);
+    }
+    ended
+}
+
+/// Waits until a motor that was told to stop stands still: without power it would coast.
+fn rest(server: &Joined, axis: &AxisInfo) {
+    let end = clock::now() + REST_MAX;
+    let turns = || {
+        let velocity = read_since(server, axis, Signal::Velocity, end);
+        velocity.is_ok_and(|read| read.is_some_and(|read| read.value.is_some_and(is_motion)))
+    };
+    // Where it cannot be asked, power goes off all the same.
+    while clock::now() < end && turns() {
+        clock::sleep_until(clock::now() + LOOK);
+    }
+}
+
+fn is_motion(velocity: f64) -> bool {
+    velocity.abs() > STANDS
+}
+
+/// An axis as the server saw it since it was asked for, or as it is known where that takes too long.
+pub fn state(server: &Joined, axis: &AxisInfo) -> Result<AxisState> {
+    let begun = clock::now();
+    loop {
+        let state = server.gateway.axis(axis.id).map_err(refused)?;
+        let since = clock::now().since(begun);
+        let is_new = |read: &SignalValue| read.age_ms <= since.as_secs_f64() * 1e3;
+        let all = state.signals.len() >= axis.signals.len() && state.signals.iter().all(is_new);
+        if all || since >= FRESH_MAX {
+            return Ok(state);
+        }
+        clock::sleep_until(clock::now() + LOOK);
+    }
+}
+
+/// A signal as it is now, with its unit.
+pub fn fresh(server: &Joined, axis: &AxisInfo, signal: Signal) -> Result<Option<String>> {
+    let read = read_since(server, axis, signal, clock::now() + FRESH_MAX)?;
+    let value = read.as_ref().and_then(|read| Some((read.value?, &*read.unit)));
+    Ok(value.map(|(value, unit)| shown(value, unit)))
+}
+
+/// A signal that the server read since it was asked for, or what it has at the end.
+fn read_since(
+    server: &Joined,
+    axis: &AxisInfo,
+    signal: Signal,
+    end: Instant,
+) -> Result<Option<SignalValue>> {
+    let begun = clock::now();
+    loop {
+        let state = server.gateway.axis(axis.id).map_err(refused)?;
+        let read = state.signals.into_iter().find(|read| read.signal == signal.name());
+        let age = clock::now().since(begun).as_secs_f64() * 1e3;
+        if clock::now() >= end || read.as_ref().is_none_or(|read| read.age_ms <= age) {
+            return Ok(read);
+        }
+        clock::sleep_until(clock::now() + LOOK);
+    }
+}

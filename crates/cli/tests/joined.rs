@@ -1,0 +1,198 @@
+//! `polepair --server URL VERB`: the real binary joins the real server.
+#![cfg(unix)]
+
+mod run;
+
+use std::io::{BufRead as _, BufReader};
+use std::path::PathBuf;
+use std::process::Child;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use run::{Held, Ran, command, polepair, signal, until};
+
+/// A server of its own for each test, on a free port.
+struct Server {
+    child: Child,
+    folder: PathBuf,
+    url: String,
+}
+
+impl Server {
+    fn new(links: &[&str]) -> Self {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let n = NEXT.fetch_add(1, Ordering::Relaxed);
+        let folder =
+            std::env::temp_dir().join(format!("polepair-joined-{}-{n}", std::process::id()));
+        let state = folder.to_str().expect("a path");
+        let options = ["--bind", "127.0.0.1:0", "--log", "off", "--state", state];
+        let arguments = [&["serve"], links, &options].concat();
+        let mut child = command(&arguments).spawn().expect("starts");
+        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+        let line = lines.next().expect("a line").expect("text");
+        let url = line.strip_prefix("ready ").and_then(|url| url.split('?').next());
+        Self { url: url.expect("ready").to_owned(), child, folder }
+    }
+
+    fn tokens(&self) -> String {
+        self.folder.join("tokens").display().to_string()
+    }
+
+    fn words<'a>(&'a self, tokens: &'a str, verb: &[&'a str]) -> Vec<&'a str> {
+        [&["--server", &self.url, "--token-file", tokens], verb].concat()
+    }
+
+    fn run(&self, verb: &[&str]) -> Ran {
+        let ran = polepair(&self.words(&self.tokens(), verb));
+        let text = std::fs::read_to_string(self.tokens()).expect("tokens");
+        for token in text.lines().filter(|line| !line.starts_with('#')) {
+            assert!(!format!("{ran:?}").contains(&token[..64]), "a token is shown");
+        }
+        ran
+    }
+
+    fn ok(&self, verb: &[&str]) -> String {
+        let ran = self.run(verb);
+        assert_eq!(ran.code, 0, "{verb:?}: {}{}", ran.out, ran.err);
+        ran.out
+    }
+
+    /// A verb that lasts, once it has said so.
+    fn held(&self, verb: &[&str]) -> Held {
+        Held::new(&self.words(&self.tokens(), verb), "holding; Ctrl-C stops it")
+    }
+
+    /// What is known of axis 1, a space wherever its table has some.
+    fn info(&self) -> String {
+        self.ok(&["info", "1"]).split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+
+    fn velocity(&self, axes: &str) -> f64 {
+        let text = self.ok(&["get", axes, "actual velocity", "--raw"]);
+        text.trim().rsplit(' ').next().and_then(|v| v.parse().ok()).expect("a number")
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+#[test]
+fn what_is_there_is_shown_as_on_a_link() {
+    let server = Server::new(&["sim:tmcl?axes=2"]);
+    let scan = server.ok(&["scan"]);
+    assert_eq!(scan.lines().count(), 3, "{scan}");
+    assert!(scan.starts_with("axis  link  name  drive"), "{scan}");
+    let csv = server.ok(&["scan", "--format", "csv"]);
+    assert!(csv.contains("\n3,0,,tmcm-171,"), "{csv}");
+    let info = server.info();
+    for line in ["axis 1: ", "position 0 rad", "commanded by nobody", "faults none"] {
+        assert!(info.contains(line), "{line}: {info}");
+    }
+    let get = server.ok(&["get", "all", "max current"]);
+    assert_eq!(get, "#1 max current = 10 A\n#3 max current = 10 A\n");
+    let line = server.ok(&["get", "0#3", "AP 6", "--format", "jsonl"]);
+    let told: serde_json::Value = serde_json::from_str(&line).expect("JSON");
+    assert_eq!((&told["axis"], &told["raw"]), (&3.into(), &100.into()), "{line}");
+    assert!(server.ok(&["get", "1", "all"]).lines().count() > 50);
+    let watched =
+        server.ok(&["watch", "1", "position", "--rate", "50", "--for", "200ms", "--format", "csv"]);
+    assert!(watched.starts_with("time [s],position [rad]\n0.000000,0"), "{watched}");
+}
+
+#[test]
+fn settings_are_planned_and_written() {
+    let server = Server::new(&["sim:tmcl"]);
+    let plan = server.ok(&["set", "1", "max current=1.2A", "--dry-run"]);
+    assert_eq!(plan, "max current: 10 A -> 1.2 A\n");
+    assert_eq!(server.ok(&["get", "1", "max current"]), "max current = 10 A\n");
+    assert_eq!(server.ok(&["set", "1", "max current=1.2A"]), "max current = 1.2 A\n");
+    let wrong = server.run(&["set", "1", "max current=99A"]);
+    assert!(wrong.code == 2 && wrong.err.contains("error[E216]"), "{}", wrong.err);
+}
+
+#[test]
+fn a_motor_moves_and_is_given_back() {
+    let server = Server::new(&["sim:tmcl"]);
+    let moved = server.ok(&["move", "1", "90deg", "--vel", "300rpm", "--timeout", "60s"]);
+    let at: f64 = moved
+        .strip_prefix("position = ")
+        .and_then(|rest| rest.strip_suffix(" rad\n"))
+        .and_then(|number| number.parse().ok())
+        .unwrap_or_else(|| panic!("{moved}"));
+    assert!((at - std::f64::consts::FRAC_PI_2).abs() < 0.05, "{moved}");
+    let info = server.info();
+    assert!(info.contains("armed no") && info.contains("commanded by nobody"), "{info}");
+    server.ok(&["enable", "1"]);
+    server.ok(&["disable", "1"]);
+    server.ok(&["clear", "1"]);
+}
+
+#[test]
+fn ctrl_c_stops_what_it_started() {
+    let server = Server::new(&["sim:tmcl"]);
+    let held = server.held(&["spin", "1", "300rpm"]);
+    until(|| server.velocity("1") > 100.0, || {});
+    let ran = held.interrupt();
+    assert_eq!(ran.code, 130, "{}", ran.err);
+    assert!(ran.err.ends_with("interrupted: the motion was stopped\n"), "{}", ran.err);
+    until(|| server.velocity("1").abs() < 2.0, || {});
+    assert!(server.info().contains("commanded by nobody"));
+}
+
+#[test]
+fn of_two_the_second_is_told_who_commands_and_either_may_stop() {
+    let server = Server::new(&["sim:tmcl?axes=2"]);
+    let held = server.held(&["spin", "1", "300rpm"]);
+    let second = server.run(&["move", "1", "90deg"]);
+    assert_eq!(second.code, 6, "{}", second.err);
+    assert!(second.err.contains("error[gateway.lease]: operator "), "{}", second.err);
+    assert!(second.err.contains(" commands this axis"), "{}", second.err);
+    server.ok(&["move", "3", "10deg", "--timeout", "60s"]);
+    let stopped = server.run(&["stop"]);
+    assert_eq!(stopped.code, 0, "{}", stopped.err);
+    assert!(stopped.err.contains("axis 1 is stopped\n"), "{}", stopped.err);
+    let ended = held.ended();
+    assert_eq!(ended.code, 6, "{}", ended.err);
+    assert!(ended.err.contains("error[gateway.lease]: the lease ended"), "{}", ended.err);
+}
+
+#[test]
+fn a_server_that_is_killed_leaves_nobody_waiting() {
+    let mut server = Server::new(&["sim:tmcl"]);
+    let held = server.held(&["spin", "1", "300rpm"]);
+    signal("KILL", server.child.id());
+    let _ = server.child.wait();
+    let ended = held.ended();
+    assert_eq!(ended.code, 3, "{}", ended.err);
+    assert!(ended.err.contains("error[E313]: the server went away"), "{}", ended.err);
+    assert!(ended.err.contains("It may have been executed."), "{}", ended.err);
+    let after = server.run(&["info"]);
+    assert!(after.code == 3 && after.err.contains("error[E314]"), "{}", after.err);
+}
+
+#[test]
+fn what_a_server_does_not_do_is_said_and_opens_no_link() {
+    let server = Server::new(&["sim:tmcl", "sim:tmcl"]);
+    let cases: &[(&[&str], &str)] = &[
+        (&["record", "sim:tmcl", "-o", "/nowhere/x"], "E257"),
+        (&["ports"], "E257"),
+        (&["spin", "0#1", "60rpm", "--detach"], "E257"),
+        (&["spin", "0#1", "60rpm", "--dry-run"], "E257"),
+        (&["info", "0#1", "-v"], "E257"),
+        (&["spin", "0#1", "60"], "E217"),
+        (&["info", "9"], "E212"),
+        // Both links have an axis 1.
+        (&["info", "1"], "E212"),
+        (&["info", "7#1"], "E212"),
+        (&["get", "0#1", "max curent"], "E213"),
+    ];
+    for (verb, code) in cases {
+        let ran = server.run(verb);
+        assert_eq!((ran.code, &*ran.out), (2, ""), "{verb:?}: {}", ran.err);
+        assert!(ran.err.contains(&format!("error[{code}]: ")), "{verb:?}: {}", ran.err);
+    }
+}

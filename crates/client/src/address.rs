@@ -1,0 +1,110 @@
+//! Where a server is.
+
+use std::net::{IpAddr, Ipv6Addr};
+
+use crate::Refused;
+
+/// Where servers listen unless told otherwise.
+const PORT: u16 = 7365;
+
+/// A server's address.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Address {
+    pub tls: bool,
+    pub host: String,
+    pub port: u16,
+}
+
+impl Address {
+    /// Reads `http://127.0.0.1:7365`; `https`, `ws` and `wss` mean the same with and without
+    /// encryption. What the server printed to be opened once is an address as well.
+    ///
+    /// # Errors
+    /// `E256` for what is none, `E252` where a token would pass a network for all to read.
+    pub fn parse(url: &str) -> Result<Self, Refused> {
+        let wrong = |why: &str| {
+            Refused::new("E256", format!("{url:?} is no server's URL: {why}"))
+                .hint("http://127.0.0.1:7365, or https://HOST:PORT for another machine")
+        };
+        let (scheme, rest) = url.split_once("://").ok_or_else(|| wrong("it has no `://`"))?;
+        let tls = match scheme {
+            "http" | "ws" => false,
+            "https" | "wss" => true,
+            _ => return Err(wrong("it begins with http, https, ws or wss")),
+        };
+        let place = rest.split(['/', '?', '#']).next().unwrap_or_default();
+        if place.contains('@') {
+            return Err(wrong("a secret does not belong there"));
+        }
+        let (host, port) = split(place).ok_or_else(|| wrong("that is no HOST:PORT"))?;
+        let address = Self { tls, host, port };
+        if !tls && !address.is_loopback() {
+            let what =
+                format!("{} is another machine, and nothing would be encrypted", address.host);
+            return Err(Refused::new("E252", what)
+                .hint("https:// for a server with --tls, or an SSH tunnel to its 127.0.0.1"));
+        }
+        Ok(address)
+    }
+
+    /// As `Host` has it.
+    pub fn authority(&self) -> String {
+        let Self { host, port, .. } = self;
+        if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
+    }
+
+    fn is_loopback(&self) -> bool {
+        let ip = self.host.parse::<IpAddr>();
+        ip.map_or(self.host == "localhost", |ip| ip.is_loopback())
+    }
+}
+
+/// Host and port of `HOST`, `HOST:PORT`, `[IPV6]:PORT`.
+fn split(place: &str) -> Option<(String, u16)> {
+    if let Some(rest) = place.strip_prefix('[') {
+        let (host, port) = rest.split_once(']')?;
+        let host = host.parse::<Ipv6Addr>().ok()?.to_string();
+        let port = if port.is_empty() { PORT } else { port.strip_prefix(':')?.parse().ok()? };
+        return Some((host, port));
+    }
+    let (host, port) = match place.split_once(':') {
+        Some((host, port)) => (host, port.parse().ok()?),
+        None => (place, PORT),
+    };
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
+    (!host.is_empty() && host.chars().all(plain)).then(|| (host.to_ascii_lowercase(), port))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_and_written() {
+        for (url, authority, tls) in [
+            ("http://127.0.0.1:7365", "127.0.0.1:7365", false),
+            ("ws://localhost", "localhost:7365", false),
+            ("https://bench.example:1/", "bench.example:1", true),
+            ("wss://[fe80::1]:8", "[fe80::1]:8", true),
+            ("http://[::1]/?once=abc", "[::1]:7365", false),
+        ] {
+            let address = Address::parse(url).unwrap();
+            assert_eq!((&*address.authority(), address.tls), (authority, tls), "{url}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_address_is_refused() {
+        let wrong = ["127.0.0.1:7365", "ftp://a", "http://", "http://a b", "http://a:b@localhost"];
+        for url in wrong.into_iter().chain(["http://localhost:99999", "http://[::1"]) {
+            assert_eq!(Address::parse(url).unwrap_err().code, "E256", "{url}");
+        }
+    }
+
+    #[test]
+    fn a_token_never_passes_a_network_unencrypted() {
+        for url in ["http://192.168.0.5", "ws://bench.example", "http://127.0.0.1.example"] {
+            assert_eq!(Address::parse(url).unwrap_err().code, "E252", "{url}");
+        }
+    }
+}

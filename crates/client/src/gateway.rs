@@ -1,0 +1,168 @@
+//! A running server: what can be asked of it, each by a request of its own.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use polepair_messages::{
+    AxisState, BenchView, Change, ParameterInfo, ParameterRead, StopOrder, Stopped, WriteParameters,
+};
+use tokio::runtime::{Builder, Handle, Runtime};
+
+use crate::address::Address;
+use crate::live::Live;
+use crate::rest::Rest;
+use crate::wire::Wire;
+use crate::{Refused, secret, tls};
+
+/// Which server, and what lets us in.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// `http://127.0.0.1:7365`; `https`, `ws`, `wss` as well.
+    pub url: String,
+    /// A file whose first token is used; else `POLEPAIR_TOKEN`, else the token of this account's own
+    /// server.
+    pub token_file: Option<PathBuf>,
+    /// The certificate that the server must have: its file, or its SHA-256; else that of this
+    /// account's own server.
+    pub certificate: Option<String>,
+}
+
+/// A running server. Cheap to clone; all clones ask through one connection.
+#[derive(Clone)]
+pub struct Gateway(Arc<Inner>);
+
+struct Inner {
+    url: String,
+    wire: Wire,
+    rest: Rest,
+    /// There until the end.
+    runtime: Option<Runtime>,
+    handle: Handle,
+}
+
+impl fmt::Debug for Gateway {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Gateway").field("url", &self.0.url).finish_non_exhaustive()
+    }
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+impl Gateway {
+    /// Finds token and certificate. The server hears of it with the first question.
+    ///
+    /// # Errors
+    /// `E256`, `E252` for what cannot be; `E301` to `E305` for files.
+    pub fn new(options: &Options) -> Result<Self, Refused> {
+        let address = Arc::new(Address::parse(&options.url)?);
+        let tls =
+            address.tls.then(|| tls::connector(options.certificate.as_deref())).transpose()?;
+        let secret = secret::find(options.token_file.as_deref())?;
+        let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build();
+        let runtime = runtime
+            .map_err(|error| Refused::new("E318", format!("no thread can be started: {error}")))?;
+        let handle = runtime.handle().clone();
+        let url =
+            format!("{}://{}", if tls.is_some() { "https" } else { "http" }, address.authority());
+        let wire = Wire { address, secret, tls };
+        let rest = Rest::new(wire.clone());
+        Ok(Self(Arc::new(Inner { url, wire, rest, runtime: Some(runtime), handle })))
+    }
+
+    /// Where it is, without anything secret.
+    #[must_use]
+    pub fn url(&self) -> &str {
+        &self.0.url
+    }
+
+    /// What there is: links, axes, what each can be told.
+    ///
+    /// # Errors
+    /// As the server says, here and below; `E314`, `E315`, `E321` where it cannot be reached.
+    pub fn bench(&self) -> Result<BenchView, Refused> {
+        self.wait(self.0.rest.get("/api/v1/bench"))
+    }
+
+    /// What is known of an axis; nothing is asked of the drive.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn axis(&self, id: u16) -> Result<AxisState, Refused> {
+        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}")))
+    }
+
+    /// Which parameters an axis has, without values.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn parameters(&self, id: u16) -> Result<Vec<ParameterInfo>, Refused> {
+        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters")))
+    }
+
+    /// Reads a parameter now.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn parameter(&self, id: u16, name: &str) -> Result<ParameterRead, Refused> {
+        let name = escaped(name);
+        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters/{name}")))
+    }
+
+    /// Writes parameters, or tells what would change. Sent once.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn write(&self, id: u16, wanted: &WriteParameters) -> Result<Vec<Change>, Refused> {
+        self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/parameters"), wanted))
+    }
+
+    /// Stops axes, whoever commands them; all of them, and locks motion, where none are named.
+    /// Returns when it is known how far that came.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn stop(&self, order: &StopOrder) -> Result<Stopped, Refused> {
+        self.wait(self.0.rest.post("/api/v1/stop", order))
+    }
+
+    /// Stays: for leases and telemetry.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn live(&self) -> Result<Live, Refused> {
+        self.wait(Live::open(self.clone(), self.0.wire.clone()))
+    }
+
+    /// Waits for something, in the caller's thread.
+    pub(crate) fn wait<T>(&self, what: impl Future<Output = T>) -> T {
+        self.0.handle.block_on(what)
+    }
+}
+
+/// What may not stand in a path as it is.
+fn escaped(name: &str) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.');
+    name.bytes().fold(String::with_capacity(name.len()), |mut text, byte| {
+        match plain(byte) {
+            true => text.push(char::from(byte)),
+            false => text.push_str(&format!("%{byte:02X}")),
+        }
+        text
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn names_are_written_so_that_they_stay_one_part_of_a_path() {
+        assert_eq!(super::escaped("max current"), "max%20current");
+        assert_eq!(super::escaped("a/b?°"), "a%2Fb%3F%C2%B0");
+    }
+}

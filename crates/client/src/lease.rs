@@ -1,0 +1,154 @@
+//! An axis that is ours, for as long as we hold it.
+
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::task::{Context, Poll, Waker};
+use std::time::Duration;
+
+use polepair_messages::{Arguments, CommandOrder, LeaseAct, TTL_MS};
+use tokio::sync::oneshot;
+use tokio::time::timeout;
+
+use crate::live::{Ask, Live};
+use crate::rest::lost;
+use crate::{Gateway, Refused};
+
+/// The right to command an axis. It is renewed until it is given back or dropped; its end stops what
+/// was set in motion under it.
+#[derive(Debug)]
+pub struct Lease {
+    live: Live,
+    axis: u16,
+    epoch: u64,
+}
+
+impl Lease {
+    pub(crate) const fn new(live: Live, axis: u16, epoch: u64) -> Self {
+        Self { live, axis, epoch }
+    }
+
+    /// The axis.
+    #[must_use]
+    pub const fn axis(&self) -> u16 {
+        self.axis
+    }
+
+    /// What writes of parameters must carry.
+    #[must_use]
+    pub const fn epoch(&self) -> u64 {
+        self.epoch
+    }
+
+    /// Whether it is still ours.
+    ///
+    /// # Errors
+    /// Why not: `gateway.lease`, or `E313` where the server is gone.
+    pub fn check(&self) -> Result<(), Refused> {
+        self.live.known().check(self.axis, self.epoch)
+    }
+
+    /// Says a command, once, and returns without waiting for what comes of it.
+    ///
+    /// # Errors
+    /// `E313` where the server is gone: nothing was sent.
+    pub fn start(&self, verb: &str, arguments: Arguments) -> Result<Pending, Refused> {
+        let order = CommandOrder {
+            id: id()?,
+            issued_ms: self.live.known().now_ms(),
+            ttl_ms: TTL_MS,
+            epoch: self.epoch,
+            verb: verb.to_owned(),
+            arguments,
+        };
+        let (tell, told) = oneshot::channel();
+        self.live.ask(Ask::Command { axis: self.axis, order, tell })?;
+        Ok(Pending { told, ended: None, gateway: self.live.gateway().clone() })
+    }
+
+    /// Says a command and waits for what comes of it.
+    ///
+    /// # Errors
+    /// As the drive or the gateway says; `E101` when nothing had come of it after `within`.
+    pub fn run(&self, verb: &str, arguments: Arguments, within: Duration) -> Result<(), Refused> {
+        if self.start(verb, arguments)?.wait(within)? {
+            return Ok(());
+        }
+        let late = Refused::new("E101", format!("`{verb}` did not end in time"));
+        Err(Refused { executed: None, ..late })
+    }
+
+    /// Gives it back, and waits until the server says so.
+    ///
+    /// # Errors
+    /// When it was not ours any more, or the server is gone.
+    pub fn give_back(self) -> Result<(), Refused> {
+        self.live.lease(self.axis, LeaseAct::Drop, self.epoch).map(drop)
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.live.forget(self.axis, self.epoch);
+    }
+}
+
+/// A command under way. Dropped before its end, it goes on by itself.
+#[derive(Debug)]
+pub struct Pending {
+    told: oneshot::Receiver<Result<(), Refused>>,
+    ended: Option<Result<(), Refused>>,
+    gateway: Gateway,
+}
+
+impl Pending {
+    /// Waits for the end, at most so long; false when it goes on.
+    ///
+    /// # Errors
+    /// Why it was not done; [`Refused::executed`] is `None` where nobody knows whether it was.
+    pub fn wait(&mut self, within: Duration) -> Result<bool, Refused> {
+        if self.ended.is_none() {
+            let gateway = self.gateway.clone();
+            // Both the wait and its deadline are made where the runtime is.
+            let waited = async { timeout(within, poll_fn(|context| self.poll(context))).await };
+            if gateway.wait(waited).is_err() {
+                return Ok(false);
+            }
+        }
+        self.ended.clone().map_or(Ok(false), |ended| ended.map(|()| true))
+    }
+
+    /// True when it has ended; else `waker` is woken once it has.
+    pub fn ended_or_wake(&mut self, waker: &Waker) -> bool {
+        self.ended.is_some() || self.poll(&mut Context::from_waker(waker)).is_ready()
+    }
+
+    fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
+        let told = Pin::new(&mut self.told).poll(context);
+        told.map(|told| {
+            self.ended = Some(told.unwrap_or_else(|_| Err(lost("nothing came of a command"))));
+        })
+    }
+}
+
+/// A new UUID, version 4.
+fn id() -> Result<String, Refused> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes)
+        .map_err(|error| Refused::new("E318", format!("there are no random numbers: {error}")))?;
+    let bits = u128::from_be_bytes(bytes) & !(0xF << 76) & !(0x3 << 62) | 0x4 << 76 | 0x2 << 62;
+    let text = format!("{bits:032x}");
+    let [a, b, c, d, e] = [0..8, 8..12, 12..16, 16..20, 20..32].map(|part| &text[part]);
+    Ok(format!("{a}-{b}-{c}-{d}-{e}"))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn ids_are_uuids_and_never_the_same() {
+        let (one, two) = (super::id().unwrap(), super::id().unwrap());
+        assert_ne!(one, two);
+        let parts: Vec<_> = one.split('-').map(str::len).collect();
+        assert_eq!(parts, [8, 4, 4, 4, 12]);
+        assert!(&one[14..15] == "4" && "89ab".contains(&one[19..20]), "{one}");
+    }
+}

@@ -1,0 +1,194 @@
+//! The WebSocket: a task that keeps what we hold, hears what is told, and ends when the server is gone.
+
+mod known;
+mod socket;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU16, Ordering};
+
+use polepair_messages::telemetry::Sample;
+use polepair_messages::{CommandOrder, LeaseAct, Source};
+use tokio::sync::{mpsc, oneshot};
+
+use crate::lease::Lease;
+use crate::rest::lost;
+use crate::wire::Wire;
+use crate::{Gateway, Refused};
+pub(crate) use known::{Feed, Known};
+
+/// What waits to be said.
+const ASKS_MAX: usize = 256;
+
+/// A connection that stays: for leases and telemetry. Cheap to clone; what was taken through it ends
+/// with the last clone.
+#[derive(Debug, Clone)]
+pub struct Live(Arc<Inside>);
+
+#[derive(Debug)]
+struct Inside {
+    gateway: Gateway,
+    asks: mpsc::Sender<Ask>,
+    known: Arc<Known>,
+    channels: AtomicU16,
+}
+
+/// What the task is asked to say, and who wants to know what comes of it.
+#[derive(Debug)]
+pub(crate) enum Ask {
+    Command { axis: u16, order: CommandOrder, tell: Tell<()> },
+    Lease { axis: u16, act: LeaseAct, epoch: u64, tell: Tell<u64> },
+    Watch { channel: u16, what: What, feed: Arc<Feed>, tell: Tell<Channel> },
+    Unwatch { channel: u16 },
+}
+
+pub(crate) type Tell<T> = oneshot::Sender<Result<T, Refused>>;
+
+/// What is watched, and how often.
+#[derive(Debug, Clone)]
+pub(crate) struct What {
+    pub axis: u16,
+    pub signal: Option<String>,
+    pub parameter: Option<String>,
+    pub hz: f64,
+}
+
+/// What the server says of something that is watched.
+#[derive(Debug, Clone)]
+pub(crate) struct Channel {
+    pub hz: f64,
+    pub source: Source,
+    pub unit: String,
+}
+
+impl Live {
+    pub(crate) async fn open(gateway: Gateway, wire: Wire) -> Result<Self, Refused> {
+        let (asks, asked) = mpsc::channel(ASKS_MAX);
+        let known = socket::open(&wire, asked).await?;
+        let channels = AtomicU16::new(0);
+        Ok(Self(Arc::new(Inside { gateway, asks, known, channels })))
+    }
+
+    /// The server.
+    #[must_use]
+    pub fn gateway(&self) -> &Gateway {
+        &self.0.gateway
+    }
+
+    /// How leases and the journal name us.
+    #[must_use]
+    pub fn session(&self) -> &str {
+        &self.0.known.session
+    }
+
+    /// Takes an axis, if nobody else has it.
+    ///
+    /// # Errors
+    /// `gateway.lease` says who commands it.
+    pub fn take(&self, axis: u16) -> Result<Lease, Refused> {
+        let epoch = self.lease(axis, LeaseAct::Take, 0)?;
+        Ok(Lease::new(self.clone(), axis, epoch))
+    }
+
+    /// Watches a signal, or a parameter, so often or as often as can be.
+    ///
+    /// # Errors
+    /// As the server says.
+    pub fn watch(
+        &self,
+        axis: u16,
+        signal: Option<&str>,
+        parameter: Option<&str>,
+        hz: f64,
+    ) -> Result<Watched, Refused> {
+        let channel = self.0.channels.fetch_add(1, Ordering::Relaxed);
+        let (signal, parameter) = (signal.map(str::to_owned), parameter.map(str::to_owned));
+        let what = What { axis, signal, parameter, hz };
+        let feed = Arc::<Feed>::default();
+        let (tell, told) = oneshot::channel();
+        self.ask(Ask::Watch { channel, what, feed: Arc::clone(&feed), tell })?;
+        let about = self.told(told)?;
+        Ok(Watched { live: self.clone(), channel, feed, about })
+    }
+
+    pub(crate) fn known(&self) -> &Known {
+        &self.0.known
+    }
+
+    pub(crate) fn ask(&self, ask: Ask) -> Result<(), Refused> {
+        let sent = self.gateway().wait(self.0.asks.send(ask));
+        sent.map_err(|_| Refused { executed: Some(false), ..self.known().why() })
+    }
+
+    pub(crate) fn lease(&self, axis: u16, act: LeaseAct, epoch: u64) -> Result<u64, Refused> {
+        let (tell, told) = oneshot::channel();
+        self.ask(Ask::Lease { axis, act, epoch, tell })?;
+        self.told(told)
+    }
+
+    /// Gives a lease back without waiting. One that was given back already is not ours any more.
+    pub(crate) fn forget(&self, axis: u16, epoch: u64) {
+        if self.known().holds(axis, epoch) {
+            let (tell, _) = oneshot::channel();
+            // Where it cannot be said, the connection ends, and the lease with it.
+            let _ = self.0.asks.try_send(Ask::Lease { axis, act: LeaseAct::Drop, epoch, tell });
+        }
+    }
+
+    fn told<T>(&self, told: oneshot::Receiver<Result<T, Refused>>) -> Result<T, Refused> {
+        self.gateway().wait(told).unwrap_or_else(|_| Err(lost("no answer came")))
+    }
+}
+
+/// Something that is watched, until this is dropped.
+#[derive(Debug)]
+pub struct Watched {
+    live: Live,
+    channel: u16,
+    feed: Arc<Feed>,
+    about: Channel,
+}
+
+impl Watched {
+    /// How often it comes at most.
+    #[must_use]
+    pub const fn hz(&self) -> f64 {
+        self.about.hz
+    }
+
+    /// Whether the drive sends it by itself.
+    #[must_use]
+    pub const fn source(&self) -> Source {
+        self.about.source
+    }
+
+    /// Its SI unit; empty without one.
+    #[must_use]
+    pub fn unit(&self) -> &str {
+        &self.about.unit
+    }
+
+    /// The last sample that came; `None` before the first.
+    ///
+    /// # Errors
+    /// `E313` once the server is gone.
+    pub fn last(&self) -> Result<Option<Sample>, Refused> {
+        self.live.known().here()?;
+        Ok(self.feed.last())
+    }
+
+    /// What came since it was asked last, and how many samples have been lost so far.
+    ///
+    /// # Errors
+    /// `E313` once the server is gone.
+    pub fn drain(&self) -> Result<(Vec<Sample>, u64), Refused> {
+        self.live.known().here()?;
+        Ok(self.feed.drain())
+    }
+}
+
+impl Drop for Watched {
+    fn drop(&mut self) {
+        // Where it cannot be said, the connection ends anyhow.
+        let _ = self.live.0.asks.try_send(Ask::Unwatch { channel: self.channel });
+    }
+}

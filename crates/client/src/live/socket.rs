@@ -1,0 +1,280 @@
+//! The task on the WebSocket.
+
+use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures_util::{SinkExt as _, StreamExt as _};
+use hyper::header::{AUTHORIZATION, HeaderValue, SEC_WEBSOCKET_PROTOCOL};
+use polepair_core::time::Instant;
+use polepair_link::clock;
+use polepair_messages::{
+    ClientMessage, Ended, ErrorBody, LeaseAct, Outcome, ServerMessage, telemetry,
+};
+use tokio::sync::mpsc;
+use tokio::time::{MissedTickBehavior, interval, timeout};
+use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{WebSocketStream, client_async};
+
+use super::{Ask, Channel, Feed, Known, Tell};
+use crate::Refused;
+use crate::rest::{lost, nonsense};
+use crate::wire::{Stream, Wire};
+
+/// The sub-protocol.
+const PROTOCOL: &str = "polepair.v1";
+/// How often leases are renewed: they last three times as long.
+const RENEW: Duration = Duration::from_millis(500);
+/// How long a server may say nothing: it asks each second whether we are there.
+const SILENT_MAX: Duration = Duration::from_secs(5);
+
+type Socket = WebSocketStream<Box<dyn Stream>>;
+
+/// Connects, hears who we are, and leaves the rest to a task of its own.
+pub(super) async fn open(wire: &Wire, asked: mpsc::Receiver<Ask>) -> Result<Arc<Known>, Refused> {
+    let mut socket = connect(wire).await?;
+    let welcome = timeout(SILENT_MAX, welcomed(&mut socket)).await;
+    let (session, server_ms) = welcome.unwrap_or_else(|_| Err(lost("it says nothing")))?;
+    let known = Arc::new(Known::new(session, server_ms));
+    let task = Task {
+        socket,
+        known: Arc::clone(&known),
+        commands: HashMap::new(),
+        leases: HashMap::new(),
+        feeds: HashMap::new(),
+        watching: HashMap::new(),
+        heard: clock::now(),
+    };
+    tokio::spawn(task.run(asked));
+    Ok(known)
+}
+
+async fn connect(wire: &Wire) -> Result<Socket, Refused> {
+    let stream = wire.dial().await?;
+    let url = format!("ws://{}/api/v1/live", wire.address.authority());
+    let wrong = |error: &dyn std::fmt::Display| Refused::new("E256", format!("{url}: {error}"));
+    let mut request = url.as_str().into_client_request().map_err(|error| wrong(&error))?;
+    let bearer = HeaderValue::from_str(&wire.secret.bearer()).map_err(|error| wrong(&error))?;
+    request.headers_mut().insert(AUTHORIZATION, bearer);
+    request.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(PROTOCOL));
+    let shaken = timeout(SILENT_MAX, client_async(request, stream)).await;
+    let (socket, _) = shaken.map_err(|_| lost("it does not answer"))?.map_err(refused)?;
+    Ok(socket)
+}
+
+/// What the server says instead of a WebSocket.
+fn refused(error: Error) -> Refused {
+    let Error::Http(answer) = error else { return lost(&error.to_string()) };
+    let body = answer.body().as_deref().unwrap_or_default();
+    let told = serde_json::from_slice::<ErrorBody>(body);
+    told.map_or_else(|error| nonsense(&error.to_string()), |body| body.error)
+}
+
+async fn welcomed(socket: &mut Socket) -> Result<(String, f64), Refused> {
+    while let Some(heard) = socket.next().await {
+        if let Message::Text(text) = heard.map_err(|error| lost(&error.to_string()))? {
+            return match serde_json::from_str(&text) {
+                Ok(ServerMessage::Welcome(welcome)) => Ok((welcome.session, welcome.server_ms)),
+                Ok(_) => Err(nonsense("it does not begin with a welcome")),
+                Err(error) => Err(nonsense(&error.to_string())),
+            };
+        }
+    }
+    Err(lost("it hung up"))
+}
+
+/// What is on its way.
+struct Task {
+    socket: Socket,
+    known: Arc<Known>,
+    commands: HashMap<String, Tell<()>>,
+    leases: HashMap<u16, VecDeque<(LeaseAct, Tell<u64>)>>,
+    feeds: HashMap<u16, Arc<Feed>>,
+    watching: HashMap<u16, Tell<Channel>>,
+    heard: Instant,
+}
+
+impl Task {
+    async fn run(mut self, mut asked: mpsc::Receiver<Ask>) {
+        let mut renew = interval(RENEW);
+        renew.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let ended = loop {
+            let went_on = tokio::select! {
+                biased;
+                _ = renew.tick() => self.renew().await,
+                ask = asked.recv() => match ask {
+                    Some(ask) => self.ask(ask).await,
+                    // Nobody holds or watches anything any more.
+                    None => {
+                        let _ = timeout(RENEW, self.socket.close(None)).await;
+                        return;
+                    }
+                },
+                heard = self.socket.next() => self.hear(heard),
+            };
+            if let Err(why) = went_on {
+                break why;
+            }
+        };
+        self.known.set_lost(ended.clone());
+        // Who waited has gone, or hears it; here and below.
+        self.commands.into_values().for_each(|tell| drop(tell.send(Err(ended.clone()))));
+        let leases = self.leases.into_values().flatten();
+        leases.for_each(|(_, tell)| drop(tell.send(Err(ended.clone()))));
+        self.watching.into_values().for_each(|tell| drop(tell.send(Err(ended.clone()))));
+    }
+
+    /// Keeps what is ours, and looks whether the server is there.
+    async fn renew(&mut self) -> Result<(), Refused> {
+        if clock::now().since(self.heard) >= SILENT_MAX {
+            return Err(lost("it says nothing"));
+        }
+        let leases = self.known.leases();
+        for (axis, epoch) in &leases {
+            let (axis, epoch) = (*axis, *epoch);
+            self.say(&ClientMessage::Lease { axis, act: LeaseAct::Renew, epoch }).await?;
+        }
+        if !leases.is_empty() {
+            self.say(&ClientMessage::Ping { client_ms: 0.0 }).await?;
+        }
+        Ok(())
+    }
+
+    async fn ask(&mut self, ask: Ask) -> Result<(), Refused> {
+        let message = match ask {
+            Ask::Command { axis, order, tell } => {
+                self.commands.insert(order.id.clone(), tell);
+                ClientMessage::Command { axis, command: order }
+            }
+            Ask::Lease { axis, act, epoch, tell } => {
+                if act == LeaseAct::Drop {
+                    self.known.end_lease(axis);
+                }
+                self.leases.entry(axis).or_default().push_back((act, tell));
+                ClientMessage::Lease { axis, act, epoch }
+            }
+            Ask::Watch { channel, what, feed, tell } => {
+                self.feeds.insert(channel, feed);
+                self.watching.insert(channel, tell);
+                let super::What { axis, signal, parameter, hz } = what;
+                ClientMessage::Subscribe { channel, axis, signal, parameter, hz }
+            }
+            Ask::Unwatch { channel } => {
+                self.feeds.remove(&channel);
+                ClientMessage::Unsubscribe { channel }
+            }
+        };
+        self.say(&message).await
+    }
+
+    async fn say(&mut self, message: &ClientMessage) -> Result<(), Refused> {
+        let text = serde_json::to_string(message).map_err(|error| lost(&error.to_string()))?;
+        let said = timeout(SILENT_MAX, self.socket.send(Message::text(text))).await;
+        said.map_err(|_| lost("it takes nothing"))?.map_err(|error| lost(&error.to_string()))
+    }
+
+    fn hear(&mut self, heard: Option<Result<Message, Error>>) -> Result<(), Refused> {
+        self.heard = clock::now();
+        match heard {
+            Some(Ok(Message::Text(text))) => {
+                // What a later version says besides is nothing to this one.
+                if let Ok(message) = serde_json::from_str(&text) {
+                    self.told(message);
+                }
+            }
+            Some(Ok(Message::Binary(bytes))) => {
+                if let Some((channel, lost_total, samples)) = telemetry::decode(&bytes)
+                    && let Some(feed) = self.feeds.get(&channel)
+                {
+                    feed.take(lost_total, &samples);
+                }
+            }
+            Some(Ok(Message::Close(_))) | None => return Err(lost("it hung up")),
+            Some(Ok(_)) => {}
+            Some(Err(error)) => return Err(lost(&error.to_string())),
+        }
+        Ok(())
+    }
+
+    fn told(&mut self, message: ServerMessage) {
+        match message {
+            ServerMessage::Outcome(outcome) => {
+                if let Some(tell) = self.commands.remove(&outcome.id) {
+                    let _ = tell.send(ended(outcome));
+                }
+            }
+            ServerMessage::Leased { axis, epoch, expires_ms } => {
+                self.leased(axis, epoch, expires_ms.is_some());
+            }
+            ServerMessage::Subscribed { channel, hz, source, unit } => {
+                if let Some(tell) = self.watching.remove(&channel) {
+                    let _ = tell.send(Ok(Channel { hz, source, unit }));
+                }
+            }
+            ServerMessage::Pong { server_ms, .. } => self.known.set_time(server_ms),
+            ServerMessage::Axis(state) => {
+                let newer = state.lease.filter(|lease| lease.owner != self.known.session);
+                if let Some(lease) = newer
+                    && self.known.leases().iter().any(|(a, e)| *a == state.id && *e < lease.epoch)
+                {
+                    let what = format!("{} took the axis over", lease.owner);
+                    self.known.set_lease(state.id, Err(Refused::new("gateway.lease", what)));
+                }
+            }
+            ServerMessage::Error { error, about, subject: Some(subject) } => {
+                self.failed(about.as_deref(), subject, error);
+            }
+            _ => {}
+        }
+    }
+
+    /// A lease was given or given back; what is neither was a renewal.
+    fn leased(&mut self, axis: u16, epoch: u64, held: bool) {
+        let waiting = self.leases.entry(axis).or_default();
+        let its = waiting.front().is_some_and(|(act, _)| held == (*act != LeaseAct::Drop));
+        let next = if its { waiting.pop_front() } else { None };
+        if let Some((_, tell)) = next {
+            if held {
+                self.known.set_lease(axis, Ok(epoch));
+            }
+            let _ = tell.send(Ok(epoch));
+        }
+    }
+
+    fn failed(&mut self, about: Option<&str>, subject: u16, error: Refused) {
+        match about {
+            Some("lease") => {
+                let next = self.leases.get_mut(&subject).and_then(VecDeque::pop_front);
+                match next {
+                    Some((_, tell)) => drop(tell.send(Err(error))),
+                    // A renewal came too late: somebody stopped or took the axis, or we slept.
+                    None => self.known.set_lease(subject, Err(over(&error))),
+                }
+            }
+            Some("subscribe") => {
+                self.feeds.remove(&subject);
+                if let Some(tell) = self.watching.remove(&subject) {
+                    let _ = tell.send(Err(error));
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+fn over(error: &Refused) -> Refused {
+    Refused::new("gateway.lease", format!("the lease ended: {}", error.message))
+        .hint("somebody stopped the axis or took it over; the server's journal tells who")
+}
+
+fn ended(outcome: Outcome) -> Result<(), Refused> {
+    match (outcome.outcome, outcome.error) {
+        (Ended::Done, _) => Ok(()),
+        (_, Some(error)) => Err(error),
+        (Ended::NotDone, None) => Err(Refused::new("E601", "it was not done")),
+        (Ended::Unknown, None) => {
+            Err(Refused { executed: None, ..Refused::new("E401", "it may have been done") })
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! The token: from a file or the environment, never from the command line, never shown.
+
+use std::fmt;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use crate::Refused;
+
+/// Where a token may be besides a file.
+const VARIABLE: &str = "POLEPAIR_TOKEN";
+/// The file of tokens in a server's folder.
+const TOKENS: &str = "tokens";
+/// Bytes of such a file.
+const FILE_MAX: u64 = 64 * 1024;
+/// Hexadecimal digits of a token.
+const DIGITS: usize = 64;
+
+/// A token that is not shown.
+#[derive(Clone)]
+pub(crate) struct Secret(String);
+
+impl Secret {
+    /// What `Authorization` carries.
+    pub fn bearer(&self) -> String {
+        format!("Bearer {}", self.0)
+    }
+}
+
+impl fmt::Debug for Secret {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Secret")
+    }
+}
+
+/// Where a server of this account keeps tokens, certificate and journal: `$XDG_STATE_HOME/polepair`,
+/// `~/.local/state/polepair`, `%LOCALAPPDATA%\polepair`. `None` where neither is known.
+#[must_use]
+pub fn state_folder() -> Option<PathBuf> {
+    let of = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let base = of("XDG_STATE_HOME").or_else(|| of("LOCALAPPDATA"));
+    let base = base.or_else(|| Some(of("HOME")?.join(".local").join("state")));
+    base.map(|base| base.join("polepair"))
+}
+
+/// The token of that file; else the environment's; else the first of this account's own server.
+///
+/// # Errors
+/// `E301` to `E305` for a file, `E256` where there is no token in it, or none at all.
+pub(crate) fn find(file: Option<&Path>) -> Result<Secret, Refused> {
+    if let Some(file) = file {
+        return read(file);
+    }
+    if let Some(text) = std::env::var(VARIABLE).ok().filter(|text| !text.is_empty()) {
+        let wrong = || Refused::new("E256", format!("{VARIABLE} holds no token"));
+        return token(text.trim()).ok_or_else(wrong);
+    }
+    let folder = state_folder();
+    let own = folder.map(|folder| folder.join(TOKENS)).filter(|file| file.exists());
+    own.map_or_else(|| Err(none()), |file| read(&file))
+}
+
+fn none() -> Refused {
+    Refused::new("E256", "there is no token for the server").hint(format!(
+        "--token-file with the file `tokens` of the server's folder, or {VARIABLE} with a token of it"
+    ))
+}
+
+/// The first token of a file such as the server's: a token begins a line.
+fn read(path: &Path) -> Result<Secret, Refused> {
+    let mut text = String::new();
+    let file = File::open(path).map_err(|error| unreadable(path, &error))?;
+    is_private(path, &file)?;
+    file.take(FILE_MAX).read_to_string(&mut text).map_err(|error| unreadable(path, &error))?;
+    let first = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#'));
+    let word = first.and_then(|line| line.split_whitespace().next());
+    let wrong = || Refused::new("E256", format!("{} holds no token", path.display()));
+    word.and_then(token).ok_or_else(wrong)
+}
+
+fn token(text: &str) -> Option<Secret> {
+    let is = text.len() == DIGITS && text.bytes().all(|c| c.is_ascii_hexdigit());
+    is.then(|| Secret(text.to_owned()))
+}
+
+pub(crate) fn unreadable(path: &Path, error: &std::io::Error) -> Refused {
+    use std::io::ErrorKind as Kind;
+    let code = match error.kind() {
+        Kind::NotFound => "E301",
+        Kind::PermissionDenied => "E302",
+        _ => "E303",
+    };
+    Refused::new(code, format!("cannot read {}: {error}", path.display()))
+}
+
+/// Refuses a token that others may read.
+fn is_private(path: &Path, file: &File) -> Result<(), Refused> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        let data = file.metadata().map_err(|error| unreadable(path, &error))?;
+        if data.permissions().mode() & 0o077 != 0 {
+            let what = format!("others may read {}", path.display());
+            return Err(Refused::new("E305", what).hint(format!("chmod 600 {}", path.display())));
+        }
+    }
+    let _ = (path, file);
+    Ok(())
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    use super::*;
+
+    #[test]
+    fn the_first_token_of_a_private_file_is_taken() {
+        let path = std::env::temp_dir().join(format!("polepair-secret-{}", std::process::id()));
+        let write = |text: &str, mode| {
+            std::fs::write(&path, text).unwrap();
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+        };
+        let (one, two) = ("1".repeat(DIGITS), "2".repeat(DIGITS));
+        write(&format!("# TOKEN SCOPES NAME\n\n{one} read,stop ann\n{two} read bob\n"), 0o600);
+        let found = find(Some(&path)).unwrap();
+        assert_eq!(found.bearer(), format!("Bearer {one}"));
+        assert_eq!(format!("{found:?}"), "Secret");
+        for mode in [0o640, 0o604, 0o620] {
+            write(&one, mode);
+            assert_eq!(find(Some(&path)).unwrap_err().code, "E305", "{mode:o}");
+        }
+        write("# none\n12345\n", 0o600);
+        let wrong = find(Some(&path)).unwrap_err();
+        assert!(wrong.code == "E256" && !wrong.message.contains("12345"), "{wrong}");
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(find(Some(&path)).unwrap_err().code, "E301");
+    }
+}

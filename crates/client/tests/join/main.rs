@@ -1,0 +1,258 @@
+//! Joins a real server: what it says, what it refuses, what becomes of motion when it is gone.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod cut;
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use cut::Cut;
+use polepair::Connector;
+use polepair_client::message::{Arguments, Given, StopOrder, WriteParameters};
+use polepair_client::{Gateway, Options, Refused};
+use polepair_link::clock;
+use polepair_serve::Server;
+
+/// Longer than anything takes that works.
+const LONG: Duration = Duration::from_secs(60);
+/// Two modules at addresses 1 and 3.
+const DRIVES: &str = "sim:tmcl?axes=2";
+
+/// A server of its own for each test, on a free port.
+struct Site {
+    server: Server,
+    folder: PathBuf,
+}
+
+impl Site {
+    fn new() -> Self {
+        Self::with(false)
+    }
+
+    fn with(tls: bool) -> Self {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let n = NEXT.fetch_add(1, Ordering::Relaxed);
+        let name = format!("polepair-client-{}-{n}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        let options = polepair_serve::Options {
+            bind: "127.0.0.1:0".parse().unwrap(),
+            tls,
+            ..polepair_serve::Options::in_folder(folder.clone())
+        };
+        let server = Server::start(&options, &[DRIVES.into()], Connector::default()).unwrap();
+        Self { server, folder }
+    }
+
+    fn port(&self) -> u16 {
+        self.server.address().port()
+    }
+
+    /// How somebody joins it who has its folder.
+    fn options(&self, scheme: &str) -> Options {
+        Options {
+            url: format!("{scheme}://127.0.0.1:{}", self.port()),
+            token_file: Some(self.folder.join("tokens")),
+            certificate: Some(self.folder.join("certificate.pem").display().to_string()),
+        }
+    }
+
+    fn join(&self) -> Gateway {
+        Gateway::new(&self.options("http")).unwrap()
+    }
+
+    fn moving(&self, axis: u16) -> bool {
+        let state = self.server.bench().axis(axis).unwrap();
+        let velocity = state.signals.iter().find(|s| s.signal == "velocity");
+        velocity.and_then(|s| s.value).is_some_and(|velocity| velocity.abs() > 0.5)
+    }
+}
+
+impl Drop for Site {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// Waits until it is so.
+fn until(what: &str, mut so: impl FnMut() -> bool) {
+    let end = clock::now() + LONG;
+    while !so() {
+        assert!(clock::now() < end, "never: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn to(target: f64) -> Arguments {
+    Arguments { target: Some(target), ..Arguments::default() }
+}
+
+fn at(velocity: f64) -> Arguments {
+    Arguments { velocity: Some(velocity), ..Arguments::default() }
+}
+
+fn current(text: &str) -> WriteParameters {
+    WriteParameters {
+        values: [("max current".to_owned(), Given::Text(text.to_owned()))].into(),
+        keep: false,
+        dry_run: true,
+        epoch: 0,
+    }
+}
+
+#[test]
+fn an_axis_is_taken_moved_and_given_back() {
+    let site = Site::new();
+    let gateway = site.join();
+    let bench = gateway.bench().unwrap();
+    assert_eq!(bench.axes.iter().map(|axis| axis.number).collect::<Vec<_>>(), [1, 3]);
+    let lease = gateway.live().unwrap().take(1).unwrap();
+    for verb in ["arm", "enable"] {
+        lease.run(verb, Arguments::default(), LONG).unwrap();
+    }
+    lease.run("move-to", to(1.0), LONG).unwrap();
+    lease.run("reached", Arguments::default(), LONG).unwrap();
+    let position = || {
+        let signals = gateway.axis(1).unwrap().signals;
+        signals.iter().find(|s| s.signal == "position").and_then(|s| s.value).unwrap_or(0.0)
+    };
+    until("it is where it was sent", || (position() - 1.0).abs() < 0.05);
+    lease.check().unwrap();
+    lease.give_back().unwrap();
+    assert_eq!(gateway.axis(1).unwrap().lease, None);
+    assert!(!gateway.axis(1).unwrap().armed, "nothing moves before it is armed anew");
+}
+
+#[test]
+fn parameters_are_planned_written_and_read() {
+    let site = Site::new();
+    let gateway = site.join();
+    assert!(gateway.parameters(0).unwrap().iter().any(|p| p.name == "max current"));
+    let plan = gateway.write(0, &current("1.2 A")).unwrap();
+    assert!(plan.len() == 1 && (plan[0].to - 1.2).abs() < 1e-9 && plan[0].changed, "{plan:?}");
+    let before = gateway.parameter(0, "max current").unwrap();
+    assert_eq!(before.value, plan[0].from, "a dry run writes nothing");
+    let real = WriteParameters { dry_run: false, ..current("1.2 A") };
+    let refused = gateway.write(0, &real).unwrap_err();
+    assert_eq!((&*refused.code, refused.executed), ("gateway.lease", Some(false)));
+    let live = gateway.live().unwrap();
+    let lease = live.take(0).unwrap();
+    gateway.write(0, &WriteParameters { epoch: lease.epoch(), ..real }).unwrap();
+    assert_eq!(gateway.parameter(0, "max current").unwrap().raw, 12);
+    assert_eq!(gateway.write(0, &current("99 A")).unwrap_err().code, "E216");
+    assert_eq!(gateway.parameter(0, "max curent").unwrap_err().exit() as u8, 2);
+}
+
+#[test]
+fn of_two_clients_the_second_is_told_who_commands() {
+    let site = Site::new();
+    let (ann, bob) = (site.join().live().unwrap(), site.join().live().unwrap());
+    assert_ne!(ann.session(), bob.session(), "one token, two clients");
+    let lease = ann.take(0).unwrap();
+    let refused = bob.take(0).unwrap_err();
+    assert_eq!((&*refused.code, refused.executed), ("gateway.lease", Some(false)));
+    assert!(refused.message.contains(ann.session()), "{refused}");
+    bob.take(1).unwrap();
+    drop(lease);
+    until("what is dropped is free", || bob.take(0).is_ok());
+}
+
+#[test]
+fn whoever_stops_an_axis_ends_its_lease() {
+    let site = Site::new();
+    let gateway = site.join();
+    let lease = gateway.live().unwrap().take(0).unwrap();
+    for verb in ["arm", "enable"] {
+        lease.run(verb, Arguments::default(), LONG).unwrap();
+    }
+    lease.run("velocity", at(30.0), LONG).unwrap();
+    until("it turns", || site.moving(0));
+    let order = StopOrder { axes: Some(vec![0]), reason: "a test".into() };
+    let stopped = site.join().stop(&order).unwrap();
+    assert_eq!(stopped.axes.len(), 1);
+    assert!(stopped.axes[0].error.is_none(), "{stopped:?}");
+    assert_eq!(lease.run("velocity", at(30.0), LONG).unwrap_err().executed, Some(false));
+    until("it hears of that", || lease.check().is_err());
+    assert_eq!(lease.check().unwrap_err().code, "gateway.lease");
+}
+
+/// The wire between client and server falls silent in the middle of a motion: neither end hears of it.
+#[test]
+fn a_lost_server_stops_the_axis_and_leaves_the_outcome_unknown() {
+    let site = Site::new();
+    let cut = Cut::before(site.port());
+    let url = format!("http://127.0.0.1:{}", cut.port());
+    let gateway = Gateway::new(&Options { url, ..site.options("http") }).unwrap();
+    let lease = gateway.live().unwrap().take(0).unwrap();
+    for verb in ["arm", "enable"] {
+        lease.run(verb, Arguments::default(), LONG).unwrap();
+    }
+    lease.run("velocity", at(30.0), LONG).unwrap();
+    until("it turns", || site.moving(0));
+    cut.pull();
+    let mut pending = lease.start("velocity", at(60.0)).unwrap();
+    until("the lease is over", || site.server.bench().axis(0).unwrap().lease.is_none());
+    until("it stands", || !site.moving(0));
+    assert!(!site.server.bench().axis(0).unwrap().armed);
+    let unknown = pending.wait(LONG).unwrap_err();
+    assert_eq!((&*unknown.code, unknown.executed), ("E313", None), "{unknown}");
+    assert_eq!(lease.check().unwrap_err().code, "E313");
+    let nothing = lease.start("stop", Arguments::default()).unwrap_err();
+    assert_eq!(nothing.executed, Some(false), "it was not even sent: {nothing}");
+    let journal = std::fs::read_to_string(site.folder.join("journal.jsonl")).unwrap();
+    assert_eq!(journal.matches(r#""verb":"velocity""#).count(), 1, "{journal}");
+}
+
+#[test]
+fn what_is_watched_comes_as_samples() {
+    let site = Site::new();
+    let live = site.join().live().unwrap();
+    let watched = live.watch(0, Some("position"), None, 50.0).unwrap();
+    assert_eq!(watched.unit(), "rad");
+    until("samples come", || watched.drain().unwrap().0.len() > 1);
+    let refused = live.watch(0, Some("fuel"), None, 50.0).unwrap_err();
+    assert_eq!(refused.executed, Some(false), "{refused}");
+}
+
+#[test]
+fn only_the_pinned_certificate_is_the_servers() {
+    let site = Site::with(true);
+    let right = site.options("https");
+    assert_eq!(Gateway::new(&right).unwrap().bench().unwrap().axes.len(), 2);
+    let printed = site.server.fingerprint().unwrap().to_owned();
+    let by_print = Options { certificate: Some(printed.clone()), ..right.clone() };
+    let live = Gateway::new(&by_print).unwrap().live().unwrap();
+    live.take(0).unwrap();
+    let other = if printed.starts_with('0') { "1" } else { "0" };
+    let wrong = Options { certificate: Some(format!("{other}{}", &printed[1..])), ..right };
+    assert_eq!(Gateway::new(&wrong).unwrap().bench().unwrap_err().code, "E321");
+    let plain = Gateway::new(&site.options("http")).unwrap().bench().unwrap_err();
+    assert_eq!(plain.exit() as u8, 3, "{plain}");
+}
+
+#[test]
+fn without_a_token_of_it_nothing_is_told() {
+    let site = Site::new();
+    let file = site.folder.join("another");
+    std::fs::write(&file, "0".repeat(64)).unwrap();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
+    }
+    let options = Options { token_file: Some(file), ..site.options("http") };
+    let gateway = Gateway::new(&options).unwrap();
+    let refused: [Refused; 2] = [gateway.bench().unwrap_err(), gateway.live().unwrap_err()];
+    refused.iter().for_each(|refused| assert_eq!(refused.code, "gateway.token"));
+}
+
+#[test]
+fn nobody_there_is_said_so() {
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = free.local_addr().unwrap().port();
+    drop(free);
+    let site = Site::new();
+    let options = Options { url: format!("http://127.0.0.1:{port}"), ..site.options("http") };
+    let refused = Gateway::new(&options).unwrap().bench().unwrap_err();
+    assert_eq!((&*refused.code, refused.executed), ("E314", Some(false)));
+}
