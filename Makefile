@@ -2,13 +2,18 @@
 CARGO ?= cargo
 VENV := .venv
 PYTHON := $(VENV)/bin/python
+PAGE := web/dist/index.html
+PAGE_SOURCES := web/index.html web/package.json web/svelte.config.js web/vite.config.ts \
+	$(shell find web/src web/public -type f ! -name message.ts 2>/dev/null)
 
 .PHONY: demo test check web page interop package python swarm soak bench clean
 
-## demo: the main job on simulated drives; HEADLESS=1 ends by itself
+## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
+	@if web/ready; then $(MAKE) --no-print-directory $(PAGE) || echo "page: left out" >&2; fi
 	$(CARGO) build --release --locked -p polepair-cli
 	target/release/polepair demo $(if $(HEADLESS),--headless)
+	@if [ -z "$(HEADLESS)" ] && [ -t 1 ]; then target/release/polepair serve; fi
 
 ## test: all tests, 500 swarm seeds among them; installs what the foreign clients need
 test: check
@@ -17,7 +22,7 @@ test: check
 	$(CARGO) test --workspace --locked --quiet --doc
 	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
 	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
-	$(MAKE) --no-print-directory interop python
+	$(MAKE) --no-print-directory page interop python
 
 ## check: format, lints, generated files, unit tests, captures mutated for seconds
 check:
@@ -28,17 +33,24 @@ check:
 	$(CARGO) test --workspace --locked --quiet --lib --bins
 	POLEPAIR_READER_SECONDS=1 $(CARGO) test --workspace --locked --quiet --test readers
 
-## web: the dashboard's page, checked, tried and built into web/dist; needs Node
-web:
-	cd web && npm ci --silent --no-audit --no-fund
+## web: the dashboard's page, checked, tried and built into web/dist; needs Node.js
+web: $(PAGE)
 	cd web && npm run --silent check
 	cd web && npm run --silent unit -- --reporter=dot
+
+$(PAGE): web/node_modules/.package-lock.json $(PAGE_SOURCES)
 	cd web && npm run --silent build -- --logLevel warn
 
-## page: the page in a real browser on the real server; IMAGES=docs/images takes its pictures anew
-page: web
+web/node_modules/.package-lock.json: web/package-lock.json
+	cd web && npm ci --silent --no-audit --no-fund
+	touch $@
+
+## page: the page in a real browser on the real server, where both are; IMAGES=docs/images takes its pictures anew
+page:
+	interop/install-debian-packages
+	@if web/ready; then $(MAKE) --no-print-directory web; fi
 	$(CARGO) build --release --locked --quiet -p polepair-cli
-	cd web && IMAGES=$(abspath $(IMAGES)) npm run --silent page
+	@if web/ready browser; then cd web && IMAGES=$(abspath $(IMAGES)) npm run --silent page; fi
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package

@@ -9,7 +9,11 @@ const FILES_MAX: usize = 256;
 fn main() {
     let here = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from).unwrap_or_default();
     let page = here.join("../../web/dist");
-    println!("cargo::rerun-if-changed={}", page.display());
+    // What is not there counts as changed at every build: then its folder is watched instead.
+    let watched = [page.clone(), here.join("../../web")];
+    if let Some(path) = watched.iter().find(|path| path.exists()) {
+        println!("cargo::rerun-if-changed={}", path.display());
+    }
     println!("cargo::rerun-if-changed=build.rs");
     let mut files = Vec::new();
     collect(&page, &page, &mut files);

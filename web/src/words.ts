@@ -95,6 +95,11 @@ export const WORDS = {
   link_lost: ["lost", "已断开"],
   bus_load: ["Bus load", "总线负载"],
   unknown: ["unknown", "未知"],
+  silent: ["no answer", "无应答"],
+  silent_hint: [
+    "Nothing was heard of this drive for {age}: are its supply and its cable sound?",
+    "已有 {age} 未收到此驱动器的应答：请检查电源和电缆",
+  ],
   fault: ["fault", "故障"],
   moving: ["moving", "运动中"],
   enabled: ["enabled", "已使能"],
@@ -142,6 +147,7 @@ export const WORDS = {
   more_verbs: ["More", "更多"],
   limits: ["Limits and watchdog", "限值与看门狗"],
   mode: ["Mode", "模式"],
+  mode_is: ["mode {mode}", "模式 {mode}"],
   watchdog: ["If the host falls silent", "主机失联时"],
   outcome_done: ["done", "完成"],
   outcome_not_done: ["not executed", "未执行"],
@@ -199,6 +205,7 @@ export const WORDS = {
     "方向键平移，加减号缩放，空格暂停，Alt 加方向键移动光标 A，再加 Shift 移动光标 B",
   ],
   drag_to_zoom: ["Drag across the picture to zoom", "在图上拖动以放大"],
+  export: ["Export", "导出"],
   channel: ["Channel", "通道"],
   signal: ["Signal", "信号"],
   add_channel: ["Add", "添加"],
@@ -233,6 +240,7 @@ export const WORDS = {
   run_step: ["Step", "阶跃"],
   recording: ["Recording…", "记录中…"],
   run: ["Run", "记录"],
+  runs: ["Runs", "记录列表"],
   step: ["Step", "阶跃"],
   rise: ["Rise 10–90 %", "上升时间 10–90 %"],
   overshoot: ["Overshoot", "超调"],
@@ -252,7 +260,11 @@ export const WORDS = {
   // Simulation
   nothing_simulated: ["None of these drives is simulated", "没有仿真驱动器"],
   simulated_drive: ["Drive", "驱动器"],
-  act_off: ["Undo", "撤销"],
+  act_on: ["On (1)", "开 (1)"],
+  act_off: ["Off (0)", "关 (0)"],
+  act_set: ["Set", "设定"],
+  act_raise: ["Raise", "触发"],
+  act_do: ["Do it", "执行"],
   time_scale: ["Time", "时间倍率"],
 
   // Log
@@ -283,6 +295,36 @@ export const KNOWN: Record<string, readonly [string, string]> = {
   reached: ["reached", "到位"],
   mode: ["mode", "模式"],
   time: ["time", "时间"],
+  load: ["load", "负载"],
+  jam: ["jam", "堵转"],
+  supply: ["supply", "电源"],
+  ambient: ["ambient", "环境温度"],
+  encoder: ["encoder", "编码器"],
+  hall: ["hall", "霍尔传感器"],
+  "power-cycle": ["power-cycle", "断电重启"],
+  "A constant torque on the shaft; negative brakes forward motion": [
+    "A constant torque on the shaft; negative brakes forward motion",
+    "轴上的恒定转矩；负值阻碍正向运动",
+  ],
+  "Holds the shaft still (1), or lets it go (0)": [
+    "Holds the shaft still (1), or lets it go (0)",
+    "锁住轴 (1)，或松开 (0)",
+  ],
+  "The supply voltage": ["The supply voltage", "电源电压"],
+  "The air's temperature": ["The air's temperature", "空气温度"],
+  "The encoder stops counting (1), or counts again (0)": [
+    "The encoder stops counting (1), or counts again (0)",
+    "编码器停止计数 (1)，或恢复计数 (0)",
+  ],
+  "The hall sensors give nonsense (1), or work again (0)": [
+    "The hall sensors give nonsense (1), or work again (0)",
+    "霍尔传感器信号错误 (1)，或恢复正常 (0)",
+  ],
+  "Raises the fault of that code": ["Raises the fault of that code", "触发该代码的故障"],
+  "Takes the supply away and brings it back": [
+    "Takes the supply away and brings it back",
+    "断开电源再恢复",
+  ],
 };
 
 /** The names between braces in a text. */

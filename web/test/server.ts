@@ -32,7 +32,13 @@ export class Server {
     }
   }
 
+  /** Keeps it from doing anything, or lets it go on. */
+  freeze(frozen: boolean): void {
+    this.process.kill(frozen ? "SIGSTOP" : "SIGCONT");
+  }
+
   stop(): void {
+    this.freeze(false);
     this.process.kill("SIGINT");
     this.process.once("exit", () => rmSync(this.folder, { recursive: true, force: true }));
   }

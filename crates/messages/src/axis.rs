@@ -11,20 +11,25 @@ pub struct AxisState {
     /// Index among the axes.
     pub id: u16,
     /// Mode of operation in words; `null` while not known.
+    #[schema(required)]
     pub mode: Option<String>,
     /// The motor is powered; `null` while not known.
+    #[schema(required)]
     pub enabled: Option<bool>,
     /// Motion commands are let through.
     pub armed: bool,
     /// It moves; `null` while not known.
+    #[schema(required)]
     pub moving: Option<bool>,
     /// Every signal that was read.
     pub signals: Vec<SignalValue>,
     /// Faults and warnings that stand.
     pub faults: Vec<FaultTold>,
     /// Who commands it; `null` where nobody does.
+    #[schema(required)]
     pub lease: Option<LeaseTold>,
     /// What the drive's own panel shows, where it has one.
+    #[schema(required)]
     pub panel: Option<PanelView>,
 }
 
@@ -34,6 +39,7 @@ pub struct SignalValue {
     /// Its word.
     pub signal: String,
     /// SI; flags are 0 or 1. `null` where it cannot be scaled.
+    #[schema(required)]
     pub value: Option<f64>,
     /// SI unit; empty for flags, codes and modes.
     pub unit: String,
@@ -88,10 +94,13 @@ pub struct ParameterInfo {
     /// The unit that its value has here and is written in; empty without one.
     pub unit: String,
     /// Least value; `null` where the scale is not known yet.
+    #[schema(required)]
     pub min: Option<f64>,
     /// Greatest value; likewise.
+    #[schema(required)]
     pub max: Option<f64>,
     /// From the factory, where known.
+    #[schema(required)]
     pub default: Option<f64>,
     /// It can be read.
     pub readable: bool,
@@ -111,12 +120,14 @@ pub struct ParameterRead {
     /// Its name.
     pub name: String,
     /// In [`ParameterInfo::unit`].
+    #[schema(required)]
     pub value: Option<f64>,
     /// As the drive has it.
     pub raw: i64,
     /// That unit.
     pub unit: String,
     /// The value's word, where it has one.
+    #[schema(required)]
     pub word: Option<String>,
 }
 
@@ -153,6 +164,7 @@ pub struct Change {
     /// Its name.
     pub name: String,
     /// What the drive had; `null` where it cannot be read.
+    #[schema(required)]
     pub from: Option<f64>,
     /// What it gets.
     pub to: f64,

@@ -19,8 +19,10 @@ pub struct BenchView {
     /// Addresses at which more than one drive answers.
     pub clashes: Vec<Clash>,
     /// Motion is locked since a stop of everything; `null` while it is not.
+    #[schema(required)]
     pub lock: Option<LockTold>,
     /// How many times faster than real motors the simulated ones live; `null` where none is simulated.
+    #[schema(required)]
     pub time_scale: Option<f64>,
 }
 
@@ -38,8 +40,10 @@ pub struct LinkView {
     /// Whether it works.
     pub state: LinkState,
     /// Why it was lost, in a sentence; `null` while it is open.
+    #[schema(required)]
     pub reason: Option<String>,
     /// How full its wire is, 0 to 1; `null` where nobody can tell.
+    #[schema(required)]
     pub load: Option<f64>,
     /// What it counted since it was opened.
     pub counters: Vec<Counter>,
@@ -131,8 +135,10 @@ pub struct LimitInfo {
     /// SI unit.
     pub unit: String,
     /// Least value; `null` without one.
+    #[schema(required)]
     pub min: Option<f64>,
     /// Greatest value; `null` without one.
+    #[schema(required)]
     pub max: Option<f64>,
 }
 
@@ -155,6 +161,7 @@ pub struct ActInfo {
     /// What it does, in a sentence.
     pub about: String,
     /// Unit of its value; `null` where it takes none.
+    #[schema(required)]
     pub unit: Option<String>,
 }
 

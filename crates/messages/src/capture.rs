@@ -13,6 +13,7 @@ pub struct FrameItem {
     /// The link; in a capture an index into [`CaptureOpened::links`].
     pub link: u16,
     /// Who sent it; `null` where nobody can tell.
+    #[schema(required)]
     pub dir: Option<FrameDirection>,
     /// Its bytes in hexadecimal; on CAN `30B#5443` as in candump's log.
     pub raw: String,
@@ -21,6 +22,7 @@ pub struct FrameItem {
     /// The protocol's word; empty where none fits.
     pub protocol: String,
     /// The address that it concerns.
+    #[schema(required)]
     pub axis: Option<u32>,
     /// It keeps to its protocol.
     pub ok: bool,
@@ -76,6 +78,7 @@ pub struct CapturePage {
     /// Number of the first frame that was looked at.
     pub from: u64,
     /// Where the next page begins; `null` at the end.
+    #[schema(required)]
     pub next: Option<u64>,
     /// Frames in the whole capture.
     pub total: u64,

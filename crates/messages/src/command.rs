@@ -84,6 +84,7 @@ pub struct Outcome {
     /// Whether the drive did it.
     pub outcome: Ended,
     /// Why not, or why nobody knows.
+    #[schema(required)]
     pub error: Option<Refused>,
     /// The id was seen before; this is what came of it then, and nothing was sent now.
     pub replayed: bool,
@@ -128,6 +129,7 @@ pub struct AxisStopped {
     /// After how long that was certain, from the moment that the server took the stop.
     pub ms: f64,
     /// What went wrong, if something did.
+    #[schema(required)]
     pub error: Option<Refused>,
 }
 

@@ -15,6 +15,7 @@ pub struct JournalRecord {
     /// What.
     pub deed: Deed,
     /// The axis that it concerns.
+    #[schema(required)]
     pub axis: Option<u16>,
     /// The rest: verb, arguments, old and new values, outcome.
     #[schema(value_type = Object)]

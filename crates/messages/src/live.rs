@@ -138,6 +138,7 @@ pub enum ServerMessage {
         /// What commands must carry.
         epoch: u64,
         /// When it ends unless it is renewed; `null` when it was given back.
+        #[schema(required)]
         expires_ms: Option<f64>,
     },
     /// Axes were stopped, by whomever. Comes again for an axis whose class rises.
@@ -172,8 +173,10 @@ pub enum ServerMessage {
         /// Why.
         error: Refused,
         /// `type` of the message; `null` where it could not be read.
+        #[schema(required)]
         about: Option<String>,
         /// The channel of a `subscribe`, the axis of a `lease`.
+        #[schema(required)]
         subject: Option<u16>,
     },
 }

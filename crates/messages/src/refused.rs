@@ -20,6 +20,7 @@ pub struct Refused {
     #[serde(default)]
     pub hint: String,
     /// Whether a drive did it; `null` when nobody can know.
+    #[schema(required)]
     pub executed: Option<bool>,
 }
 

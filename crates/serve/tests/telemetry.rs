@@ -115,3 +115,17 @@ fn what_a_drive_does_not_send_is_asked_for_at_the_rate_that_is_wanted() {
     assert!(bench.subscribe(0, Some("smell"), None, 20.0).is_err());
     assert!(bench.subscribe(0, Some("velocity"), None, f64::NAN).is_err());
 }
+
+#[test]
+fn what_is_wanted_oftener_than_the_wire_carries_does_not_keep_the_rest_from_being_asked_for() {
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    let watch = |signal| bench.subscribe(0, Some(signal), None, 1000.0).unwrap();
+    let mut channels =
+        ["position", "velocity", "current"].map(|signal| (watch(signal), Vec::new()));
+    for _ in 0..2000 {
+        bench.pass(Duration::from_millis(1));
+        channels.iter_mut().for_each(|(channel, samples)| assert_eq!(channel.take(samples), None));
+    }
+    let counts = channels.map(|(_, samples)| samples.len());
+    assert!(counts[0] > 10 && counts.iter().all(|count| count.abs_diff(counts[0]) <= 1));
+}

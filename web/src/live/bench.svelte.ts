@@ -108,10 +108,13 @@ export class Bench {
     return this.view?.axes.find((axis) => axis.id === id);
   }
 
-  /** How people call an axis. */
+  /** How people call an axis: so that no two are called the same, if there is a way. */
   title(id: number): string {
     const axis = this.axis(id);
-    return axis ? axis.name || axis.label || `#${axis.number}` : `${id}`;
+    if (!axis) return `${id}`;
+    if (axis.name) return axis.name;
+    const alone = this.view?.axes.every((each) => each === axis || each.label !== axis.label);
+    return alone && axis.label ? axis.label : `${axis.profile} ${axis.number}`;
   }
 
   signal(id: number, signal: string): number | null {
@@ -215,18 +218,19 @@ export class Bench {
     });
   }
 
-  /** Does something to a simulated drive. */
-  async act(axis: AxisInfo, act: string, value: number | null): Promise<boolean> {
+  /** Does something to a simulated drive; gives why not. */
+  async act(axis: AxisInfo, act: string, value: number | null): Promise<Refused | null> {
     // A drive is named by its place on its link.
     const onLink = this.view?.axes.filter((each) => each.link === axis.link) ?? [];
     const place = onLink.findIndex((each) => each.id === axis.id);
     try {
       await send("POST", `/simulation/${axis.link}/${place}`, { act, value });
       this.note(axis.id, `${act}${value === null ? "" : ` ${value}`}`, "done");
-      return true;
+      return null;
     } catch (problem) {
+      if (!(problem instanceof Problem)) throw problem;
       this.complain(problem, axis.id);
-      return false;
+      return problem.refused;
     }
   }
 

@@ -5,27 +5,6 @@ import uPlot from "uplot";
 import type { Columns } from "./decimate";
 import type { Gap } from "./trace";
 
-/** Okabe and Ito's colours, darkened or lightened where a background would swallow them. */
-const LIGHT = [
-  "#0072b2",
-  "#d55e00",
-  "#00795a",
-  "#b3478a",
-  "#a06c00",
-  "#2289bd",
-  "#5e4fa2",
-  "#14202b",
-];
-const DARK = [
-  "#56b4e9",
-  "#e69f00",
-  "#35c79d",
-  "#e79bc6",
-  "#f0e442",
-  "#ff8458",
-  "#a9b4ff",
-  "#dfe7ec",
-];
 /** Dashes in CSS pixels, and in columns: a canvas takes long over dashes of a thousand points. */
 const DASH = [5, 3];
 const DASH_COLUMNS = 8;
@@ -34,16 +13,6 @@ const DASHED_MAX = 200;
 const THICK_MAX = 4;
 const FONT = "11px system-ui, sans-serif";
 const POINTS_FROM_PX = 10;
-
-/** The colour of a channel; from the ninth on they come again, dashed. */
-export function colour(index: number, dark: boolean): string {
-  const all = dark ? DARK : LIGHT;
-  return all[index % all.length] ?? "";
-}
-
-export function dashed(index: number): boolean {
-  return index >= LIGHT.length;
-}
 
 export interface Curve {
   columns: Columns;

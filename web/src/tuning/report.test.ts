@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { report, type Words } from "./report";
-import type { Run } from "./run";
+import type { Run } from "./runs.svelte";
 
 const KEYS = [
   "title",

@@ -1,7 +1,8 @@
 // A report in one HTML file: pictures as SVG, nothing loaded from anywhere, no script.
 
+import { colour } from "../colours";
 import { digits } from "../units";
-import type { Run } from "./run";
+import type { Run } from "./runs.svelte";
 
 export interface Words {
   title: string;
@@ -23,25 +24,9 @@ const WIDTH = 900;
 const HEIGHT = 380;
 const EDGE = { left: 64, right: 12, top: 12, bottom: 34 };
 const POINTS_MAX = 2000;
-const COLOURS = [
-  "#0072b2",
-  "#d55e00",
-  "#00795a",
-  "#b3478a",
-  "#a06c00",
-  "#2289bd",
-  "#5e4fa2",
-  "#14202b",
-];
-
 export function report(runs: Run[], words: Words, language: string): string {
   const signals = [...new Set(runs.map((run) => run.signal))];
-  const pictures = signals.map((signal) =>
-    picture(
-      runs.filter((run) => run.signal === signal),
-      runs,
-    ),
-  );
+  const pictures = signals.map((signal) => picture(runs.filter((run) => run.signal === signal)));
   return `<!doctype html>
 <html lang="${escape(language)}"><head><meta charset="utf-8"><title>${escape(words.title)}</title>
 <style>body{font:14px/1.5 system-ui,sans-serif;max-width:960px;margin:24px auto;padding:0 16px;color:#14202b}
@@ -58,9 +43,9 @@ ${table(runs, words)}
 function table(runs: Run[], words: Words): string {
   const { run, axis, step, rise, overshoot, settling, peak, remaining, rate, lost, note } = words;
   const head = [run, axis, step, rise, overshoot, settling, peak, remaining, rate, lost, note];
-  const rows = runs.map((each, i) => {
+  const rows = runs.map((each) => {
     const { metrics, shown } = each;
-    const mark = `<span style="color:${COLOURS[i % COLOURS.length]}">&#9632;</span>`;
+    const mark = `<span style="color:${colour(each.id - 1, false)}">&#9632;</span>`;
     const when = new Date(each.at).toISOString().slice(0, 19).replace("T", " ");
     const cells = [
       escape(`${each.axis} · ${each.drive} · ${each.signal}`),
@@ -80,8 +65,8 @@ function table(runs: Run[], words: Words): string {
   return `<table><thead><tr>${titles}</tr></thead><tbody>${rows.join("\n")}</tbody></table>`;
 }
 
-/** Curves of one signal over one another; `all` gives each run its colour. */
-export function picture(runs: Run[], all: Run[]): string {
+/** Curves of one signal over one another, each in the colour that it has on the page. */
+export function picture(runs: Run[]): string {
   const values = runs.flatMap((run) => [run.from, run.to, ...thin(run).map(([, value]) => value)]);
   const times = runs.flatMap((run) => [0, run.times.at(-1) ?? 0]);
   const factor = runs[0]?.shown.factor ?? 1;
@@ -99,7 +84,7 @@ export function picture(runs: Run[], all: Run[]): string {
     ).toFixed(1);
   const lines = runs.map((run) => {
     const points = thin(run).map(([time, value]) => `${x(time)},${y(value)}`);
-    const stroke = COLOURS[all.indexOf(run) % COLOURS.length];
+    const stroke = colour(run.id - 1, false);
     return `<polyline fill="none" stroke="${stroke}" stroke-width="1.6" points="${points.join(" ")}"/>`;
   });
   const targets = [...new Set(runs.map((run) => run.to))].map(

@@ -11,7 +11,8 @@ use crate::session::Caller;
 /// What is known of an axis
 ///
 /// Nothing is asked of the drive.
-#[utoipa::path(get, path = "/api/v1/axes/{id}", tag = "axis", params(("id" = u16, Path)), responses(
+#[utoipa::path(get, path = "/api/v1/axes/{id}", operation_id = "axis", tag = "axis",
+    params(("id" = u16, Path)), responses(
     (status = 200, body = AxisState),
     (status = "default", body = ErrorBody),
 ))]

@@ -11,7 +11,7 @@ use crate::session::Caller;
 /// What there is
 ///
 /// Links, axes, what each can be told.
-#[utoipa::path(get, path = "/api/v1/bench", tag = "bench", responses(
+#[utoipa::path(get, path = "/api/v1/bench", operation_id = "bench", tag = "bench", responses(
     (status = 200, body = BenchView),
     (status = "default", body = ErrorBody),
 ))]

@@ -93,25 +93,25 @@ impl Eyes {
         while self.desk.work() {}
     }
 
-    /// Asks for what somebody watches and the drive does not send, once, if it is due. False when
-    /// nothing is.
+    /// Asks for what somebody watches and the drive does not send, once, if it is due: what waits
+    /// longest first, so that all come where the wire cannot carry all. False when nothing is.
     pub fn sample(&mut self) -> bool {
         let (now, zero) = self.wire.time();
         let now_us = now.since(zero).as_micros() as u64;
-        for looked in &self.axes {
-            for source in self.telemetry.of(looked.id) {
-                if source.due(now_us).is_none_or(|due| now < due) {
-                    continue;
-                }
-                source.asked(now);
-                if let Some((at, value)) = looked.ask(source.what) {
-                    let t_us = at.since(zero).as_micros() as u64;
-                    source.answered(Sample { t_us, value });
-                }
-                return true;
-            }
+        let sources = self.axes.iter().flat_map(|looked| {
+            self.telemetry.of(looked.id).into_iter().map(move |source| (looked, source))
+        });
+        let due = sources.filter_map(|(looked, source)| {
+            let due = source.due(now_us)?;
+            (due <= now).then_some((due, looked, source))
+        });
+        let Some((_, looked, source)) = due.min_by_key(|(due, ..)| *due) else { return false };
+        source.asked(now);
+        if let Some((at, value)) = looked.ask(source.what) {
+            let t_us = at.since(zero).as_micros() as u64;
+            source.answered(Sample { t_us, value });
         }
-        false
+        true
     }
 
     /// How long nothing is due.

@@ -1,0 +1,172 @@
+// A browser that was let in by a real server, and how a person goes about its page.
+
+import { execFileSync } from "node:child_process";
+import { mkdirSync, readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { join } from "node:path";
+import { type Browser, chromium, type Locator, type Page } from "playwright-core";
+import { expect } from "vitest";
+import { Server } from "./server";
+
+const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+/** Where pictures go: only where somebody asks for new ones. */
+const IMAGES = process.env.IMAGES;
+/** A picture of the documentation is no larger. */
+const PICTURE_BYTES_MAX = 150_000;
+const COLOURS = "128";
+export const WIDE = { width: 1280, height: 800 };
+
+interface Violation {
+  id: string;
+  impact: string | null;
+  nodes: { html: string }[];
+}
+
+/** A person before the page. */
+export class Visitor {
+  /** What the browser complained of: a style or script that the CSP stops is told here alone. */
+  complaints: string[] = [];
+
+  private constructor(
+    readonly server: Server,
+    private readonly browser: Browser,
+    readonly page: Page,
+  ) {
+    page.on("console", (message) => {
+      if (message.type() === "error") this.complaints.push(message.text());
+    });
+    page.on("pageerror", (error) => this.complaints.push(error.message));
+  }
+
+  static async come(...links: string[]): Promise<Visitor> {
+    const server = await Server.start(...links);
+    try {
+      const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
+      const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
+      const page = await browser.newPage({
+        viewport: WIDE,
+        colorScheme: "light",
+        locale: "en-GB",
+        timezoneId: "UTC",
+      });
+      return new Visitor(server, browser, page);
+    } catch (problem) {
+      server.stop();
+      throw problem;
+    }
+  }
+
+  async leave(): Promise<void> {
+    await this.browser.close();
+    this.server.stop();
+  }
+
+  /** Nothing was complained of since this was last asked. */
+  content(): void {
+    const told = this.complaints;
+    this.complaints = [];
+    expect(told).toEqual([]);
+  }
+
+  /** By its whole name: parameters have names too, and a button each. */
+  button(name: string | RegExp): Locator {
+    return this.page.getByRole("button", { name, exact: typeof name === "string" });
+  }
+
+  tab(name: string): Promise<void> {
+    return this.page.getByRole("tab", { name }).click();
+  }
+
+  card(at: number): Locator {
+    return this.page.getByRole("article").nth(at);
+  }
+
+  /** Frames of the list; what a select offers has the same role. */
+  get frames(): Locator {
+    return this.page.getByRole("listbox", { name: "Frames" }).getByRole("option");
+  }
+
+  /** Waits until a text is so, and gives it. */
+  async until(
+    read: () => Promise<string>,
+    good: (text: string) => boolean,
+    ms = 30_000,
+  ): Promise<string> {
+    const end = Date.now() + ms;
+    for (;;) {
+      const text = await read();
+      if (good(text)) return text;
+      if (Date.now() > end) throw new Error(`after ${ms} ms still: ${text}`);
+      await this.page.waitForTimeout(50);
+    }
+  }
+
+  /** What an axis shows of its speed, in rpm. */
+  async speed(at: number): Promise<number> {
+    const text = await this.card(at).getByRole("row", { name: "velocity" }).innerText();
+    return Number(/(-?[\d.]+) rpm/.exec(text)?.[1] ?? Number.NaN);
+  }
+
+  async turns(at: number): Promise<void> {
+    await this.until(
+      async () => String(await this.speed(at)),
+      (text) => Number(text) > 20,
+    );
+  }
+
+  async stands(at: number): Promise<void> {
+    await this.until(
+      async () => String(await this.speed(at)),
+      (text) => Math.abs(Number(text)) < 1,
+    );
+  }
+
+  /** Has the axis and its motor powered, whatever became of an earlier lease meanwhile. */
+  async ready(): Promise<void> {
+    const jog = this.page.locator("button:enabled", { hasText: "+ ▶" });
+    const offered = this.page
+      .locator("button:enabled")
+      .filter({ hasText: /^(Take control|Enable)$/ });
+    for (const end = Date.now() + 30_000; Date.now() < end;) {
+      await offered.or(jog).first().waitFor();
+      if (await jog.count()) return;
+      await offered.first().click();
+      await this.page.waitForTimeout(300);
+    }
+    throw new Error("the axis does not get ready");
+  }
+
+  /** Does something to the simulated drive. */
+  async act(act: string, value?: [label: string, text: string]): Promise<void> {
+    if (value) await this.page.getByLabel(value[0], { exact: true }).fill(value[1]);
+    await this.page.getByRole("form", { name: act }).getByRole("button").first().click();
+  }
+
+  /** Serious findings of axe, which runs from outside the page's CSP. */
+  async serious(): Promise<string[]> {
+    await this.page.evaluate(AXE);
+    const found = (await this.page.evaluate("axe.run()")) as { violations: Violation[] };
+    return found.violations
+      .filter((each) => each.impact === "serious" || each.impact === "critical")
+      .map((each) => `${each.id}: ${each.nodes[0]?.html}`);
+  }
+
+  /** Takes a picture for the documentation, in as few colours as a page has. */
+  async picture(name: string, of: Page | Locator = this.page): Promise<void> {
+    if (!IMAGES) return;
+    mkdirSync(IMAGES, { recursive: true });
+    const path = join(IMAGES, `dashboard-${name}.png`);
+    await of.screenshot({ path });
+    execFileSync("pngquant", [
+      "--speed",
+      "1",
+      "--strip",
+      "--force",
+      "--output",
+      path,
+      COLOURS,
+      path,
+    ]);
+    expect(readFileSync(path).length).toBeLessThan(PICTURE_BYTES_MAX);
+  }
+}
