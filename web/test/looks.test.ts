@@ -8,6 +8,8 @@ import { Visitor } from "./browser";
 import { ROOT } from "./server";
 
 const PAGE_BYTES_MAX = 300_000;
+/** Axe looks at every line of every panel, on a machine that may be at something else. */
+const AXE_MS = 240_000;
 const UPPER = ["Tuning", "Scope"];
 const LOWER = ["Simulation", "Log", "Frames"];
 
@@ -34,17 +36,23 @@ describe("the dashboard's looks", () => {
     expect(sum).toBeLessThan(PAGE_BYTES_MAX);
   });
 
-  for (const theme of ["light", "dark"]) {
-    it(`have no serious findings of axe, ${theme}, in any panel`, async () => {
-      await v.page.getByLabel("Colours").selectOption(theme);
-      for (const name of [...UPPER, ...LOWER]) {
-        await v.tab(name);
-        expect(await v.serious()).toEqual([]);
-      }
-      await v.tab("Simulation");
-      await v.picture(theme === "dark" ? "dark" : "simulation");
-    });
-  }
+  it("have no serious findings of axe in any panel", { timeout: AXE_MS }, async () => {
+    for (const name of [...UPPER, ...LOWER]) {
+      await v.tab(name);
+      expect(await v.serious()).toEqual([]);
+    }
+    await v.tab("Simulation");
+    await v.picture("simulation");
+  });
+
+  it("have contrast in the dark too, in every panel", { timeout: AXE_MS }, async () => {
+    await v.page.getByLabel("Colours").selectOption("dark");
+    for (const name of [...UPPER, ...LOWER]) {
+      await v.tab(name);
+      expect(await v.serious("color-contrast")).toEqual([]);
+    }
+    await v.picture("dark");
+  });
 
   it("are Chinese for who wants that", async () => {
     await v.page.getByLabel("Colours").selectOption("light");

@@ -36,7 +36,9 @@ export class Socket {
     this.socket = socket;
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.opened();
-    socket.onmessage = (event) => this.received(event.data);
+    socket.onmessage = (event) => {
+      if (this.socket === socket) this.received(event.data);
+    };
     socket.onclose = () => this.closed(socket);
   }
 
@@ -78,7 +80,10 @@ export class Socket {
 
   private ping(): void {
     if (Date.now() - this.heard > SILENT_MS && document.visibilityState === "visible") {
-      this.socket?.close();
+      const { socket } = this;
+      socket?.close();
+      // A server that hangs does not answer the farewell either: it is not waited for.
+      if (socket) this.closed(socket);
       return;
     }
     this.send({ type: "ping", client_ms: Date.now() });
