@@ -34,6 +34,7 @@ mod hex;
 #[cfg(unix)]
 pub mod hub;
 mod inbox;
+mod limit;
 pub mod link;
 pub mod ports;
 #[cfg(unix)]
@@ -56,6 +57,7 @@ pub use connection::{
     AnyLane, Connection, Interrupter, Listening, Mailbox, Notice, Pending, Waited,
 };
 pub use error::{Cause, LinkError};
+pub use limit::open_files;
 pub use link::{Link, Losses, Received};
 pub use ports::{Carries, Port, ports};
 pub use serve::{Served, Stop, Wire, serve};

@@ -14,7 +14,7 @@
 //!   the same while the server runs.
 //! - An answer that is an error is [`ErrorBody`], whatever the path. [`Refused::executed`] says whether
 //!   a drive may have done it.
-//! - Epochs of leases begin at 1; 0 is nobody's.
+//! - Epochs of leases only ever rise, over restarts too; 0 is nobody's.
 //! - [`telemetry`] is the one binary message.
 #![forbid(unsafe_code)]
 

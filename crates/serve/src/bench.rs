@@ -92,12 +92,14 @@ pub struct Options {
     pub lease: Duration,
     /// Who is told what is done.
     pub journal: Arc<dyn Journal>,
+    /// No lease before this bench had a higher epoch: what was said under one is not taken for its own.
+    pub last_epoch: u64,
 }
 
 impl Default for Options {
     fn default() -> Self {
         let connector = Connector::default();
-        Self { connector, lease: LEASE, journal: Arc::new(NoJournal) }
+        Self { connector, lease: LEASE, journal: Arc::new(NoJournal), last_epoch: 0 }
     }
 }
 
@@ -160,7 +162,7 @@ impl Bench {
     pub fn open(urls: &[String], options: Options) -> Result<Self, Refused> {
         let traffic = Arc::new(Traffic::default());
         let Opened { links, roots, axes, clock } = open::open(urls, &options.connector, &traffic)?;
-        let shared = Arc::new(Shared::new(clock, options.lease, options.journal));
+        let shared = Arc::new(Shared::new(clock, options));
         let telemetry = Arc::new(Telemetry::new(axes.len()));
         let opened = shared.now();
         for link in &links {

@@ -7,15 +7,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::oneshot;
 
-/// Connections at once.
-pub const CONNECTIONS_MAX: usize = 4096;
+/// Connections at once, where the system lets a process have so many.
+pub const CONNECTIONS_MAX: usize = 16_384;
+/// Files that are left for links, the journal and captures.
+const FILES_MIN: u64 = 128;
 
 /// All of them.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Connections(Arc<Mutex<Open>>);
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Open {
+    most: usize,
     next: u64,
     /// Those that have not shown a token, with what ends them.
     unproven: BTreeMap<u64, oneshot::Sender<()>>,
@@ -37,14 +40,22 @@ pub(crate) struct Connection {
 pub(crate) struct Place(Connection);
 
 impl Connections {
+    /// None yet, and at most so many as a process with that many open files can have.
+    pub fn new(files: Option<u64>) -> Self {
+        let left = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_MIN).max(1));
+        let most = usize::try_from(left).unwrap_or(usize::MAX).min(CONNECTIONS_MAX);
+        let (unproven, proven) = (BTreeMap::new(), BTreeMap::new());
+        Self(Arc::new(Mutex::new(Open { most, next: 0, unproven, proven })))
+    }
+
     /// A place for a new connection, and what tells it to go. `None` when all places are taken by
     /// connections that have shown a token.
     pub fn take(&self, peer: IpAddr) -> Option<(Place, oneshot::Receiver<()>)> {
         let mut open = self.open();
-        if open.count() >= CONNECTIONS_MAX {
+        if open.count() >= open.most {
             open.make_room();
         }
-        if open.count() >= CONNECTIONS_MAX {
+        if open.count() >= open.most {
             return None;
         }
         let id = open.next;
@@ -116,15 +127,15 @@ mod tests {
 
     #[test]
     fn idle_connections_make_room_and_those_with_a_token_do_not() {
-        let all = Connections::default();
-        let mut places: Vec<_> = (0..CONNECTIONS_MAX).filter_map(|_| all.take(PEER)).collect();
+        let (all, most) = (Connections::new(Some(FILES_MIN + 100)), 100);
+        let mut places: Vec<_> = (0..most).filter_map(|_| all.take(PEER)).collect();
         places[0].0.connection().prove();
         let (_new, _) = all.take(PEER).expect("the oldest idle one goes");
         assert!(places[0].1.try_recv().is_err(), "it has shown a token");
         assert!(places[1].1.try_recv().is_ok(), "it was told to go");
         places.iter().for_each(|(place, _)| place.connection().prove());
         _new.connection().prove();
-        assert_eq!(all.count(), CONNECTIONS_MAX);
+        assert_eq!(all.count(), most);
         assert!(all.take(PEER).is_none());
         drop(places);
         assert_eq!(all.count(), 1);

@@ -129,6 +129,12 @@ impl Journal {
         Ok(n)
     }
 
+    /// How many records it has. Each lease is one, so by this its epochs are never given twice.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.tail().next
+    }
+
     /// Records after the one of that number, or from the first; at most `count`, and [`RECORDS_MAX`].
     ///
     /// # Errors

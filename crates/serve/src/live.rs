@@ -41,6 +41,10 @@ pub const VIEWERS_MAX: usize = 2048;
 const ANSWERS_MAX: usize = 256;
 /// Commands of one viewer that are under way.
 const COMMANDS_MAX: usize = 64;
+/// Messages of a viewer in each [`SPAN`]; what is more waits in its socket.
+const MESSAGES_MAX: u32 = 200;
+/// A tenth of a second.
+const SPAN: Duration = Duration::from_millis(100);
 /// How long a viewer may take nothing.
 const SILENT_MAX: Duration = Duration::from_secs(5);
 /// How often it is asked whether it is there.
@@ -197,8 +201,10 @@ impl Viewer {
     }
 
     async fn read(&self, mut from: SplitStream<WebSocket>) {
+        let mut pace = Pace::default();
         // It says at least that it is there, unless it takes nothing.
         while let Ok(Some(Ok(message))) = timeout(SILENT_MAX, from.next()).await {
+            pace.keep().await;
             let told = match message {
                 Message::Text(text) => self.hear(&text),
                 Message::Binary(_) => Some(error("a message is a text", None, None)),
@@ -336,6 +342,29 @@ impl Viewer {
             drop(place);
         });
         None
+    }
+}
+
+/// Keeps whoever floods us from taking a processor that others need.
+struct Pace {
+    since: tokio::time::Instant,
+    count: u32,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self { since: tokio::time::Instant::now(), count: 0 }
+    }
+}
+
+impl Pace {
+    /// Counts a message; waits until the span is over in which there were too many.
+    async fn keep(&mut self) {
+        self.count += 1;
+        if self.count > MESSAGES_MAX {
+            tokio::time::sleep_until(self.since + SPAN).await;
+            *self = Self::default();
+        }
     }
 }
 

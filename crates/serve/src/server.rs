@@ -95,6 +95,7 @@ impl Server {
         let journal = Arc::new(journal);
         let opened = bench::Options {
             connector,
+            last_epoch: journal.count(),
             journal: Arc::<Journal>::clone(&journal),
             ..bench::Options::default()
         };
@@ -231,7 +232,8 @@ async fn accept(
     let Ok(listener) = TcpListener::from_std(listener) else {
         return tracing::error!("the system took the listening socket away");
     };
-    let (app, connections) = (api::router(&gate), Connections::default());
+    let files = polepair_link::open_files();
+    let (app, connections) = (api::router(&gate), Connections::new(files));
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,

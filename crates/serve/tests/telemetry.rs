@@ -1,10 +1,16 @@
 //! Sixteen channels at 1 kHz from eight drives on two simulated buses, as the scope has them.
 
+#[path = "threats/site.rs"]
+#[allow(dead_code, reason = "the threats' clients do more")]
+mod site;
+
 use std::time::{Duration, Instant};
 
-use polepair_serve::bench::{Bench, Channel, Options, Session};
-use polepair_serve::message::telemetry::Sample;
+use polepair_serve::bench::{Bench, Options, Session};
 use polepair_serve::message::{Given, LeaseAct, LinkState, Source, WriteParameters};
+use serde_json::{Value, json};
+use site::{LONG, Site, folder, memory, options, samples, tell};
+use tungstenite::Message;
 
 /// Four drives on a bus of 1 Mbit/s.
 const BUS: &str = "sim:cia402:1,2,3,4?bitrate=1000000";
@@ -34,64 +40,100 @@ fn send(bench: &Bench, who: &Session, axis: u16) {
     bench.raw(axis, who, lease().epoch, "nmt start").wait().unwrap();
 }
 
+/// Thirty, ten minutes in `make soak`.
 fn seconds() -> u64 {
     let said = std::env::var("POLEPAIR_SCOPE_SECONDS").ok().and_then(|text| text.parse().ok());
-    said.unwrap_or(3)
+    said.unwrap_or(30)
 }
 
-/// Bytes of this process that lie in memory.
-fn memory() -> u64 {
-    let pages = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    let resident = pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok());
-    resident.unwrap_or(0) * 4096
+/// A channel, as a viewer has it.
+#[derive(Default)]
+struct Trace {
+    /// Samples since drives send them by themselves.
+    count: u64,
+    first_us: u64,
+    last_us: u64,
+}
+
+impl Trace {
+    fn take(&mut self, rows: &[(u64, f64)]) {
+        for (t_us, value) in rows {
+            assert!(value.is_finite());
+            if self.count == 0 {
+                self.first_us = *t_us;
+            } else {
+                let gap = t_us - self.last_us;
+                assert!((500..1500).contains(&gap), "{gap} us between two: one is missing");
+            }
+            (self.last_us, self.count) = (*t_us, self.count + 1);
+        }
+    }
+
+    /// By the samples' own times.
+    fn hz(&self) -> f64 {
+        (self.count - 1) as f64 * 1e6 / (self.last_us - self.first_us) as f64
+    }
 }
 
 #[test]
 fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
-    let who: Session = "scope".into();
-    let bench = Bench::open(&[BUS.into(), BUS.into()], Options::default()).unwrap();
-    (0..8).for_each(|axis| send(&bench, &who, axis));
-    let watch = |(axis, signal)| bench.subscribe(axis, Some(signal), None, 1000.0).unwrap();
+    let site = Site::of(options(folder()), &[BUS, BUS]);
+    let bench = site.server.as_ref().unwrap().bench();
+    (0..8).for_each(|axis| send(bench, &"scope".into(), axis));
+    let mut ann = site.live_as("viewer");
     let all = (0..8).flat_map(|axis| [(axis, "position"), (axis, "velocity")]);
-    let mut channels: Vec<(Channel, Vec<Sample>)> = all.map(|c| (watch(c), Vec::new())).collect();
-    // What is not yet sent by itself is asked for meanwhile.
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while channels.iter().any(|(channel, _)| channel.source() == Source::Polled) {
-        assert!(Instant::now() < deadline, "the drives do not send");
-        std::thread::sleep(Duration::from_millis(10));
+    for (channel, (axis, signal)) in all.enumerate() {
+        tell(
+            &mut ann,
+            &json!({ "type": "subscribe", "channel": channel, "axis": axis,
+            "signal": signal, "hz": 1000 }),
+        );
     }
-    // Answers may still be on their way.
-    std::thread::sleep(Duration::from_millis(200));
-    for (channel, _) in &mut channels {
-        let mut before = Vec::new();
-        assert_eq!(channel.take(&mut before), None);
-    }
-    let (begun, end) = (memory(), Instant::now() + Duration::from_secs(seconds()));
-    let mut counts = vec![0_u64; channels.len()];
-    while Instant::now() < end {
-        std::thread::sleep(Duration::from_millis(16));
-        for ((channel, samples), count) in channels.iter_mut().zip(&mut counts) {
-            assert_eq!(channel.take(samples), None);
-            for pair in samples.windows(2) {
-                let gap = pair[1].t_us - pair[0].t_us;
-                assert!((500..1500).contains(&gap), "{gap} us between two: one is missing");
-            }
-            *count += samples.len() as u64;
-            // The last is compared with the next.
-            samples.drain(..samples.len().saturating_sub(1));
+    // What is not yet sent by itself is asked for meanwhile, and answers may still be on their way.
+    let mut pushed = [false; 16];
+    let deadline = Instant::now() + LONG;
+    let mut settled = None;
+    while settled.is_none_or(|at: Instant| at.elapsed() < Duration::from_millis(500)) {
+        assert!(Instant::now() < deadline, "the drives do not send: {pushed:?}");
+        let Message::Text(text) = ann.read().unwrap() else { continue };
+        let told: Value = serde_json::from_str(&text).unwrap();
+        if told["type"] == "subscribed" {
+            pushed[told["channel"].as_u64().unwrap() as usize] = told["source"] == "pushed";
+            settled = pushed.iter().all(|pushed| *pushed).then(Instant::now);
         }
     }
-    for ((channel, _), count) in channels.iter().zip(&counts) {
-        assert_eq!((channel.lost(), channel.source()), (0, Source::Pushed));
-        assert!((channel.hz() - 1000.0).abs() < 20.0, "{} Hz", channel.hz());
-        assert!(*count > seconds() * 800, "{count} samples");
+    let mut traces: [Trace; 16] = Default::default();
+    let (begun, end) = (memory(), Instant::now() + Duration::from_secs(seconds()));
+    while Instant::now() < end {
+        match ann.read().unwrap() {
+            Message::Binary(bytes) => {
+                let (channel, rows) = samples(&bytes);
+                traces[usize::from(channel)].take(&rows);
+                assert_eq!(bytes[16..24], [0; 8], "none was lost so far");
+            }
+            Message::Text(text) => {
+                let told: Value = serde_json::from_str(&text).unwrap();
+                assert!(told["type"] != "gap" && told["type"] != "subscribed", "{told}");
+            }
+            _ => {}
+        }
+    }
+    for trace in &traces {
+        assert!((trace.hz() - 1000.0).abs() < 20.0, "{} Hz", trace.hz());
+        assert!(trace.count > seconds() * 800, "{} samples", trace.count);
     }
     let grown = memory().saturating_sub(begun);
+    println!(
+        "{:.2} Hz of {} samples each, {} kB more",
+        traces[0].hz(),
+        traces[0].count,
+        grown >> 10
+    );
     assert!(grown < 8 << 20, "{grown} bytes more");
     let view = bench.snapshot();
     assert!(view.links.iter().all(|link| link.state == LinkState::Open));
     assert!(view.axes[0].signals.iter().any(|s| s.signal == "position" && s.pushed));
-    bench.shutdown();
+    site.end();
 }
 
 #[test]

@@ -109,6 +109,10 @@ impl Served {
         Self { child: Ours(child), url }
     }
 
+    pub fn id(&self) -> u32 {
+        self.child.0.id()
+    }
+
     /// Its URL without axes.
     pub fn link(&self) -> &str {
         self.url.split(['?', '#']).next().expect("a link")

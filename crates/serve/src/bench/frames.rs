@@ -25,7 +25,7 @@ const EXPLAINED_MAX: usize = 8192;
 /// Frames that wait for one who watches.
 const WAITING_MAX: usize = 4096;
 /// Who may watch frames at once.
-const VIEWERS_MAX: usize = 64;
+const VIEWERS_MAX: usize = 256;
 /// Between two looks whether the bench closes.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 

@@ -67,7 +67,7 @@ impl Hand {
         let watched = |(id, axis): &(u16, Axis)| Watched {
             id: *id,
             axis: axis.clone(),
-            seat: Seat::default(),
+            seat: Seat::after(shared.last_epoch),
             halt: None,
             owed: false,
         };

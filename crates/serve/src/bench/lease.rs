@@ -42,6 +42,11 @@ pub(super) struct Lost {
 }
 
 impl Seat {
+    /// Nobody's yet, whose next epoch is higher than that.
+    pub fn after(epoch: u64) -> Self {
+        Self { epoch, ..Self::default() }
+    }
+
     /// Who has it.
     pub fn holder(&self) -> Option<&Holder> {
         self.holder.as_ref()

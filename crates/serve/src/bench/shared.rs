@@ -9,6 +9,7 @@ use polepair_core::time::Instant;
 use serde_json::{Value, json};
 use tokio::sync::broadcast;
 
+use super::Options;
 use super::clock::Clock;
 use super::once::Once;
 use crate::message::{AxisStopped, Deed, LeaseTold, LockTold, Outcome, Refused};
@@ -77,6 +78,7 @@ pub enum Event {
 pub(super) struct Shared {
     pub clock: Clock,
     pub lease: Duration,
+    pub last_epoch: u64,
     pub journal: Arc<dyn Journal>,
     pub events: broadcast::Sender<Event>,
     once: Mutex<Once>,
@@ -91,11 +93,12 @@ impl std::fmt::Debug for Shared {
 }
 
 impl Shared {
-    pub fn new(clock: Clock, lease: Duration, journal: Arc<dyn Journal>) -> Self {
+    pub fn new(clock: Clock, options: Options) -> Self {
         Self {
             clock,
-            lease,
-            journal,
+            lease: options.lease,
+            last_epoch: options.last_epoch,
+            journal: options.journal,
             events: broadcast::Sender::new(EVENTS_MAX),
             once: Mutex::default(),
             lock: Mutex::default(),

@@ -8,27 +8,11 @@ mod site;
 use std::net::TcpStream;
 use std::time::Instant;
 
-use polepair_serve::message::telemetry::{HEAD, SAMPLE};
 use serde_json::{Value, json};
-use site::{LONG, Site, next, tell};
+use site::{LONG, Site, memory, next, samples, tell};
 use tungstenite::{Message, WebSocket};
 
 type Socket = WebSocket<TcpStream>;
-
-/// A binary message: its channel, and µs since the server's start with values.
-fn samples(bytes: &[u8]) -> (u16, Vec<(u64, f64)>) {
-    assert_eq!(bytes[..2], [1, 1]);
-    let channel = u16::from_le_bytes(bytes[2..4].try_into().unwrap());
-    let count = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
-    let t0 = u64::from_le_bytes(bytes[8..16].try_into().unwrap());
-    let rows = bytes[HEAD..].chunks_exact(SAMPLE).map(|row| {
-        let after = u32::from_le_bytes(row[..4].try_into().unwrap());
-        (t0 + u64::from(after), f64::from_le_bytes(row[4..].try_into().unwrap()))
-    });
-    let rows: Vec<_> = rows.collect();
-    assert_eq!(rows.len(), count as usize);
-    (channel, rows)
-}
 
 fn next_samples(socket: &mut Socket) -> (u16, Vec<(u64, f64)>) {
     loop {
@@ -129,13 +113,6 @@ fn who_takes_nothing_is_closed_and_another_goes_on() {
     site.end();
 }
 
-/// Bytes of this process that lie in memory.
-fn memory() -> u64 {
-    let pages = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    let resident = pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok());
-    resident.unwrap_or(0) * 4096
-}
-
 /// Somebody who watches, and goes without a word.
 fn visit(site: &Site) -> Value {
     let mut ann = site.live_as("viewer");
@@ -162,13 +139,13 @@ fn a_thousand_visits_leave_nothing_behind() {
     for n in 0..1000 {
         visit(&site);
         // Few may watch frames at once: who went must have given that back.
-        if n % 32 == 31 {
+        if n % 128 == 127 {
             all_gone(&site);
         }
     }
     all_gone(&site);
     let bench = site.server.as_ref().unwrap().bench();
-    let places: Vec<_> = (0..64).map(|_| bench.frames(None)).collect();
+    let places: Vec<_> = (0..256).map(|_| bench.frames(None)).collect();
     assert!(places.iter().all(Result::is_ok), "a place to watch frames is still taken");
     let grown = memory().saturating_sub(before);
     assert!(grown < 16 << 20, "{grown} bytes more");

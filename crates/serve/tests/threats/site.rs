@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use polepair::Connector;
+use polepair_serve::message::telemetry::{HEAD, SAMPLE};
 use polepair_serve::{Options, Server};
 use serde_json::Value;
 use tungstenite::client::IntoClientRequest as _;
@@ -59,7 +60,12 @@ impl Site {
     }
 
     pub fn with(options: Options) -> Self {
-        let urls = ["sim:tmcl?axes=2".to_owned()];
+        Self::of(options, &["sim:tmcl?axes=2"])
+    }
+
+    /// A server of these links.
+    pub fn of(options: Options, urls: &[&str]) -> Self {
+        let urls: Vec<String> = urls.iter().map(|url| (*url).to_owned()).collect();
         let server = Server::start(&options, &urls, Connector::default()).unwrap();
         let address = SocketAddr::from(([127, 0, 0, 1], server.address().port()));
         Self { server: Some(server), folder: options.folder, address }
@@ -200,6 +206,28 @@ pub fn next(socket: &mut WebSocket<TcpStream>, kind: &str) -> Value {
 
 pub fn tell(socket: &mut WebSocket<TcpStream>, message: &Value) {
     socket.send(Message::text(message.to_string())).unwrap();
+}
+
+/// A binary message: its channel, and µs since the server's start with values.
+pub fn samples(bytes: &[u8]) -> (u16, Vec<(u64, f64)>) {
+    assert_eq!(bytes[..2], [1, 1]);
+    let channel = u16::from_le_bytes(bytes[2..4].try_into().unwrap());
+    let count = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
+    let t0 = u64::from_le_bytes(bytes[8..16].try_into().unwrap());
+    let rows = bytes[HEAD..].chunks_exact(SAMPLE).map(|row| {
+        let after = u32::from_le_bytes(row[..4].try_into().unwrap());
+        (t0 + u64::from(after), f64::from_le_bytes(row[4..].try_into().unwrap()))
+    });
+    let rows: Vec<_> = rows.collect();
+    assert_eq!(rows.len(), count as usize);
+    (channel, rows)
+}
+
+/// Bytes of this process that lie in memory.
+pub fn memory() -> u64 {
+    let pages = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    let resident = pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok());
+    resident.unwrap_or(0) * 4096
 }
 
 /// Now, as commands say it.

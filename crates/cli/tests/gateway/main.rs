@@ -1,0 +1,11 @@
+//! `polepair serve` as a process, with drives that are not in it: what it carries, and what is left of
+//! it when it is killed, held up, or loses a link.
+#![cfg(unix)]
+
+mod killed;
+mod load;
+mod lost;
+#[path = "../run/mod.rs"]
+mod run;
+mod site;
+mod wire;

@@ -1,0 +1,23 @@
+//! How much of the system's this process may have at once.
+
+/// Lets this process open as many files and sockets as the system lets it, and tells how many that
+/// are; `None` where that is not told.
+#[cfg(unix)]
+#[must_use]
+pub fn open_files() -> Option<u64> {
+    use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+    let limit = getrlimit(Resource::Nofile);
+    let raised = Rlimit { current: limit.maximum, ..limit };
+    // macOS takes none that is not bounded: what was allowed stays so.
+    match setrlimit(Resource::Nofile, raised) {
+        Ok(()) => raised.current,
+        Err(_) => limit.current,
+    }
+}
+
+/// As on Unix, where it is told.
+#[cfg(not(unix))]
+#[must_use]
+pub const fn open_files() -> Option<u64> {
+    None
+}
