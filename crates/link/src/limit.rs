@@ -1,4 +1,4 @@
-//! How much of the system's this process may have at once.
+//! How much of the system this process and its threads may have.
 
 /// Lets this process open as many files and sockets as the system lets it, and tells how many that
 /// are; `None` where that is not told.
@@ -20,4 +20,15 @@ pub fn open_files() -> Option<u64> {
 #[must_use]
 pub const fn open_files() -> Option<u64> {
     None
+}
+
+/// Lets the present thread stand back behind all others when processors are short: for what only
+/// shows. Elsewhere than on Linux a whole process would, so nothing is done.
+pub fn stand_back() {
+    #[cfg(target_os = "linux")]
+    {
+        const NICE: i32 = 10;
+        // Where that is not let, it is as important as any other.
+        let _ = rustix::process::nice(NICE);
+    }
 }

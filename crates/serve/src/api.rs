@@ -18,6 +18,7 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Method;
 use axum::routing::{MethodRouter, delete, get, post};
+use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
 
 use crate::bench::{Bench, CAPTURE_MAX, Session};
@@ -47,16 +48,24 @@ pub(crate) struct Gate {
     pub metrics: Metrics,
     pub board: live::Board,
     pub uploads: Arc<Semaphore>,
+    /// What viewers are shown is written there, apart from what reads commands.
+    pub shows: Handle,
     sessions: AtomicU64,
 }
 
 pub(crate) type Shared = Arc<Gate>;
 
 impl Gate {
-    pub fn new(bench: Bench, door: Door, hosts: Hosts, journal: Arc<Journal>) -> Self {
+    pub fn new(
+        bench: Bench,
+        door: Door,
+        hosts: Hosts,
+        journal: Arc<Journal>,
+        shows: Handle,
+    ) -> Self {
         let (metrics, board) = (Metrics::default(), live::Board::default());
         let (uploads, sessions) = (Arc::new(Semaphore::new(UPLOADS_MAX)), AtomicU64::new(1));
-        Self { bench, door, hosts, journal, metrics, board, uploads, sessions }
+        Self { bench, door, hosts, journal, metrics, board, uploads, shows, sessions }
     }
 
     /// A name for a client that stays.

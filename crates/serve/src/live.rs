@@ -1,11 +1,12 @@
 //! The WebSocket: one for each viewer, with a reader that never waits for drives and a writer that puts
 //! what was asked before what is merely shown.
 //!
-//! States of axes are made once for all viewers, ten times a second, by the [`Board`]. Telemetry and
-//! frames are taken from the bench by each viewer's writer when nothing else is to be said
-//! ([`watched`]). A viewer that takes nothing for five seconds is closed: it is asked each second
+//! What is the same for all viewers is made once, by the [`Board`]. Telemetry and frames are taken from
+//! the bench by each viewer's writer when nothing else is to be said ([`watched`]). Writers have a
+//! runtime of their own: however many there are, who reads commands does not wait for them. A viewer that takes nothing for five seconds is closed: it is asked each second
 //! whether it is there. Its leases end with it, and nothing is watched for it any more.
 
+mod board;
 mod watched;
 
 use std::sync::Arc;
@@ -18,25 +19,27 @@ use axum::response::{IntoResponse as _, Response};
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt as _, StreamExt as _};
 use polepair_link::clock;
+use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{Semaphore, broadcast, mpsc};
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
 use crate::api::{self, Needs, Shared};
-use crate::bench::{Event, Session};
+use crate::bench::Session;
 use crate::message::{
-    AxisState, ClientMessage, CommandOrder, Ended, ErrorBody, LeaseAct, Outcome, Refused,
-    ServerMessage, StopOrder, Stopped, Welcome,
+    ClientMessage, CommandOrder, Ended, ErrorBody, LeaseAct, Outcome, Refused, ServerMessage,
+    StopOrder, Welcome,
 };
 use crate::scope::Scope;
 use crate::session::Caller;
+use board::News;
 use watched::{Round, Watched};
+
+pub(crate) use board::Board;
 
 /// The sub-protocol.
 pub const PROTOCOL: &str = "polepair.v1";
 /// Bytes of a message.
 pub const MESSAGE_MAX: usize = 64 * 1024;
-/// Viewers at once.
-pub const VIEWERS_MAX: usize = 2048;
 /// Answers that wait for one viewer.
 const ANSWERS_MAX: usize = 256;
 /// Commands of one viewer that are under way.
@@ -49,71 +52,6 @@ const SPAN: Duration = Duration::from_millis(100);
 const SILENT_MAX: Duration = Duration::from_secs(5);
 /// How often it is asked whether it is there.
 const ASK: Duration = Duration::from_secs(1);
-/// How often states are looked at.
-const LOOK: Duration = Duration::from_millis(100);
-/// After how many looks a state is told though only its age has changed.
-const LOOKS_MAX: u8 = 10;
-/// States that a slow viewer may be behind.
-const STATES_MAX: usize = 256;
-
-/// Where states of axes are put up for all viewers.
-#[derive(Debug, Clone)]
-pub(crate) struct Board {
-    states: broadcast::Sender<Utf8Bytes>,
-    places: Arc<Semaphore>,
-}
-
-impl Default for Board {
-    fn default() -> Self {
-        let places = Arc::new(Semaphore::new(VIEWERS_MAX));
-        Self { states: broadcast::Sender::new(STATES_MAX), places }
-    }
-}
-
-impl Board {
-    /// Looks after the states as long as there is a gate.
-    pub async fn look_after(gate: Shared) {
-        let mut looks = interval(LOOK);
-        looks.set_missed_tick_behavior(MissedTickBehavior::Skip);
-        let mut shown: Vec<(AxisState, u8)> = Vec::new();
-        loop {
-            looks.tick().await;
-            if gate.board.states.receiver_count() == 0 {
-                shown.clear();
-                continue;
-            }
-            for id in 0..=u16::MAX {
-                let Ok(state) = gate.bench.axis(id) else { break };
-                gate.board.show(state, &mut shown);
-            }
-        }
-    }
-
-    /// Puts up a state that has changed, or was not put up for a while.
-    fn show(&self, state: AxisState, shown: &mut Vec<(AxisState, u8)>) {
-        let at = usize::from(state.id);
-        let ageless = ageless(&state);
-        match shown.get_mut(at) {
-            Some((before, looks)) if *before == ageless && *looks < LOOKS_MAX => {
-                *looks += 1;
-                return;
-            }
-            Some(before) => *before = (ageless, 0),
-            None => shown.push((ageless, 0)),
-        }
-        // Nobody may look any more.
-        let _ = self.states.send(text(&ServerMessage::Axis(state)));
-    }
-}
-
-fn ageless(state: &AxisState) -> AxisState {
-    let mut state = state.clone();
-    state.signals.iter_mut().for_each(|signal| signal.age_ms = 0.0);
-    if let Some(lease) = &mut state.lease {
-        lease.expires_ms = 0.0;
-    }
-    state
-}
 
 /// Watch and command
 ///
@@ -166,38 +104,39 @@ impl Viewer {
     async fn watch(gate: &Shared, caller: Caller, session: &Session, socket: WebSocket) {
         let (to, from) = socket.split();
         let (answers, waiting) = mpsc::channel(ANSWERS_MAX);
-        let events = gate.bench.events();
-        let states = gate.board.states.subscribe();
-        let viewer = Self {
+        let watched = Arc::<Watched>::default();
+        let shown = Shown {
             gate: Arc::clone(gate),
-            caller,
-            session: session.clone(),
-            answers,
-            under_way: Arc::new(Semaphore::new(COMMANDS_MAX)),
-            watched: Arc::default(),
+            caller: caller.clone(),
+            waiting,
+            news: gate.board.news.subscribe(),
+            states: gate.board.states.subscribe(),
+            watched: Arc::clone(&watched),
         };
-        let all = viewer.all();
-        let watched = Arc::clone(&viewer.watched);
-        let shown = Shown { waiting, events, states, watched };
+        let under_way = Arc::new(Semaphore::new(COMMANDS_MAX));
+        let (gate, session) = (Arc::clone(gate), session.clone());
+        let viewer = Self { gate, caller, session, answers, under_way, watched };
+        let mut writing = viewer.gate.shows.spawn(shown.write(to, viewer.welcome()));
         tokio::select! {
-            () = shown.write(gate, &viewer.caller, to, all) => {}
-            () = viewer.read(from) => {}
+            _ = &mut writing => {}
+            () = viewer.read(from) => {
+                writing.abort();
+                // What was watched is free once that has ended, as it was told to.
+                let _ = writing.await;
+            }
         }
     }
 
     /// What is said first.
-    fn all(&self) -> Vec<Utf8Bytes> {
+    fn welcome(&self) -> Utf8Bytes {
         let bench = &self.gate.bench;
-        let welcome = ServerMessage::Welcome(Welcome {
+        text(&ServerMessage::Welcome(Welcome {
             server_ms: bench.now_ms(),
             t0_ms: bench.t0_ms(),
             session: self.session.to_string(),
             scopes: self.caller.scopes.iter().collect(),
             lease_ms: u32::try_from(bench.lease_lasts().as_millis()).unwrap_or(u32::MAX),
-        });
-        let mut all = vec![text(&welcome)];
-        all.extend(whole(&self.gate, &self.caller));
-        all
+        }))
     }
 
     async fn read(&self, mut from: SplitStream<WebSocket>) {
@@ -370,24 +309,21 @@ impl Pace {
 
 /// What a viewer is shown.
 struct Shown {
+    gate: Shared,
+    caller: Caller,
     waiting: mpsc::Receiver<Utf8Bytes>,
-    events: broadcast::Receiver<Event>,
+    news: broadcast::Receiver<News>,
     states: broadcast::Receiver<Utf8Bytes>,
     watched: Arc<Watched>,
 }
 
 impl Shown {
     /// Writes until the viewer is gone, or takes nothing.
-    async fn write(
-        mut self,
-        gate: &Shared,
-        caller: &Caller,
-        mut to: SplitSink<WebSocket, Message>,
-        first: Vec<Utf8Bytes>,
-    ) {
+    async fn write(mut self, mut to: SplitSink<WebSocket, Message>, welcome: Utf8Bytes) {
         let (mut asks, mut round) = (interval(ASK), Round::default());
         asks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut messages: Vec<Message> = first.into_iter().map(Message::Text).collect();
+        let mut messages = vec![Message::Text(welcome)];
+        messages.extend(self.whole());
         loop {
             for message in messages.drain(..) {
                 let sent = timeout(SILENT_MAX, to.send(message)).await;
@@ -402,44 +338,37 @@ impl Shown {
                     Some(text) => messages.push(Message::Text(text)),
                     None => return,
                 },
-                event = self.events.recv() => match event {
-                    Ok(event) => messages.extend(of_event(gate, caller, event)),
-                    Err(broadcast::error::RecvError::Lagged(_)) => {
-                        messages.extend(whole(gate, caller).map(Message::Text));
-                    }
-                    Err(broadcast::error::RecvError::Closed) => return,
+                news = self.news.recv() => match news {
+                    Ok(News::Text(text)) => messages.push(Message::Text(text)),
+                    Ok(News::Bench) => messages.push(self.bench().0),
+                    Ok(News::Whole) | Err(RecvError::Lagged(_)) => messages.extend(self.whole()),
+                    Err(RecvError::Closed) => return,
                 },
                 _ = asks.tick() => messages.push(Message::Ping(Bytes::new())),
                 state = self.states.recv() => match state {
                     Ok(state) => messages.push(Message::Text(state)),
-                    Err(broadcast::error::RecvError::Lagged(lost)) => {
-                        gate.metrics.dropped.inc_by(lost);
-                    }
-                    Err(broadcast::error::RecvError::Closed) => return,
+                    Err(RecvError::Lagged(lost)) => drop(self.gate.metrics.dropped.inc_by(lost)),
+                    Err(RecvError::Closed) => return,
                 },
-                message = round.message(&self.watched, &gate.metrics) => messages.push(message),
+                message = round.message(&self.watched, &self.gate.metrics) => messages.push(message),
             }
         }
     }
-}
 
-/// The bench and every axis.
-fn whole(gate: &Shared, caller: &Caller) -> impl Iterator<Item = Utf8Bytes> {
-    let bench = api::bench_of(gate, caller);
-    let axes = bench.axes.iter().filter_map(|axis| gate.bench.axis(axis.id).ok());
-    let axes: Vec<_> = axes.map(|state| text(&ServerMessage::Axis(state))).collect();
-    std::iter::once(text(&ServerMessage::Bench(bench))).chain(axes)
-}
+    /// The bench, and how many axes it has.
+    fn bench(&self) -> (Message, u16) {
+        let bench = api::bench_of(&self.gate, &self.caller);
+        let axes = u16::try_from(bench.axes.len()).unwrap_or(u16::MAX);
+        (Message::Text(text(&ServerMessage::Bench(bench))), axes)
+    }
 
-fn of_event(gate: &Shared, caller: &Caller, event: Event) -> Option<Message> {
-    let message = match event {
-        Event::Lease { axis, .. } => ServerMessage::Axis(gate.bench.axis(axis).ok()?),
-        Event::Stopped(axis) => ServerMessage::Stopped(Stopped { axes: vec![axis] }),
-        Event::Locked(lock) => ServerMessage::Locked(lock),
-        Event::Unlocked => ServerMessage::Unlocked,
-        Event::Bench => ServerMessage::Bench(api::bench_of(gate, caller)),
-    };
-    Some(Message::Text(text(&message)))
+    /// The bench and every axis.
+    fn whole(&self) -> Vec<Message> {
+        let (bench, axes) = self.bench();
+        let states = (0..axes).filter_map(|id| self.gate.bench.axis(id).ok());
+        let states = states.map(|state| Message::Text(text(&ServerMessage::Axis(state))));
+        std::iter::once(bench).chain(states).collect()
+    }
 }
 
 /// A message's `type`, and what it needs besides being let in.

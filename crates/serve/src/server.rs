@@ -16,7 +16,7 @@ use polepair::Connector;
 use serde_json::json;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::runtime::Runtime;
+use tokio::runtime::{Builder, Runtime};
 use tokio::sync::watch;
 use tower::ServiceExt as _;
 
@@ -48,7 +48,8 @@ const JOURNAL: &str = "journal.jsonl";
 
 /// A server that runs.
 pub struct Server {
-    runtime: Option<Runtime>,
+    /// What takes requests and commands, and what shows.
+    runtimes: Option<(Runtime, Runtime)>,
     gate: Shared,
     address: SocketAddr,
     url: String,
@@ -109,17 +110,15 @@ impl Server {
         let door = Door::new(grants, options.scopes, address.port(), options.tls);
         let hosts = Hosts::new(options.scheme(), address.ip(), address.port(), &options.names);
         let once = door.once()?.reveal();
-        let gate = Arc::new(Gate::new(bench, door, hosts, journal));
+        let (runtime, shows) = (runtime(|| {})?, runtime(polepair_link::stand_back)?);
+        let gate = Arc::new(Gate::new(bench, door, hosts, journal, shows.handle().clone()));
         let fingerprint = tls.as_ref().map(|tls| tls.fingerprint.clone());
         let (end, ended) = watch::channel(false);
-        let runtime = Runtime::new().map_err(|error| {
-            Refusal::adapter("E318", "no threads can be started").why(error.to_string())
-        })?;
-        runtime.spawn(Board::look_after(Arc::clone(&gate)));
+        shows.spawn(Board::look_after(Arc::clone(&gate)));
         runtime.spawn(accept(listener, Arc::clone(&gate), tls, ended));
         let shown = SocketAddr::new(shown(address), address.port());
         let url = format!("{}://{shown}/?once={once}", options.scheme());
-        Ok(Self { runtime: Some(runtime), gate, address, url, fingerprint, cut, end })
+        Ok(Self { runtimes: Some((runtime, shows)), gate, address, url, fingerprint, cut, end })
     }
 
     /// Where it listens.
@@ -160,7 +159,7 @@ impl Server {
 
     /// Waits until somebody ends it, then stops what moves and closes everything.
     pub fn wait(mut self) {
-        if let Some(runtime) = &self.runtime {
+        if let Some((runtime, _)) = &self.runtimes {
             let mut end = self.end.subscribe();
             // The sender is ours: it lives.
             let _ = runtime.block_on(end.wait_for(|end| *end));
@@ -169,13 +168,14 @@ impl Server {
     }
 
     fn close(&mut self) {
-        let Some(runtime) = self.runtime.take() else { return };
+        let Some((runtime, shows)) = self.runtimes.take() else { return };
         self.end.send_replace(true);
         self.gate.bench.shutdown();
         if let Err(error) = self.gate.journal.write("server", Deed::Ended, None, &json!({})) {
             tracing::error!(%error, "the journal does not keep its end");
         }
         runtime.shutdown_timeout(LEAVE_MAX);
+        shows.shutdown_timeout(LEAVE_MAX);
     }
 }
 
@@ -189,6 +189,14 @@ impl bench::Journal for Journal {
     fn note(&self, note: bench::Note<'_>) -> Result<(), crate::message::Refused> {
         self.write(note.who, note.deed, note.axis, &note.detail).map(drop)
     }
+}
+
+/// Threads for tasks, each of which does that first.
+fn runtime(first: impl Fn() + Send + Sync + 'static) -> Result<Runtime, Refusal> {
+    let threads = Builder::new_multi_thread().enable_all().on_thread_start(first).build();
+    threads.map_err(|error| {
+        Refusal::adapter("E318", "no threads can be started").why(error.to_string())
+    })
 }
 
 /// Makes the server's folder, for its owner alone.

@@ -236,6 +236,7 @@ pub(super) struct Reader {
 impl Reader {
     /// Explains until the bench closes.
     pub fn run(mut self) {
+        polepair_link::stand_back();
         while !self.shared.is_closing() {
             self.turn(LOOK_EVERY);
         }
