@@ -3,8 +3,9 @@
 //!
 //! What is the same for all viewers is made once, by the [`Board`]. Telemetry and frames are taken from
 //! the bench by each viewer's writer when nothing else is to be said ([`watched`]). Writers have a
-//! runtime of their own: however many there are, who reads commands does not wait for them. A viewer that takes nothing for five seconds is closed: it is asked each second
-//! whether it is there. Its leases end with it, and nothing is watched for it any more.
+//! runtime of their own: however many there are, who reads commands does not wait for them. A viewer
+//! that takes nothing for five seconds is closed: it is asked each second whether it is there. Its
+//! leases end with it, and nothing is watched for it any more.
 
 mod board;
 mod watched;
