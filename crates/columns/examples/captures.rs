@@ -1,4 +1,5 @@
-//! What a frame of the bench's log costs at best: the least disturbed of many short runs.
+//! What a frame of the bench's log costs at best: the least disturbed of many short runs. With a
+//! number: that many frames of the log, to stdout, for what the program itself costs.
 
 #[path = "../benches/work/mod.rs"]
 mod work;
@@ -24,6 +25,9 @@ fn best(name: &str, log: &str, runs: usize, mut run: impl FnMut(&str) -> u64) {
 }
 
 fn main() {
+    if let Some(frames) = std::env::args().nth(1).and_then(|frames| frames.parse().ok()) {
+        return print!("{}", log(frames));
+    }
     let (short, long) = (log(SHORT), log(LONG));
     best("read", &short, 400, parse);
     best("text", &short, 400, |log| text(log) as u64);
