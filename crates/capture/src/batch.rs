@@ -31,18 +31,19 @@ pub struct Batch {
     kept: Vec<Kept>,
     used: usize,
     size: usize,
+    stopped: bool,
 }
 
 /// One frame.
 #[derive(Clone, Copy, Debug)]
 pub enum Decoded {
-    /// Process data that change nothing.
+    /// One that changes nothing.
     Plain(Plain),
     /// Any other; which one.
     Told(u32),
 }
 
-/// Process data that change nothing.
+/// A frame that changes nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct Plain {
     /// Which of the batch's [voices](Batch::voices) says it.
@@ -57,11 +58,11 @@ pub struct Plain {
     pub at: u64,
 }
 
-/// What is the same of all process data with one identifier.
+/// What is the same of frames with one identifier.
 #[derive(Clone, Debug)]
 pub struct Voice {
     /// What they say.
-    pub process: Arc<Process>,
+    pub said: Said,
     /// On which link.
     pub link: Arc<str>,
     /// The protocol.
@@ -72,6 +73,40 @@ pub struct Voice {
     pub id: u32,
     /// How many bytes they have.
     pub len: u8,
+}
+
+/// What frames say that change nothing.
+#[derive(Clone, Debug)]
+pub enum Said {
+    /// Process data: each what its bytes are.
+    Process(Arc<Process>),
+    /// All the same, for their bytes are.
+    Same(Arc<Explained>),
+}
+
+/// The same, of one frame.
+#[derive(Clone, Copy)]
+pub(crate) enum Says<'a> {
+    Process(&'a Arc<Process>),
+    Same(&'a Arc<Explained>),
+}
+
+impl Says<'_> {
+    #[inline]
+    fn is(self, said: &Said) -> bool {
+        match (self, said) {
+            (Self::Process(one), Said::Process(other)) => Arc::ptr_eq(one, other),
+            (Self::Same(one), Said::Same(other)) => Arc::ptr_eq(one, other),
+            _ => false,
+        }
+    }
+
+    fn kept(self) -> Said {
+        match self {
+            Self::Process(process) => Said::Process(Arc::clone(process)),
+            Self::Same(explained) => Said::Same(Arc::clone(explained)),
+        }
+    }
 }
 
 /// What is said of process data, as of any other frame.
@@ -111,6 +146,22 @@ impl Batch {
         (self.used, self.size) = (0, 0);
     }
 
+    /// No more of the piece under way is wanted.
+    pub(crate) const fn stop(&mut self) {
+        self.stopped = true;
+    }
+
+    /// Whether that was said, until a piece begins.
+    pub(crate) const fn is_stopped(&self) -> bool {
+        self.stopped
+    }
+
+    /// A piece begins; `head` is how far lines have come.
+    pub(crate) fn piece(&mut self, head: Head) {
+        self.stopped = false;
+        self.begin(head);
+    }
+
     /// True without a frame.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
@@ -128,7 +179,7 @@ impl Batch {
         &self.items
     }
 
-    /// Who says its process data.
+    /// Who says its frames that change nothing.
     #[must_use]
     pub fn voices(&self) -> &[Voice] {
         &self.voices
@@ -166,7 +217,7 @@ impl Batch {
         self.used += 1;
     }
 
-    /// Adds process data that change nothing. `voice` is where their voice may be, and is; false if
+    /// Adds a frame that changes nothing. `voice` is where their voice may be, and is; false if
     /// there is no room for one.
     #[inline]
     pub(crate) fn add(
@@ -174,12 +225,12 @@ impl Batch {
         record: &Record<'_>,
         (number, frame): (u64, &Frame),
         voice: &mut u16,
-        (process, link, protocol): (&Arc<Process>, &Arc<str>, &'static str),
+        (says, link, protocol): (Says<'_>, &Arc<str>, &'static str),
     ) -> bool {
         let Some(time) = record.time else { return false };
         let direction = record.direction;
         let same = |known: &Voice| {
-            Arc::ptr_eq(&known.process, process)
+            says.is(&known.said)
                 && (known.id, known.len, known.direction) == (frame.id, frame.len, direction)
                 && Arc::ptr_eq(&known.link, link)
         };
@@ -188,9 +239,9 @@ impl Batch {
                 return false;
             }
             *voice = self.voices.len() as u16;
-            let (process, link) = (Arc::clone(process), Arc::clone(link));
+            let (said, link) = (says.kept(), Arc::clone(link));
             let Frame { id, len, .. } = *frame;
-            self.voices.push(Voice { process, link, protocol, direction, id, len });
+            self.voices.push(Voice { said, link, protocol, direction, id, len });
         }
         let (voice, data) = (*voice, u64::from_le_bytes(frame.data));
         self.items.push(Decoded::Plain(Plain { voice, data, number, time, at: record.at }));
@@ -199,7 +250,16 @@ impl Batch {
 }
 
 impl Voice {
-    /// Gives process data as any other frame.
+    /// The mapping of process data.
+    #[must_use]
+    pub fn process(&self) -> Option<&Process> {
+        match &self.said {
+            Said::Process(process) => Some(process),
+            Said::Same(_) => None,
+        }
+    }
+
+    /// Gives a frame as any other.
     pub(crate) fn each(&self, plain: &Plain, each: &mut dyn FnMut(&Event<'_>)) {
         self.event(plain, &mut Buffers::default(), each);
     }
@@ -208,12 +268,18 @@ impl Voice {
         let Buffers { explained, notices } = buffers;
         let data = plain.data.to_le_bytes();
         let bytes = &data[..usize::from(self.len)];
-        explained.clear();
-        self.process.say(bytes, explained);
         notices.clear();
-        self.process.mapping().signals(plain.data, |place, exact, value| {
-            notices.push(self.process.signal(place, exact, value));
-        });
+        let explained = match &self.said {
+            Said::Same(explained) => &**explained,
+            Said::Process(process) => {
+                explained.clear();
+                process.say(bytes, explained);
+                process.mapping().signals(plain.data, |place, exact, value| {
+                    notices.push(process.signal(place, exact, value));
+                });
+                explained
+            }
+        };
         each(&Event {
             number: plain.number,
             time: Some(plain.time),

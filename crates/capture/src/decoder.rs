@@ -2,6 +2,7 @@
 
 mod gather;
 mod lane;
+mod repeat;
 
 use core::fmt;
 use std::sync::Arc;
@@ -24,6 +25,7 @@ use crate::stream::{Flow, Origin, Piece, Shape};
 use crate::text::Head;
 pub(crate) use lane::speaks;
 use lane::{Lane, Lanes, Teller, claimant, spoken};
+use repeat::Repeats;
 
 /// Links that a capture may name; records of further ones are damaged.
 pub const LINKS_MAX: usize = 256;
@@ -85,6 +87,26 @@ impl<'a> Event<'a> {
             wrong: None,
             notices: &[],
             at: 0,
+        }
+    }
+
+    /// What a record says of its frame.
+    fn of_frame(
+        record: &Record<'_>,
+        link: &'a str,
+        frame: &'a Frame,
+        explained: &'a Explained,
+    ) -> Self {
+        Self {
+            time: record.time,
+            direction: record.direction,
+            bytes: if frame.remote { &[] } else { frame.bytes() },
+            id: Some(frame.id),
+            extended: frame.extended,
+            remote: frame.remote,
+            wanted: if frame.remote { frame.len } else { 0 },
+            at: record.at,
+            ..Self::none(link, explained)
         }
     }
 }
@@ -154,6 +176,7 @@ struct Wire {
     name: Arc<str>,
     rules: Vec<Rule>,
     lanes: Lanes,
+    repeats: Repeats,
     flows: [Flow; 3],
     conversation: Conversation,
     session: Session,
@@ -210,7 +233,9 @@ impl Decoder {
     /// Names parameters as `profile` does from now on: who speaks may be learnt on the way.
     pub fn name_by(&mut self, profile: &'static Profile) {
         self.profile = Some(profile);
-        self.wires.iter_mut().for_each(|wire| wire.lanes = Lanes::default());
+        for wire in &mut self.wires {
+            (wire.lanes, wire.repeats) = (Lanes::default(), Repeats::default());
+        }
     }
 
     /// Reads the capture as that format, or tells it by the first bytes.
@@ -364,6 +389,7 @@ impl Decoder {
                 name: name.into(),
                 rules: self.rules.on(name),
                 lanes: Lanes::default(),
+                repeats: Repeats::default(),
                 flows: Default::default(),
                 conversation: Conversation::with_echo(echoes),
                 session: Session::default(),
@@ -477,7 +503,7 @@ impl Decoder {
 
     fn take_frame(&mut self, at: usize, record: &Record<'_>, frame: &Frame, out: Out<'_>) {
         self.count += 1;
-        let Wire { name, rules, lanes, conversation, session, .. } = &mut self.wires[at];
+        let Wire { name, rules, lanes, repeats, conversation, session, .. } = &mut self.wires[at];
         self.explained.clear();
         self.notices.clear();
         let known = lanes.of(frame);
@@ -492,15 +518,22 @@ impl Decoder {
             };
             let (judged, follows) = (self.judged, self.follows);
             let mut teller = Teller { judged, follows, left: None, tried: 0 };
-            let rule = teller
-                .explain(rules, frame, &context, conversation, &mut self.explained)
-                .or_else(|| claimant(rules, session, frame))?;
+            let told = teller.explain(rules, frame, &context, conversation, &mut self.explained);
+            let rule = told.or_else(|| claimant(rules, session, frame))?;
             let (dissector, stated) = (rules[rule].dissector, spoken(self.profile, &rules[rule]));
             let profile = stated.or_else(|| drives::assumed(dissector));
             let left = teller.left;
             let lane = Lane { dissector, profile, stated: stated.is_some(), left, voice: 0 };
-            if left.is_some() && teller.tried == 1 {
+            let by_id = told.is_some() && teller.tried == 1;
+            if left.is_some() && by_id {
                 lanes.keep(frame, lane);
+            } else if by_id
+                && follows
+                && self.explained.error.is_none()
+                && is_short(frame)
+                && session.repeats(dissector.name(), frame.id)
+            {
+                repeats.note(frame, record.direction, lane, &self.explained);
             }
             Some(lane)
         });
@@ -508,42 +541,29 @@ impl Decoder {
             self.explained.axis = Some(axis);
         }
         if let Some(lane) = lane.filter(|_| self.follows) {
-            let heard = Heard {
-                number: self.count,
-                time: record.time,
-                direction: record.direction,
-                raw: Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended },
-                remote: frame.remote,
-                echo: false,
-                wrong: self.explained.error.map(Wrong::Wire),
-                stray: false,
-                left: lane.left.is_some(),
-                dissector: lane.dissector,
-                profile: lane.profile,
-                stated: lane.stated,
-            };
+            let heard = lane.heard(self.count, record, frame, self.explained.error);
             session.take(&heard, &mut self.explained, &mut self.notices);
         }
         out(&Event {
             number: self.count,
-            time: record.time,
-            link: name,
-            direction: record.direction,
             protocol: lane.map(|lane| lane.dissector.name()),
-            bytes: if frame.remote { &[] } else { frame.bytes() },
-            id: Some(frame.id),
-            extended: frame.extended,
-            remote: frame.remote,
-            wanted: if frame.remote { frame.len } else { 0 },
-            echo: false,
-            stray: false,
             explained: &self.explained,
             // A conversation may tell that a frame is another than it looks like.
             wrong: self.explained.error.map(Wrong::Wire),
             notices: &self.notices,
-            at: record.at,
+            ..Event::of_frame(record, name, frame, &self.explained)
         });
     }
+}
+
+/// A frame's bytes and identifier.
+fn raw(frame: &Frame) -> Raw<'_> {
+    Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended }
+}
+
+/// It has an identifier of 11 bits, and bytes.
+const fn is_short(frame: &Frame) -> bool {
+    !frame.extended && !frame.remote
 }
 
 /// Where in the capture a piece stands.

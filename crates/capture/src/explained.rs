@@ -60,7 +60,7 @@ pub(crate) enum Of {
     Word(Name),
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 struct Stored {
     name: &'static str,
     start: u16,
@@ -69,7 +69,7 @@ struct Stored {
     meaning: &'static str,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 enum StoredValue {
     Int(i64),
     Hex(u64, u8),
@@ -144,6 +144,20 @@ impl Explained {
         self.bytes.clone_from(bytes);
         self.readings.clone_from(readings);
         (self.axis, self.error, self.keeps) = (*axis, *error, *keeps);
+    }
+
+    /// Another one that says the same.
+    pub(crate) fn copied(&self) -> Self {
+        let mut copy = Self::default();
+        copy.copy(self);
+        copy
+    }
+
+    /// Says the same.
+    pub(crate) fn is_as(&self, other: &Self) -> bool {
+        (self.axis, self.error) == (other.axis, other.error)
+            && (&self.kind, &self.text) == (&other.kind, &other.text)
+            && (&self.items, &self.bytes) == (&other.items, &other.bytes)
     }
 
     /// The values that the frame carries.

@@ -53,7 +53,7 @@ pub mod summary;
 pub mod text;
 mod write;
 
-pub use batch::{Batch, Decoded, Plain, Voice};
+pub use batch::{Batch, Decoded, Plain, Said, Voice};
 pub use changes::{Changes, about, meaning};
 pub use decoder::{Decoder, Event, Wrong};
 pub use explained::{CAN_FD, ERROR_FRAME, Explained, Item, ItemValue};

@@ -10,13 +10,15 @@ use crate::batch::Batch;
 use crate::decoder::Decoder;
 use crate::read::Scan;
 
-/// Bytes of one piece, nearly.
-const PIECE: usize = 1 << 19;
 /// Threads that are of use: more would take more memory than they should.
 pub const JOBS_MAX: usize = 8;
 
 /// Makes something of batches.
 pub trait Maker: Send {
+    /// Bytes of one piece, nearly. What a thread makes of it should fit into its core's own cache:
+    /// several threads that share the next one are slower than as many alone.
+    const PIECE: usize = 1 << 17;
+
     /// Takes a batch, whose turn to be handed over comes later.
     fn make(&mut self, batch: &Batch);
 }
@@ -98,12 +100,12 @@ struct Hand {
 
 impl<E> Source<'_, E> {
     /// The next piece, which ends where a line does if it can, and its number.
-    fn next(&mut self, piece: &mut Vec<u8>) -> Result<Option<u64>, E> {
+    fn next(&mut self, piece: &mut Vec<u8>, most: usize) -> Result<Option<u64>, E> {
         piece.clear();
         piece.append(&mut self.rest);
-        while piece.len() < PIECE && !self.ended {
+        while piece.len() < most && !self.ended {
             let before = piece.len();
-            (self.fill)(piece, PIECE - before)?;
+            (self.fill)(piece, most - before)?;
             self.ended = piece.len() == before;
         }
         if let Some(newline) = memchr::memrchr(b'\n', piece).filter(|_| !self.ended) {
@@ -126,15 +128,16 @@ impl<M: Maker, E> Hall<'_, M, E> {
 
     /// Goes with one piece; `None` when there is none, or all is over.
     fn go(&self, Hand { piece, scan, batch }: &mut Hand, maker: &mut M) -> Option<()> {
-        let read = self.source.lock().ok()?.next(piece);
+        let read = self.source.lock().ok()?.next(piece, M::PIECE);
         let number = self.well(read)??;
         scan.read(piece);
         let mut decoder = self.decoder.wait(number, &self.over)?;
         let mut full = |batch: &mut Batch| {
             maker.make(batch);
             // Nobody behind is decoded yet, and those before need nothing for that.
-            if let Some(mut put) = self.put.wait(number, &self.over) {
-                let _ = self.well((put.1)(maker));
+            let put = self.put.wait(number, &self.over);
+            if put.and_then(|mut put| self.well((put.1)(maker))).is_none() {
+                batch.stop();
             }
         };
         decoder.1.gather_lines(piece, scan, batch, &mut full);

@@ -315,6 +315,12 @@ pub(crate) trait Follower: Debug + Send {
         None
     }
 
+    /// What frames with that identifier of 11 bits say by themselves hangs on their bytes alone.
+    fn repeats(&self, id: u32) -> bool {
+        let _ = id;
+        false
+    }
+
     /// Whether the capture gave that CAN identifier to this protocol, which is not its own otherwise.
     fn claims(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
@@ -355,6 +361,12 @@ impl Session {
             [(_, only)] => only.settled(frame, now),
             _ => None,
         }
+    }
+
+    /// Whether what frames with that identifier of 11 bits say by themselves hangs on their bytes
+    /// alone, where that protocol alone is spoken.
+    pub fn repeats(&self, spoken: Name, id: u32) -> bool {
+        matches!(&self.followers[..], [(name, only)] if *name == spoken && only.repeats(id))
     }
 
     /// The protocol that the capture gave a CAN identifier to, beside those that are its own.

@@ -3,6 +3,7 @@
 //! ```text
 //!   capture   events and what their conversations tell
 //!    └ Tables rows into batches of four tables       (Arrow; no file)
+//!       ├ Builder    the same on each of several threads
 //!       ├ Numbering  several builders' batches as one's
 //!       ├ Files  batches into four files             (Parquet, or Arrow's file format)
 //!       └ Parts  batches into a partitioned data set (Parquet)
@@ -11,7 +12,10 @@
 //! stated.
 #![forbid(unsafe_code)]
 
+mod build;
 mod column;
+#[cfg(feature = "files")]
+mod encode;
 mod numbering;
 #[cfg(feature = "files")]
 mod parts;
@@ -22,6 +26,7 @@ mod tables;
 
 pub use arrow_array::RecordBatch;
 pub use arrow_schema::ArrowError;
+pub use build::{Builder, Built};
 pub use numbering::Numbering;
 #[cfg(feature = "files")]
 pub use parts::{Done, Parts, Site};

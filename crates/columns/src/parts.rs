@@ -69,6 +69,8 @@ impl Done {
 pub struct Parts {
     site: Site,
     done: Done,
+    /// Threads that encode columns.
+    jobs: usize,
     open: BTreeMap<PathBuf, Store>,
     /// All parts, from the data set's folder on.
     written: Vec<PathBuf>,
@@ -77,10 +79,10 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Begins the parts of a capture.
+    /// Begins the parts of a capture, whose columns so many threads encode.
     #[must_use]
-    pub fn new(site: Site, done: Done) -> Self {
-        Self { site, done, open: BTreeMap::new(), written: Vec::new(), closed: Vec::new() }
+    pub fn new(site: Site, done: Done, jobs: usize) -> Self {
+        Self { site, done, jobs, open: BTreeMap::new(), written: Vec::new(), closed: Vec::new() }
     }
 
     fn part(&mut self, table: Table, date: &str, bus: &str) -> Result<&mut Store, StoreError> {
@@ -94,7 +96,8 @@ impl Parts {
             let key = self.done.blake3.get(..16).unwrap_or(&self.done.blake3);
             let part = folder.join(format!("part-{key}-{same}.parquet"));
             std::fs::create_dir_all(self.site.root.join(&folder))?;
-            let store = Store::create(&self.site.root.join(&part), table, Stored::Parquet)?;
+            let store =
+                Store::create(&self.site.root.join(&part), table, Stored::Parquet, self.jobs)?;
             self.written.push(part);
             self.open.insert(folder.clone(), store);
         }

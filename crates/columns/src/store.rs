@@ -7,18 +7,10 @@ use std::path::{Path, PathBuf};
 use arrow_array::RecordBatch;
 use arrow_ipc::writer::{DictionaryHandling, FileWriter, IpcWriteOptions};
 use arrow_schema::ArrowError;
-use parquet::arrow::ArrowWriter;
-use parquet::basic::{Compression, ZstdLevel};
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{KeyValue, SortingColumn};
-use parquet::file::properties::WriterProperties;
-use parquet::schema::types::ColumnPath;
 
+use crate::encode::Parquet;
 use crate::schema::Table;
-
-/// Rows of a row group.
-const GROUP_ROWS: usize = 1 << 20;
-const ZSTD_LEVEL: i32 = 3;
 
 /// How columns are stored.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -126,7 +118,7 @@ pub struct Store {
 }
 
 enum Writer {
-    Parquet(Box<ArrowWriter<BufWriter<File>>>),
+    Parquet(Box<Parquet>),
     Arrow(Box<FileWriter<BufWriter<File>>>),
 }
 
@@ -140,18 +132,20 @@ impl core::fmt::Debug for Writer {
 }
 
 impl Store {
-    /// Begins a file.
+    /// Begins a file, whose columns so many threads encode.
     ///
     /// # Errors
     /// [`StoreError`] when it cannot be created.
-    pub fn create(path: &Path, table: Table, stored: Stored) -> Result<Self, StoreError> {
+    pub fn create(
+        path: &Path,
+        table: Table,
+        stored: Stored,
+        jobs: usize,
+    ) -> Result<Self, StoreError> {
         let file = BufWriter::new(File::create(temporary(path))?);
         let schema = table.schema();
         let writer = match stored {
-            Stored::Parquet => {
-                let properties = Some(properties(table));
-                Writer::Parquet(Box::new(ArrowWriter::try_new(file, schema, properties)?))
-            }
+            Stored::Parquet => Writer::Parquet(Box::new(Parquet::create(file, table, jobs)?)),
             Stored::Arrow => {
                 // Words are added as they come: later batches have more of them than the first.
                 let options =
@@ -193,13 +187,7 @@ impl Store {
     pub fn close(self, provenance: &Provenance) -> Result<(), StoreError> {
         let Self { path, writer } = self;
         let file = match writer {
-            Writer::Parquet(mut writer) => {
-                for (key, value) in provenance.pairs() {
-                    let pair = KeyValue::new(key.to_owned(), value.to_owned());
-                    writer.append_key_value_metadata(pair);
-                }
-                writer.into_inner()?
-            }
+            Writer::Parquet(writer) => writer.close(provenance)?,
             Writer::Arrow(mut writer) => {
                 for (key, value) in provenance.pairs() {
                     writer.write_metadata(key, value);
@@ -221,15 +209,21 @@ pub struct Files {
 }
 
 impl Files {
-    /// Begins a file for each table, so that each is there even without a row.
+    /// Begins a file for each table, so that each is there even without a row; so many threads encode
+    /// its columns.
     ///
     /// # Errors
     /// [`StoreError`] when the folder or a file cannot be created.
-    pub fn create(folder: &Path, tables: &[Table], stored: Stored) -> Result<Self, StoreError> {
+    pub fn create(
+        folder: &Path,
+        tables: &[Table],
+        stored: Stored,
+        jobs: usize,
+    ) -> Result<Self, StoreError> {
         std::fs::create_dir_all(folder)?;
         let store = |table: &Table| {
             let path = folder.join(table.name()).with_extension(stored.ending());
-            Ok((*table, Store::create(&path, *table, stored)?))
+            Ok((*table, Store::create(&path, *table, stored, jobs)?))
         };
         Ok(Self { stores: tables.iter().map(store).collect::<Result<_, StoreError>>()? })
     }
@@ -275,25 +269,4 @@ impl Keep for Files {
 fn temporary(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!(".{name}.part"))
-}
-
-fn properties(table: Table) -> WriterProperties {
-    let level = ZstdLevel::try_new(ZSTD_LEVEL).unwrap_or_default();
-    let mut properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(level))
-        .set_max_row_group_row_count(Some(GROUP_ROWS))
-        .set_created_by(format!("polepair {DECODER}"));
-    if let Some(axis) = table.axis_column() {
-        // Axes are few: so is what their filter takes.
-        properties = properties
-            .set_column_bloom_filter_enabled(ColumnPath::from(axis), true)
-            .set_column_bloom_filter_max_ndv(ColumnPath::from(axis), 1 << 10);
-    }
-    properties.set_sorting_columns(sorting(table)).build()
-}
-
-fn sorting(table: Table) -> Option<Vec<SortingColumn>> {
-    let at = table.schema().index_of(table.time_column()).ok()?;
-    let column_idx = i32::try_from(at).ok()?;
-    Some(vec![SortingColumn { column_idx, descending: false, nulls_first: true }])
 }

@@ -8,9 +8,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use arrow_array::RecordBatch;
 use arrow_schema::ArrowError;
 use polepair::config::Config;
+use polepair_capture::parallel::{self, JOBS_MAX};
 use polepair_capture::session::Notice;
 use polepair_capture::{Decoder as Inner, Event as Found, Format, ItemValue, Judge, Rules};
-use polepair_columns::{Origin, Table, Tables};
+use polepair_columns::{Builder, Built, Origin, Table, Tables};
 use polepair_core::explain::Direction;
 use polepair_core::profile::Profile;
 use pyo3::exceptions::PyOSError;
@@ -23,9 +24,6 @@ use crate::errors::{raised, usage};
 
 /// Bytes of a file that are read at once.
 const PIECE: usize = 1 << 18;
-
-/// Pieces that are made into columns before it is looked whether Ctrl-C was pressed.
-const PIECES: usize = 64;
 
 /// Explains a capture piece by piece, or makes columns of it.
 #[pyclass(frozen, module = "polepair._polepair")]
@@ -144,15 +142,10 @@ impl Decoder {
             })
         };
         let wanted: Vec<Table> = names.iter().map(known).collect::<PyResult<_>>()?;
-        let mut made = Made::new(&self.asked.path, &wanted);
         let opened = py.detach(|| Ok((self.asked.decoder()?.1, File::open(&self.asked.path)?)));
-        let (inner, mut file) = opened.map_err(|error| self.asked.unread(error))?;
-        let mut decoder = inner.without_words();
-        let mut buffer = vec![0; PIECE];
-        while py.detach(|| made.pieces(&mut decoder, &mut file, &mut buffer))? {
-            py.check_signals()?;
-        }
-        py.detach(|| made.end(decoder)).map_err(broken)
+        let (inner, file) = opened.map_err(|error| self.asked.unread(error))?;
+        let made = Made::new(&self.asked.path, &wanted);
+        py.detach(|| made.decode(inner.without_words(), file))
     }
 
     /// The next frames; empty at the end.
@@ -216,52 +209,49 @@ impl Decoder {
 
 /// Tables on their way.
 struct Made {
-    tables: Tables,
+    /// One for each thread.
+    builders: Vec<Builder>,
     batches: Vec<(Table, Vec<RecordBatch>)>,
 }
 
 impl Made {
     fn new(path: &Path, wanted: &[Table]) -> Self {
         let origin = Origin { source: String::new(), file: path.display().to_string() };
+        let threads = std::thread::available_parallelism().map_or(1, usize::from).min(JOBS_MAX);
+        let builder = |_| Builder::new(Tables::new(wanted, &origin));
         let batches = wanted.iter().map(|table| (*table, Vec::new())).collect();
-        Self { tables: Tables::new(wanted, &origin), batches }
+        Self { builders: (0..threads).map(builder).collect(), batches }
     }
 
-    /// Takes some pieces of the file; false at its end.
-    fn pieces(
-        &mut self,
-        decoder: &mut Inner,
-        file: &mut File,
-        buffer: &mut [u8],
-    ) -> PyResult<bool> {
-        for _ in 0..PIECES {
-            let count = file.read(buffer)?;
-            decoder.feed(&buffer[..count], &mut |event| self.tables.take(event));
-            if self.tables.is_full() {
-                self.flush().map_err(broken)?;
-            }
-            if count == 0 {
-                return Ok(false);
-            }
-        }
-        Ok(true)
-    }
-
-    fn flush(&mut self) -> Result<(), ArrowError> {
-        let Self { tables, batches } = self;
-        tables.flush(&mut |table, batch| {
-            let of = batches.iter_mut().find(|(of, _)| *of == table);
-            of.into_iter().for_each(|(_, rows)| rows.push(batch.clone()));
+    /// Decodes the file to its end. Ctrl-C is looked for where the caller's thread hands over.
+    fn decode(mut self, mut decoder: Inner, file: File) -> PyResult<Vec<Columns>> {
+        let Self { builders, batches } = &mut self;
+        let fill = &mut |piece: &mut Vec<u8>, most| {
+            (&file).take(most as u64).read_to_end(piece)?;
             Ok(())
-        })
+        };
+        let put = &mut |builder: &mut Builder| {
+            keep(batches, builder.built())?;
+            Python::attach(|py| py.check_signals())
+        };
+        parallel::decode(&mut decoder, builders, fill, put)?;
+        if let Some(last) = builders.first_mut() {
+            decoder.ending(&mut |event| last.tables.ending(event.link, event.notices));
+            last.flush();
+            keep(batches, last.built())?;
+        }
+        let tables = self.batches.into_iter().map(|(table, rows)| Columns::new(table, rows));
+        tables.collect::<Result<_, ArrowError>>().map_err(broken)
     }
+}
 
-    fn end(mut self, mut decoder: Inner) -> Result<Vec<Columns>, ArrowError> {
-        decoder.finish(&mut |event| self.tables.take(event));
-        decoder.ending(&mut |event| self.tables.ending(event.link, event.notices));
-        self.flush()?;
-        self.batches.into_iter().map(|(table, rows)| Columns::new(table, rows)).collect()
+/// Puts batches behind those of their tables.
+fn keep(batches: &mut [(Table, Vec<RecordBatch>)], built: Built) -> PyResult<()> {
+    for (table, batch) in built.map_err(broken)? {
+        let of = batches.iter_mut().find(|(of, _)| *of == table);
+        of.into_iter().for_each(|(_, rows)| rows.push(batch.clone()));
     }
+    Ok(())
 }
 
 impl Event {

@@ -1,10 +1,11 @@
 //! Frames into batches. Process data whose mapping is known, and by which no state changes, are not
-//! explained: their conversation is told that they came, and their bytes go into the batch.
+//! explained: their conversation is told that they came, and their bytes go into the batch. Neither
+//! are frames that say what an earlier one said with the same bytes.
 
 use polepair_core::medium::Frame;
 
-use super::{Decoder, Event};
-use crate::batch::Batch;
+use super::{Decoder, Event, Wire, Wrong};
+use crate::batch::{Batch, Says};
 use crate::read::Scan;
 use crate::record::{Data, Record};
 
@@ -15,7 +16,7 @@ impl Decoder {
     /// Takes a piece of the capture, cut anywhere. Its frames are put into `batch`, which `full` is
     /// given as often as it has as many as it should.
     pub fn gather(&mut self, piece: &[u8], batch: &mut Batch, full: Full<'_>) {
-        batch.begin(self.head);
+        batch.piece(self.head);
         let mut reader = core::mem::take(&mut self.reader);
         reader.feed(piece, &mut |record| self.put(record, batch, full));
         self.reader = reader;
@@ -26,12 +27,15 @@ impl Decoder {
         if scan.lines().is_empty() || !self.reader.pass_over(0, 0) {
             return self.gather(piece, batch, full);
         }
-        batch.begin(self.head);
+        batch.piece(self.head);
         let mut reader = core::mem::take(&mut self.reader);
         let before = reader.came();
         // What a line behind another is does not hang on that one: the reader is told of them later.
         let (mut from, mut at, mut lines) = (0, 0, 0);
         for line in scan.lines() {
+            if batch.is_stopped() {
+                break;
+            }
             if line.at > at {
                 reader.pass_over(lines, (at - from) as u64);
                 reader.feed(&piece[at..line.at], &mut |record| self.put(record, batch, full));
@@ -47,15 +51,20 @@ impl Decoder {
 
     /// Ends the capture: what waits for more is put into `batch` as it is.
     pub fn gather_rest(&mut self, batch: &mut Batch, full: Full<'_>) {
-        batch.begin(self.head);
+        batch.piece(self.head);
         let mut head = self.head;
         self.finish(&mut |event| keep(event, &mut head, batch, full));
         self.head = head;
     }
 
     fn put(&mut self, record: &Record<'_>, batch: &mut Batch, full: Full<'_>) {
+        if batch.is_stopped() {
+            return;
+        }
         if let Data::Frame(frame) = &record.data
-            && self.is_settled(record, frame, batch)
+            && let Some(at) = self.wires.iter().position(|wire| *wire.name == *record.link)
+            && (self.is_settled(at, record, frame, batch)
+                || self.is_repeated(at, record, frame, batch))
         {
             if batch.is_full() {
                 hand_over(self.head, batch, full);
@@ -69,17 +78,62 @@ impl Decoder {
 
     /// Whether a frame changes nothing; then it is put into the batch.
     #[inline]
-    fn is_settled(&mut self, record: &Record<'_>, frame: &Frame, batch: &mut Batch) -> bool {
+    fn is_settled(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        frame: &Frame,
+        batch: &mut Batch,
+    ) -> bool {
         let Some(now) = record.time.filter(|_| self.follows) else { return false };
-        let Some(wire) = self.wires.iter_mut().find(|wire| *wire.name == *record.link) else {
-            return false;
-        };
-        let Some(lane) = wire.lanes.left(frame) else { return false };
-        let Some(process) = wire.session.settled(frame, now) else { return false };
-        let whose = (process, &wire.name, lane.dissector.name());
+        let Wire { name, lanes, session, .. } = &mut self.wires[at];
+        let Some(lane) = lanes.left(frame) else { return false };
+        let Some(process) = session.settled(frame, now) else { return false };
+        let whose = (Says::Process(process), &*name, lane.dissector.name());
         let added = batch.add(record, (self.count + 1, frame), &mut lane.voice, whose);
         self.count += u64::from(added);
         added
+    }
+
+    /// Whether a frame says what an earlier one said; then its conversation takes it, and it is put
+    /// into the batch.
+    fn is_repeated(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        frame: &Frame,
+        batch: &mut Batch,
+    ) -> bool {
+        let Wire { name, repeats, conversation, session, .. } = &mut self.wires[at];
+        let Some(known) = repeats.of(frame, record.direction) else { return false };
+        let protocol = known.lane.dissector.name();
+        if !session.repeats(protocol, frame.id) {
+            return false;
+        }
+        self.count += 1;
+        self.explained.copy(&known.said);
+        self.notices.clear();
+        if known.asks {
+            conversation.ask(&super::raw(frame));
+        }
+        let heard = known.lane.heard(self.count, record, frame, None);
+        session.take(&heard, &mut self.explained, &mut self.notices);
+        if self.notices.is_empty() && self.explained.is_as(&known.said) {
+            let whose = (Says::Same(&known.said), &*name, protocol);
+            if batch.add(record, (self.count, frame), &mut known.voice, whose) {
+                return true;
+            }
+        }
+        let event = Event {
+            number: self.count,
+            protocol: Some(protocol),
+            wrong: self.explained.error.map(Wrong::Wire),
+            notices: &self.notices,
+            ..Event::of_frame(record, name, frame, &self.explained)
+        };
+        self.head.see(&event);
+        batch.keep(&event);
+        true
     }
 }
 

@@ -2,15 +2,17 @@
 //! frames all go the same way.
 
 use polepair_core::drives;
-use polepair_core::explain::{Context, Dissector, Raw};
+use polepair_core::error::WireError;
+use polepair_core::explain::{Context, Dissector};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
+use super::Wrong;
 use crate::conversation::Conversation;
 use crate::explained::Explained;
-use crate::record::STANDARD_MAX;
+use crate::record::{Record, STANDARD_MAX};
 use crate::rules::{Rule, Scope};
-use crate::session::Session;
+use crate::session::{Heard, Session};
 
 /// Whose the frames of an identifier are, and by which names they are told.
 #[derive(Clone, Copy)]
@@ -23,6 +25,32 @@ pub(super) struct Lane {
     pub left: Option<u32>,
     /// Where in a batch its voice was last.
     pub voice: u16,
+}
+
+impl Lane {
+    /// A frame as its follower hears it.
+    pub fn heard<'a>(
+        &self,
+        number: u64,
+        record: &Record<'_>,
+        frame: &'a Frame,
+        error: Option<WireError>,
+    ) -> Heard<'a> {
+        Heard {
+            number,
+            time: record.time,
+            direction: record.direction,
+            raw: super::raw(frame),
+            remote: frame.remote,
+            echo: false,
+            wrong: error.map(Wrong::Wire),
+            stray: false,
+            left: self.left.is_some(),
+            dissector: self.dissector,
+            profile: self.profile,
+            stated: self.stated,
+        }
+    }
 }
 
 /// What was found of identifiers whose frames all go the same way, whatever they hold.
@@ -125,7 +153,7 @@ impl Teller {
         conversation: &mut Conversation,
         explained: &mut Explained,
     ) {
-        let raw = Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended };
+        let raw = super::raw(frame);
         explained.clear();
         self.tried += 1;
         self.left = rule.dissector.plain(&raw).filter(|_| self.follows && !frame.remote);

@@ -1,6 +1,9 @@
 //! Any number of threads makes the same of a capture, and nobody waits for ever.
 
 use std::fmt::Write as _;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use polepair_core::medium::Frame;
 
 use super::{JOBS_MAX, Maker, decode};
 use crate::text::{Style, Text};
@@ -109,20 +112,56 @@ fn who_fails_stops_all() {
     }
 }
 
+/// Of a piece that is much longer unpacked nothing more is decoded once writing failed.
+#[test]
+fn who_fails_decodes_no_more() {
+    use std::io::Write as _;
+
+    let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    let line = "(1700000000.000500) can0 181#0011223344556677\n";
+    packed.write_all(line.repeat(60_000).as_bytes()).expect("packed");
+    let packed = packed.finish().expect("packed");
+    let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
+    let (mut bytes, mut puts) = (&packed[..], 0);
+    let failed = decode(
+        &mut decoder,
+        &mut [Lines::default()],
+        &mut |piece, most| {
+            let (now, rest) = bytes.split_at(bytes.len().min(most));
+            piece.extend_from_slice(now);
+            bytes = rest;
+            Ok(())
+        },
+        &mut |_| {
+            puts += 1;
+            Err("writing")
+        },
+    );
+    assert_eq!((failed, puts), (Err("writing"), 1));
+    let (read, mut next) = (decoder.tally().records, 0);
+    decoder.frame(None, "can0", None, &Frame::standard(1, &[]), &mut |event| next = event.number);
+    assert!(next < read / 2, "{next} of {read} frames");
+}
+
 /// A writer that gives up in the middle takes the others with it.
 #[test]
 #[should_panic(expected = "a scoped thread panicked")]
 fn who_falls_leaves_nobody_waiting() {
-    struct Falls(i64);
-    impl Maker for Falls {
+    /// Falls, or waits until another one does.
+    struct Falls<'a>(bool, &'a AtomicBool);
+    impl Maker for Falls<'_> {
         fn make(&mut self, _: &Batch) {
-            self.0 += 1;
-            assert!(self.0 < 2, "enough");
+            self.1.fetch_or(self.0, Ordering::SeqCst);
+            assert!(!self.0, "enough");
+            while !self.1.load(Ordering::SeqCst) {
+                std::thread::yield_now();
+            }
         }
     }
     let (log, mut decoder) = (log(""), Decoder::new(Rules::default()));
+    let fell = AtomicBool::new(false);
     // The thread that waits here is none of those that fall.
-    let mut makers = [Falls(i64::MIN), Falls(0), Falls(0)];
+    let mut makers = [Falls(false, &fell), Falls(true, &fell), Falls(true, &fell)];
     let mut bytes = log.as_bytes();
     let _: Result<(), ()> = decode(
         &mut decoder,

@@ -181,6 +181,11 @@ impl Follower for Canopen {
         Some(process)
     }
 
+    fn repeats(&self, id: u32) -> bool {
+        use Service::{Nmt, Request, State, Sync};
+        matches!(self.services.known(id), Nmt | Sync | State(_) | Request(_))
+    }
+
     fn claims(&self, id: u32, extended: bool) -> bool {
         self.services.claims(id, extended)
     }
@@ -413,7 +418,7 @@ impl Canopen {
         }
         let pdo = &mut self.pdos.all[at];
         let book = Book { profile, values: &node.values };
-        pdo.map(len, &Beside { book, drive: node.drive });
+        pdo.map(len, &Beside { book, drive: node.drive, bare: said.is_bare() });
         pdo.measure(len, notices);
         say::process(pdo, bytes, heard.raw.id, profile, said);
         let Some(process) = pdo.last().filter(|it| len >= it.mapping().bytes()) else { return };

@@ -1,10 +1,10 @@
-//! Lines of a batch: those of process data are put together out of the pieces of their mapping's
-//! words.
+//! Lines of a batch: those of frames that change nothing are put together out of pieces, which for
+//! process data are their mapping's words.
 
 use polepair_core::explain::Direction;
 
 use super::{BYTES_WIDTH, Head, Notices, Text, padded, word};
-use crate::batch::{Batch, Decoded, Plain, Voice};
+use crate::batch::{Batch, Decoded, Plain, Said, Voice};
 use crate::page::{Hex, Page, Piece};
 use crate::session::canopen::{Process, Wording};
 
@@ -16,8 +16,47 @@ struct Line<'a> {
     bytes: usize,
     /// Bytes of its frames.
     len: u8,
-    process: &'a Process,
-    wording: &'a Wording,
+    words: Words<'a>,
+}
+
+/// What stands behind the bytes.
+enum Words<'a> {
+    Process(&'a Process, &'a Wording),
+    /// The same in all lines.
+    Same(Piece),
+}
+
+impl<'a> Words<'a> {
+    fn new(said: &'a Said) -> Option<Self> {
+        Some(match said {
+            Said::Process(process) => Self::Process(process, process.wording()?),
+            Said::Same(explained) => {
+                let text = Some(&explained.text).filter(|text| !text.is_empty());
+                let text = text.unwrap_or(&explained.kind);
+                Self::Same(Piece::new(format!("{text}\n").as_bytes()))
+            }
+        })
+    }
+
+    /// Bytes that they take at most.
+    fn room(&self) -> usize {
+        match self {
+            Self::Process(_, wording) => wording.room(),
+            Self::Same(piece) => piece.len(),
+        }
+    }
+
+    /// Puts them and the line's end down; false where they have to be put together first.
+    #[inline]
+    fn put(&self, data: u64, hex: (Hex, u8), page: &mut Page) -> bool {
+        match self {
+            Self::Process(process, wording) => wording.put(process.mapping(), data, hex, page),
+            Self::Same(piece) => {
+                page.piece(piece);
+                true
+            }
+        }
+    }
 }
 
 impl Text {
@@ -76,11 +115,11 @@ impl<'a> Line<'a> {
         front.extend_from_slice(b"  ");
         front.extend_from_slice(&voice.id.to_be_bytes().map(crate::put::hex).as_flattened()[5..]);
         front.push(b'#');
-        let (process, shown) = (&*voice.process, (3 * usize::from(voice.len)).saturating_sub(1));
+        let shown = (3 * usize::from(voice.len)).saturating_sub(1);
         let bytes = (shown + ID).max(BYTES_WIDTH) + 2 - ID;
-        let (front, len, wording) = (Piece::new(&front), voice.len, process.wording()?);
-        let line = Self { front, bytes, len, process, wording };
-        let room = line.front.len() + 3 * Page::NUMBER + line.wording.room();
+        let (front, len, words) = (Piece::new(&front), voice.len, Words::new(&voice.said)?);
+        let line = Self { front, bytes, len, words };
+        let room = line.front.len() + 3 * Page::NUMBER + line.words.room();
         (room <= Page::LINE_MAX).then_some(line)
     }
 
@@ -96,7 +135,7 @@ impl<'a> Line<'a> {
         page.time(since);
         page.piece(&self.front);
         page.hex(hex, self.bytes);
-        let said = self.wording.put(self.process.mapping(), plain.data, (hex, self.len), page);
+        let said = self.words.put(plain.data, (hex, self.len), page);
         if !said {
             page.back(begin);
         }

@@ -35,7 +35,7 @@ const CAPTURE: &str = "(1700006399.000000) can0 181#0102\n\
 
 fn decode(site: &Site, stated: &str, tables: &[Table]) -> Done {
     let done = Done::new(site, "0123456789abcdef0123", stated, tables);
-    let mut keep: Box<dyn Keep> = Box::new(Parts::new(site.clone(), done.clone()));
+    let mut keep: Box<dyn Keep> = Box::new(Parts::new(site.clone(), done.clone(), 2));
     let origin = Origin { source: "s".to_owned(), file: "a.log".to_owned() };
     let mut rows = Tables::new(tables, &origin);
     let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));

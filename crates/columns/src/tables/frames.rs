@@ -86,7 +86,7 @@ impl Frames {
         self.seq.push(count(event.number));
     }
 
-    /// A frame of process data that changes nothing.
+    /// A frame that changes nothing.
     #[inline]
     pub fn plain(&mut self, plain: &Plain, voice: &Spoken) {
         self.t_ns.push_maybe(ns(Some(plain.time)));

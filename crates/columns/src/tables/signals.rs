@@ -67,7 +67,7 @@ impl Signals {
         self.frame.push(at.seq.map_or(0, count));
     }
 
-    /// The values of process data that change nothing.
+    /// The values of a frame that changes nothing.
     #[inline]
     pub fn plain(&mut self, plain: &Plain, voice: &Spoken) {
         let (time, frame) = (ns(Some(plain.time)), count(plain.number));
@@ -88,17 +88,18 @@ impl Signals {
 
     /// What all frames of a voice have in common.
     pub fn spoken(&mut self, voice: &Voice) -> Spoken {
-        let process = &voice.process;
+        let process = voice.process();
+        let places = process.map_or(&[][..], |process| process.mapping().places());
         let value = |place: &Place| Value {
             place: *place,
             signal: self.signal.dictionary.number_of(place.name),
             unit: self.unit.dictionary.number_of(place.unit),
         };
         Spoken {
-            values: process.mapping().places().iter().map(value).collect(),
+            values: places.iter().map(value).collect(),
             bus: self.bus.dictionary.number(&voice.link),
-            axis: process.axis().cast_signed(),
-            quality: (process.quality() as u8).into(),
+            axis: process.map_or(0, |process| process.axis().cast_signed()),
+            quality: process.map_or(0, |process| (process.quality() as u8).into()),
         }
     }
 

@@ -100,6 +100,11 @@ impl Mapping {
         (at > 0).then_some(mapping)
     }
 
+    /// Of bytes that nobody knows.
+    pub(super) const fn none() -> Self {
+        Self { places: Vec::new(), entries: Vec::new(), bytes: 0, quality: Quality::Inferred }
+    }
+
     fn add(&mut self, entry: Entry, field: Field, book: &Book<'_>) {
         self.entries.push((entry, field));
         if entry.is_gap() {

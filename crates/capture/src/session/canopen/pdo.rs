@@ -49,6 +49,8 @@ struct Laid {
     process: Option<Arc<Process>>,
     /// The length that it was concluded from, where it was.
     by_len: Option<u8>,
+    /// Nobody knows what they hold, and no words are wanted.
+    blank: bool,
 }
 
 /// What is known beside the node's own objects.
@@ -57,6 +59,8 @@ pub(super) struct Beside<'a> {
     pub book: Book<'a>,
     /// The node is a drive by CiA 402.
     pub drive: bool,
+    /// No words are wanted.
+    pub bare: bool,
 }
 
 impl Pdo {
@@ -82,10 +86,11 @@ impl Pdo {
     /// That by which a frame with so many bytes is read, where one as long was and nothing changed.
     #[inline]
     pub fn settled(&self, len: u8) -> Option<&Arc<Process>> {
-        let laid = self.laid.as_ref().filter(|_| self.fitted && !self.accused)?;
+        let fits = |laid: &&Laid| (self.fitted || laid.blank) && !self.accused;
+        let laid = self.laid.as_ref().filter(fits)?;
         let process = laid.process.as_ref()?;
         let need = process.mapping().bytes();
-        let right = len == need || (!self.told && len > need);
+        let right = len == need || (!self.told && len > need) || laid.blank;
         (right && laid.by_len.is_none_or(|by| by == len)).then_some(process)
     }
 
@@ -114,7 +119,9 @@ impl Pdo {
     /// or a data sheet's, once a frame fitted it; until then the node may be another product. Who
     /// receives may be sent more.
     pub fn measure(&mut self, len: u8, notices: &mut Vec<Notice>) {
-        let Some(mapping) = self.last().map(|process| process.mapping()) else { return };
+        let known = self.laid.as_ref().filter(|laid| !laid.blank);
+        let Some(process) = known.and_then(|laid| laid.process.as_ref()) else { return };
+        let mapping = process.mapping();
         let (need, good) = (mapping.bytes(), mapping.quality() == Quality::Good);
         let wrong = len < need || (self.told && len > need);
         self.fitted |= !wrong;
@@ -150,7 +157,7 @@ impl Pdo {
         let book = &beside.book;
         if let Some((entries, quality)) = self.stated(book.profile) {
             let process = self.process(Mapping::new(&entries, book, quality));
-            return Laid { process, by_len: None };
+            return Laid { process, by_len: None, blank: false };
         }
         let usual = || usual_mapping(self.default_cob().filter(|_| beside.drive)?, len);
         let known = self.count.is_some() || self.entries.iter().any(Option::is_some);
@@ -158,7 +165,9 @@ impl Pdo {
         let entries: Vec<Entry> =
             usual.iter().flat_map(|map| map.fields()).map(|(e, _)| e).collect();
         let process = self.process(Mapping::new(&entries, book, Quality::Inferred));
-        Laid { process, by_len: Some(len) }
+        let blank = process.is_none() && beside.bare;
+        let process = if blank { self.process(Some(Mapping::none())) } else { process };
+        Laid { process, by_len: Some(len), blank }
     }
 
     fn process(&self, mapping: Option<Mapping>) -> Option<Arc<Process>> {

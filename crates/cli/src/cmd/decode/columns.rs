@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use polepair_capture::parallel::Maker;
-use polepair_capture::{Batch as Decoded, Decoder, Event};
+use polepair_capture::{Decoder, Event};
 use polepair_columns::{
-    ArrowError, Files, Keep, Numbering, Origin, Provenance, RecordBatch, StoreError, Stored, Table,
-    Tables,
+    ArrowError, Builder, Built, Files, Keep, Numbering, Origin, Provenance, RecordBatch,
+    StoreError, Stored, Table, Tables,
 };
 
 use crate::capture::{Sink, Source};
@@ -48,7 +47,8 @@ pub fn decode(
     stored: Stored,
     wanted: &Wanted<'_>,
 ) -> Result<Decoder> {
-    let files = Files::create(out, wanted.tables, stored).map_err(|error| refused(out, error))?;
+    let files = Files::create(out, wanted.tables, stored, wanted.jobs);
+    let files = files.map_err(|error| refused(out, error))?;
     into(source, path, out, Box::new(files), wanted)
 }
 
@@ -65,7 +65,8 @@ pub fn into(
     let decoder = match path.as_os_str() == "-" {
         true => source.read(path, &mut columns)?,
         false => {
-            let mut builders: Vec<_> = (0..wanted.jobs).map(|_| Builder::new(wanted)).collect();
+            let mut builders: Vec<_> =
+                (0..wanted.jobs).map(|_| Builder::new(wanted.tables())).collect();
             let put = &mut |builder: &mut Builder| columns.send(builder.built());
             let mut decoder = source.read_by(path, &mut builders, put)?;
             decoder.ending(&mut |event| columns.ending(event));
@@ -114,41 +115,6 @@ fn refused(out: &Path, error: StoreError) -> Problem {
     }
 }
 
-/// Builds columns of batches, for others to hand them on.
-struct Builder {
-    tables: Tables,
-    made: Vec<Batch>,
-    failed: Option<ArrowError>,
-}
-
-impl Builder {
-    fn new(wanted: &Wanted<'_>) -> Self {
-        Self { tables: wanted.tables(), made: Vec::new(), failed: None }
-    }
-
-    fn flush(&mut self) {
-        let Self { tables, made, failed } = self;
-        let flushed = tables.flush(&mut |table, batch| {
-            made.push((table, batch));
-            Ok(())
-        });
-        *failed = failed.take().or(flushed.err());
-    }
-
-    /// What was built since the last time.
-    fn built(&mut self) -> Built {
-        let built = std::mem::take(&mut self.made);
-        self.failed.take().map_or(Ok(built), Err)
-    }
-}
-
-impl Maker for Builder {
-    fn make(&mut self, batch: &Decoded) {
-        self.tables.take_batch(batch);
-        self.flush();
-    }
-}
-
 /// Takes columns in order; they are compressed and written on a thread beside.
 struct Columns {
     own: Builder,
@@ -159,7 +125,6 @@ struct Columns {
 }
 
 type Batch = (Table, RecordBatch);
-type Built = std::result::Result<Vec<Batch>, ArrowError>;
 type Written = std::result::Result<Box<dyn Keep>, StoreError>;
 
 impl Columns {
@@ -167,7 +132,7 @@ impl Columns {
         let (batches, waiting) = sync_channel(WAITING_MAX);
         let writer = std::thread::spawn(move || write(keep, &waiting));
         Self {
-            own: Builder::new(wanted),
+            own: Builder::new(wanted.tables()),
             numbering: Numbering::default(),
             batches: Some(batches),
             writer: Some(writer),

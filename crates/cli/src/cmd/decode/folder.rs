@@ -104,7 +104,7 @@ impl Folder<'_> {
         let profile = self.stated.profile_word();
         let (tables, recorder) = (self.tables, self.recorder);
         let wanted = Wanted { tables, recorder, file: &file, blake3, profile, jobs };
-        let parts = Box::new(Parts::new(self.site.clone(), done));
+        let parts = Box::new(Parts::new(self.site.clone(), done, self.jobs));
         let decoder = columns::into(self.stated.source()?, path, &self.site.root, parts, &wanted)?;
         report(&decoder).map(|_| true)
     }
