@@ -119,7 +119,7 @@ fn who_fails_decodes_no_more() {
 
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     let line = "(1700000000.000500) can0 181#0011223344556677\n";
-    packed.write_all(line.repeat(60_000).as_bytes()).expect("packed");
+    packed.write_all(line.repeat(120_000).as_bytes()).expect("packed");
     let packed = packed.finish().expect("packed");
     let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
     let (mut bytes, mut puts) = (&packed[..], 0);
