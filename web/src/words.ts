@@ -91,7 +91,7 @@ export const WORDS = {
   axis: ["Axis", "轴"],
   waiting_for_bench: ["Waiting for the server to tell what is there", "正在等待服务器报告设备"],
   no_axes: ["No drive answered on this link", "此链路上没有驱动器应答"],
-  clash: ["Clash at address", "地址冲突"],
+  clash: ["Clash on this wire:", "总线冲突："],
   link_lost: ["lost", "已断开"],
   bus_load: ["Bus load", "总线负载"],
   unknown: ["unknown", "未知"],

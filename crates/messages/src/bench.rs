@@ -165,13 +165,11 @@ pub struct ActInfo {
     pub unit: Option<String>,
 }
 
-/// More than one drive at an address.
+/// More on a wire than should be: another master, or several drives at one address.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Clash {
     /// The link.
     pub link: u16,
-    /// The address.
-    pub number: u32,
     /// What was seen, in a sentence.
     pub message: String,
 }

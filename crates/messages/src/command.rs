@@ -54,6 +54,23 @@ pub struct CommandOrder {
     pub arguments: Arguments,
 }
 
+/// `POST /api/v1/axes/{id}/raw`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RawOrder {
+    /// As [`CommandOrder::id`].
+    pub id: String,
+    /// As [`CommandOrder::issued_ms`].
+    pub issued_ms: f64,
+    /// As [`CommandOrder::ttl_ms`].
+    #[serde(default = "ttl_ms")]
+    pub ttl_ms: f64,
+    /// Of the caller's lease.
+    pub epoch: u64,
+    /// A request in the protocol's own text: `GAP 1`, `read 0x1000`. No limits stand for it.
+    pub text: String,
+}
+
 const fn ttl_ms() -> f64 {
     TTL_MS
 }
@@ -83,6 +100,9 @@ pub struct Outcome {
     pub id: String,
     /// Whether the drive did it.
     pub outcome: Ended,
+    /// What the drive answered to a raw request, as it stood on the wire.
+    #[serde(default)]
+    pub value: Option<i64>,
     /// Why not, or why nobody knows.
     #[schema(required)]
     pub error: Option<Refused>,

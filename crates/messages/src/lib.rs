@@ -41,7 +41,7 @@ pub use bench::{
 pub use capture::{CaptureOpened, CapturePage, ExplainedField, FrameDirection, FrameItem};
 pub use command::{
     Act, Arguments, AxisStopped, CommandOrder, Ended, Epoch, LeaseGranted, Login, Outcome, Pace,
-    Session, StopClass, StopOrder, Stopped, TTL_MS, TakeLease,
+    RawOrder, Session, StopClass, StopOrder, Stopped, TTL_MS, TakeLease,
 };
 pub use journal::{Deed, JournalRecord};
 pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};

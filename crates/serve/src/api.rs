@@ -157,8 +157,9 @@ const READ: &[Scope] = &[Scope::Read];
 const STOP: &[Scope] = &[Scope::Stop];
 const MOVE: &[Scope] = &[Scope::Move];
 const CONFIGURE: &[Scope] = &[Scope::Configure];
+const RAW: &[Scope] = &[Scope::Raw];
 /// Whoever may do something that needs a lease may have one.
-const COMMAND: &[Scope] = &[Scope::Move, Scope::Configure];
+const COMMAND: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw];
 
 /// Taking one in moves nothing and writes nothing: whoever may see, may.
 const CAPTURES: &str = "/api/v1/captures";
@@ -182,6 +183,7 @@ pub const ROUTES: &[Route] = &[
     route("POST", "/api/v1/axes/{id}/lease/renew", COMMAND, || post(motion::renew)),
     route("DELETE", "/api/v1/axes/{id}/lease", COMMAND, || delete(motion::give_back)),
     route("POST", "/api/v1/axes/{id}/commands", MOVE, || post(motion::command)),
+    route("POST", "/api/v1/axes/{id}/raw", RAW, || post(motion::raw)),
     route("POST", "/api/v1/stop", STOP, || post(motion::stop)),
     route("POST", "/api/v1/release", MOVE, || post(motion::release)),
     route("POST", "/api/v1/simulation/pace", CONFIGURE, || post(bench::pace)),

@@ -20,6 +20,7 @@
 //! ```
 
 mod captures;
+mod clash;
 mod clock;
 mod describe;
 mod desk;
@@ -54,8 +55,8 @@ use serde_json::json;
 use tokio::sync::{broadcast, oneshot};
 
 use crate::message::{
-    Act, AxisInfo, AxisState, BenchView, CommandOrder, Deed, LeaseAct, LeaseGranted, LinkState,
-    LockTold, Outcome, Pace, Refused, StopOrder, Stopped,
+    Act, AxisInfo, AxisState, BenchView, Clash, CommandOrder, Deed, LeaseAct, LeaseGranted,
+    LinkState, LockTold, Outcome, Pace, RawOrder, Refused, StopOrder, Stopped,
 };
 use captures::Captures;
 use clock::{Clock, STEP};
@@ -68,7 +69,7 @@ use once::First;
 use open::{Link, Opened};
 use shared::{Shared, held};
 use telemetry::Telemetry;
-use wire::{AskLease, Commanded, Do, Order, StopThese};
+use wire::{AskLease, Commanded, Do, Order, StopThese, Told};
 
 pub use captures::CAPTURE_MAX;
 pub use frames::Frames;
@@ -289,7 +290,7 @@ impl Bench {
             scopes: Vec::new(),
             links: links.iter().map(Link::view).collect(),
             axes: axes.iter().map(|seat| self.seen(&seat.info)).collect(),
-            clashes: Vec::new(),
+            clashes: links.iter().filter_map(Link::clash).collect(),
             lock: shared.lock().clone(),
             time_scale: open::time_scale(links),
         }
@@ -344,11 +345,35 @@ impl Bench {
     /// Has an axis do something, once, if the session's lease, the lock, the arming, the limits and the
     /// command's age let it.
     pub fn command(&self, axis: u16, session: &Session, order: CommandOrder) -> Reply<Outcome> {
+        let CommandOrder { id, verb, arguments, .. } = &order;
+        let detail = json!({ "id": id, "verb": verb, "arguments": arguments });
+        let CommandOrder { issued_ms, ttl_ms, epoch, .. } = order;
+        let told = Told { id: id.clone(), issued_ms, ttl_ms, epoch };
+        self.carry_out(axis, session, told, detail, || meant(&order))
+    }
+
+    /// Sends a request in the protocol's own text, for which no limits stand: once, under a lease and
+    /// while motion is not locked, because it may move the motor.
+    pub fn raw(&self, axis: u16, session: &Session, order: RawOrder) -> Reply<Outcome> {
+        let RawOrder { id, issued_ms, ttl_ms, epoch, text } = order;
+        let detail = json!({ "id": id, "raw": text });
+        let told = Told { id, issued_ms, ttl_ms, epoch };
+        self.carry_out(axis, session, told, detail, || Ok(Do::Say(text)))
+    }
+
+    fn carry_out(
+        &self,
+        axis: u16,
+        session: &Session,
+        order: Told,
+        detail: serde_json::Value,
+        deed: impl FnOnce() -> Result<Do, Refused>,
+    ) -> Reply<Outcome> {
         let (tell, told) = oneshot::channel();
         let id = order.id.clone();
-        match self.announce(axis, session, &order) {
+        match self.announce(axis, session, &order, detail) {
             Ok(First::Yes) => {
-                let begun = self.begin(axis, session, order, tell);
+                let begun = deed().and_then(|deed| self.begin(axis, session, order, deed, tell));
                 if let Err(error) = &begun {
                     // Nothing was sent, and nothing will be: also for whoever says it again.
                     self.0.shared.ended(session, axis, &outcome(id, Some(error.clone())));
@@ -365,10 +390,11 @@ impl Bench {
         &self,
         axis: u16,
         session: &Session,
-        order: &CommandOrder,
+        order: &Told,
+        detail: serde_json::Value,
     ) -> Result<First, Refused> {
         self.seat(axis)?;
-        let CommandOrder { id, issued_ms, ttl_ms, verb, arguments, .. } = order;
+        let Told { id, issued_ms, ttl_ms, .. } = order;
         if !issued_ms.is_finite() || !(0.0..=TTL_MAX_MS).contains(ttl_ms) {
             let what = format!("a command is good for 0 to {TTL_MAX_MS} ms");
             return Err(Refused::new("gateway.request", what));
@@ -378,7 +404,6 @@ impl Bench {
         let stale = now + Duration::from_secs_f64((ttl_ms + 1000.0) / 1e3);
         let first = self.0.shared.once().first(id, stale, now)?;
         if matches!(first, First::Yes) {
-            let detail = json!({ "id": id, "verb": verb, "arguments": arguments });
             let note = Note { who: session, deed: Deed::Command, axis: Some(axis), detail };
             if let Err(error) = self.0.shared.journal.note(note) {
                 let outcome = outcome(id.clone(), Some(error.clone()));
@@ -393,11 +418,11 @@ impl Bench {
         &self,
         axis: u16,
         session: &Session,
-        order: CommandOrder,
+        order: Told,
+        deed: Do,
         tell: wire::Tell<Outcome>,
     ) -> Result<(), Refused> {
         let (link, place) = self.seat(axis)?;
-        let deed = meant(&order)?;
         let session = session.clone();
         let commanded = Commanded { axis: place, session, order, deed, prepared: None, tell };
         link.wire.order(Order::Command(Box::new(commanded)))
@@ -583,6 +608,10 @@ fn no_thread(error: &std::io::Error) -> Refused {
 }
 
 impl Link {
+    fn clash(&self) -> Option<Clash> {
+        self.wire.clash().map(|message| Clash { link: self.id, message })
+    }
+
     fn view(&self) -> crate::message::LinkView {
         let lost = self.wire.lost();
         let state = if lost.is_some() { LinkState::Lost } else { LinkState::Open };

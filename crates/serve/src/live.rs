@@ -402,7 +402,8 @@ fn error(what: &str, about: Option<&str>, subject: Option<u16>) -> ServerMessage
 }
 
 fn not_done(id: String, refused: Refused) -> ServerMessage {
-    let outcome = Outcome { id, outcome: Ended::NotDone, error: Some(refused), replayed: false };
+    let error = Some(refused);
+    let outcome = Outcome { id, outcome: Ended::NotDone, value: None, error, replayed: false };
     ServerMessage::Outcome(outcome)
 }
 

@@ -16,6 +16,8 @@ pub struct Options {
     pub bind: SocketAddr,
     /// Encrypts, with the certificate in the folder or a new one.
     pub tls: bool,
+    /// Certificates of those who vouch for clients: nobody else gets as far as showing a token.
+    pub clients: Option<PathBuf>,
     /// Names by which browsers may call it, besides the loopback's and the address that it listens on.
     pub names: Vec<String>,
     /// What anybody may do at most, whatever the token says.
@@ -25,12 +27,13 @@ pub struct Options {
 }
 
 impl Options {
-    /// Loopback, no encryption, everything but raw frames.
+    /// Loopback, no encryption, everything but raw requests.
     #[must_use]
     pub fn in_folder(folder: PathBuf) -> Self {
         Self {
             bind: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), PORT),
             tls: false,
+            clients: None,
             names: Vec::new(),
             scopes: [Scope::Read, Scope::Stop, Scope::Move, Scope::Configure].into_iter().collect(),
             folder,
@@ -40,13 +43,18 @@ impl Options {
     /// Refuses what would let others listen in, or could never be reached.
     ///
     /// # Errors
-    /// `E252` for an address that others can reach, without encryption; `E254` for a name.
+    /// `E252` for an address that others can reach, or clients' certificates, without encryption;
+    /// `E254` for a name.
     pub fn check(&self) -> Result<(), Refusal> {
         if !self.bind.ip().is_loopback() && !self.tls {
             let what = format!("others can reach {}, and nothing would be encrypted", self.bind);
             return Err(Refusal::usage("E252", what)
                 .why("Whoever hears a token may move the motors.")
                 .hint("add --tls, or listen on 127.0.0.1 and use an SSH tunnel"));
+        }
+        if self.clients.is_some() && !self.tls {
+            return Err(Refusal::usage("E252", "clients show certificates only when encrypting")
+                .hint("add --tls"));
         }
         match self.names.iter().find(|name| !is_name(name)) {
             None => Ok(()),
@@ -84,6 +92,15 @@ mod tests {
             options.tls = true;
             assert_eq!(options.check(), Ok(()), "{address}");
         }
+    }
+
+    #[test]
+    fn certificates_of_clients_need_encryption() {
+        let mut options = Options::in_folder(PathBuf::new());
+        options.clients = Some("ca.pem".into());
+        assert_eq!(options.check().unwrap_err().code, "E252");
+        options.tls = true;
+        assert_eq!(options.check(), Ok(()));
     }
 
     #[test]

@@ -5,10 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use tokio_rustls::TlsAcceptor;
-use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
 use tokio_rustls::rustls::pki_types::pem::PemObject as _;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
-use tokio_rustls::rustls::{ServerConfig, version};
+use tokio_rustls::rustls::server::WebPkiClientVerifier;
+use tokio_rustls::rustls::server::danger::ClientCertVerifier;
+use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
 
 use crate::options::Options;
 use crate::refusal::Refusal;
@@ -18,7 +20,7 @@ use crate::token::{is_private, write_secret};
 const CERTIFICATE: &str = "certificate.pem";
 /// Its key's.
 const KEY: &str = "key.pem";
-/// Certificates of a chain.
+/// Certificates of a file.
 const CHAIN_MAX: usize = 8;
 
 /// What encrypts, and the fingerprint by which people know it.
@@ -46,21 +48,50 @@ pub fn load(options: &Options) -> Result<Tls, Refusal> {
     }
     let file = File::open(&key).map_err(|error| Refusal::file(&key, "read", &error))?;
     is_private(&key, &file)?;
-    let wrong = |path: &Path, error: &dyn std::fmt::Display| {
-        Refusal::usage("E230", format!("{}: {error}", path.display()))
-            .hint("remove both files to get new ones")
-    };
-    let chain = CertificateDer::pem_file_iter(&certificate)
-        .and_then(|all| all.take(CHAIN_MAX).collect::<Result<Vec<_>, _>>())
-        .map_err(|error| wrong(&certificate, &error))?;
-    let first = chain.first().ok_or_else(|| wrong(&certificate, &"it holds no certificate"))?;
-    let fingerprint = fingerprint(first);
-    let secret = PrivateKeyDer::from_pem_file(&key).map_err(|error| wrong(&key, &error))?;
-    let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
+    let again = |refusal: Refusal| refusal.hint("remove both files to get new ones");
+    let chain = certificates(&certificate).map_err(again)?;
+    let fingerprint = chain.first().map(fingerprint).unwrap_or_default();
+    let secret = PrivateKeyDer::from_pem_file(&key).map_err(|error| again(wrong(&key, &error)))?;
+    let provider = Arc::new(ring::default_provider());
+    let config = ServerConfig::builder_with_provider(Arc::clone(&provider))
         .with_protocol_versions(&[&version::TLS13])
-        .and_then(|config| config.with_no_client_auth().with_single_cert(chain, secret))
         .map_err(|error| wrong(&certificate, &error))?;
+    let config = match &options.clients {
+        Some(path) => config.with_client_cert_verifier(vouched(path, provider)?),
+        None => config.with_no_client_auth(),
+    };
+    let config = config.with_single_cert(chain, secret);
+    let config = config.map_err(|error| again(wrong(&certificate, &error)))?;
     Ok(Tls { acceptor: TlsAcceptor::from(Arc::new(config)), fingerprint })
+}
+
+/// What lets in whoever shows a certificate that one of a file's signed, and nobody else.
+fn vouched(
+    path: &Path,
+    provider: Arc<CryptoProvider>,
+) -> Result<Arc<dyn ClientCertVerifier>, Refusal> {
+    let mut roots = RootCertStore::empty();
+    for certificate in certificates(path)? {
+        roots.add(certificate).map_err(|error| wrong(path, &error))?;
+    }
+    WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider)
+        .build()
+        .map_err(|error| wrong(path, &error))
+}
+
+/// The certificates of a file, at least one.
+fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, Refusal> {
+    let all = CertificateDer::pem_file_iter(path)
+        .and_then(|all| all.take(CHAIN_MAX).collect::<Result<Vec<_>, _>>())
+        .map_err(|error| wrong(path, &error))?;
+    if all.is_empty() {
+        return Err(wrong(path, &"it holds no certificate"));
+    }
+    Ok(all)
+}
+
+fn wrong(path: &Path, error: &dyn std::fmt::Display) -> Refusal {
+    Refusal::usage("E230", format!("{}: {error}", path.display()))
 }
 
 fn make(options: &Options, certificate: &Path, key: &Path) -> Result<(), Refusal> {

@@ -93,7 +93,7 @@ pub struct Grant {
 }
 
 /// Reads the file's tokens. Where there is no file yet it is made, with two tokens: `operator`, who may
-/// do all but raw frames, and `viewer`, who may see and stop.
+/// do all but raw requests, and `viewer`, who may see and stop.
 ///
 /// # Errors
 /// The file cannot be made or read, others may read it, or it holds something else.

@@ -455,3 +455,27 @@ fn a_capture_is_summed_up_and_shown_page_by_page() {
         "gateway.missing"
     );
 }
+
+#[test]
+fn a_drive_that_answers_twice_looks_like_two_with_one_address_and_is_told() {
+    let file = std::env::temp_dir().join(format!("polepair-clash-{}.toml", std::process::id()));
+    let open = |faults: &str| {
+        let drive = "[[link.drive]]\nprofile = \"tmcm-171\"\n";
+        std::fs::write(&file, format!("[[link]]\nname = \"l\"\n{faults}\n{drive}")).unwrap();
+        Bench::open(&[format!("sim:{}", file.display())], Options::default()).unwrap()
+    };
+    let alone = open("");
+    let doubled = open("faults = { duplicate = 1.0 }");
+    let end = std::time::Instant::now() + Duration::from_secs(60);
+    let clashes = loop {
+        let clashes = doubled.snapshot().clashes;
+        if !clashes.is_empty() || std::time::Instant::now() > end {
+            break clashes;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let told = clashes.first().map_or("", |clash| &clash.message);
+    assert!(told.contains("two drives have one address"), "{:?}", doubled.snapshot().links);
+    assert_eq!(alone.snapshot().clashes, []);
+    std::fs::remove_file(file).unwrap();
+}

@@ -7,7 +7,9 @@ mod site;
 use std::time::{Duration, Instant};
 
 use polepair_serve::bench::{Bench, Options, Session};
-use polepair_serve::message::{Given, LeaseAct, LinkState, Source, WriteParameters};
+use polepair_serve::message::{
+    Ended, Given, LeaseAct, LinkState, RawOrder, Source, WriteParameters,
+};
 use serde_json::{Value, json};
 use site::{LONG, Site, folder, memory, options, samples, tell};
 use tungstenite::Message;
@@ -18,7 +20,14 @@ const BUS: &str = "sim:cia402:1,2,3,4?bitrate=1000000";
 /// Has a drive send its position and its speed every millisecond.
 fn send(bench: &Bench, who: &Session, axis: u16) {
     let lease = || bench.lease(axis, who, LeaseAct::Take, 0).wait().unwrap().expect("a lease");
-    bench.raw(axis, who, lease().epoch, "nmt pre-operational").wait().unwrap();
+    let say = |text: &str| {
+        let (id, text) = (format!("{axis} {text}"), text.to_owned());
+        let (issued_ms, ttl_ms, epoch) = (bench.now_ms(), 5000.0, lease().epoch);
+        let order = RawOrder { id, issued_ms, ttl_ms, epoch, text };
+        let outcome = bench.raw(axis, who, order).wait().unwrap();
+        assert_eq!(outcome.outcome, Ended::Done, "{outcome:?}");
+    };
+    say("nmt pre-operational");
     let identifier = bench.read_parameter(axis, "tpdo 1 identifier").wait().unwrap().raw;
     let settings = [
         ("identifier", identifier | 1 << 31),
@@ -37,7 +46,7 @@ fn send(bench: &Bench, who: &Session, axis: u16) {
         let write = WriteParameters { values, keep: false, dry_run: false, epoch };
         bench.apply(axis, who, write).wait().unwrap();
     }
-    bench.raw(axis, who, lease().epoch, "nmt start").wait().unwrap();
+    say("nmt start");
 }
 
 /// Thirty, ten minutes in `make soak`.

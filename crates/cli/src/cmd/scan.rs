@@ -91,10 +91,8 @@ impl Scan {
         }
         let mut out = Output::stdout();
         let axes = server.pick(&self.target)?;
-        let clashes = |axis: &AxisInfo| {
-            let all = &server.bench.clashes;
-            all.iter().any(|clash| (clash.link, clash.number) == (axis.link, axis.number))
-        };
+        let clashes =
+            |axis: &AxisInfo| server.bench.clashes.iter().any(|clash| clash.link == axis.link);
         match self.format {
             Format::Text => out.buffer().extend_from_slice(served(&axes).as_bytes()),
             Format::Jsonl => {
@@ -121,7 +119,9 @@ impl Scan {
         if let Some(lock) = &server.bench.lock {
             say(&format!("motion is locked since {} stopped everything", lock.by));
         }
-        server.bench.clashes.iter().for_each(|clash| say(&clash.message));
+        for clash in &server.bench.clashes {
+            say(&format!("link {}: {}", clash.link, clash.message));
+        }
         Ok(Exit::Ok)
     }
 }

@@ -34,10 +34,13 @@ pub struct Serve {
     /// Encrypt, with certificate.pem and key.pem of the folder, made on the first run
     #[arg(long)]
     tls: bool,
+    /// Let in only clients that show a certificate signed by one of this file, besides their token
+    #[arg(long, value_name = "FILE", requires = "tls")]
+    client_ca: Option<PathBuf>,
     /// A name by which browsers may call this server; again for more
     #[arg(long = "name", value_name = "HOST")]
     names: Vec<String>,
-    /// What anybody may do at most: read, stop, move, configure
+    /// What anybody may do at most: read, stop, move, configure; and raw, for tokens that say so
     #[arg(long, value_name = "SCOPE,…", default_value = "read,stop,move,configure")]
     scopes: Scopes,
     /// Where tokens, certificate and journal are; polepair's folder of your account unless told
@@ -70,8 +73,8 @@ impl Serve {
             Some(folder) => folder,
             None => own_folder()?,
         };
-        let Self { bind, tls, names, scopes, .. } = self;
-        let options = Options { bind, tls, names, scopes, folder };
+        let Self { bind, tls, client_ca: clients, names, scopes, .. } = self;
+        let options = Options { bind, tls, clients, names, scopes, folder };
         let connector = self.profile.connector()?;
         let server = Server::start(&options, &self.urls, connector).map_err(refused)?;
         let stopper = server.stopper();

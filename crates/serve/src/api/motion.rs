@@ -5,10 +5,10 @@ use axum::extract::{Extension, Path, State};
 use polepair_link::clock;
 
 use super::input::{Input, number};
-use super::{Answer, Shared, by_rest};
+use super::{Answer, Shared, by_lease, by_rest};
 use crate::message::{
-    CommandOrder, Epoch, ErrorBody, LeaseAct, LeaseGranted, Outcome, Refused, StopOrder, Stopped,
-    TakeLease,
+    CommandOrder, Epoch, ErrorBody, LeaseAct, LeaseGranted, Outcome, RawOrder, Refused, StopOrder,
+    Stopped, TakeLease,
 };
 use crate::session::Caller;
 
@@ -84,6 +84,31 @@ pub(super) async fn command(
     let since = clock::now();
     let outcome = gate.bench.command(number(&id)?, &by_rest(&caller), order).await?;
     gate.metrics.commands.observe(clock::now().since(since).as_secs_f64());
+    told(outcome)
+}
+
+/// Send a request in the protocol's own text, at most once
+///
+/// No limits stand for it, and it may move the motor or write its permanent memory: so it needs the
+/// scope `raw`, which no token has unless somebody writes it beside one, and which the server does not
+/// grant unless it is started so.
+#[utoipa::path(post, path = "/api/v1/axes/{id}/raw", tag = "motion",
+    params(("id" = u16, Path)), request_body = RawOrder, responses(
+    (status = 200, body = Outcome),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn raw(
+    State(gate): State<Shared>,
+    Extension(caller): Extension<Caller>,
+    Path(id): Path<String>,
+    Input(order): Input<RawOrder>,
+) -> Answer<Outcome> {
+    let (id, session) = (number(&id)?, by_lease(&gate, &caller, number(&id)?, order.epoch));
+    told(gate.bench.raw(id, &session, order).await?)
+}
+
+/// What the gateway itself refused is an error of HTTP as well.
+fn told(outcome: Outcome) -> Answer<Outcome> {
     match outcome.error {
         Some(refused) if refused.code.starts_with("gateway.") && !outcome.replayed => Err(refused),
         _ => Ok(Json(outcome)),

@@ -27,6 +27,7 @@ use crate::message::{ClientMessage, ServerMessage};
         motion::renew,
         motion::give_back,
         motion::command,
+        motion::raw,
         motion::stop,
         motion::release,
         capture::open,

@@ -9,9 +9,10 @@ use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
+use super::clash::Watch;
 use super::desk::Desk;
 use super::open::Link;
-use super::shared::Shared;
+use super::shared::{Event, Shared};
 use super::telemetry::{Telemetry, What};
 use super::wire::{StopThese, Wire};
 use crate::message::telemetry::Sample;
@@ -36,6 +37,7 @@ pub(super) struct Eyes {
     turn: usize,
     /// Questions take half of the time at most.
     rest_until: Instant,
+    others: Watch,
 }
 
 /// An axis, and what is still to be asked of it.
@@ -65,6 +67,7 @@ impl Eyes {
             telemetry: Arc::clone(telemetry),
             turn: 0,
             rest_until: Instant::ZERO,
+            others: Watch::default(),
         }
     }
 
@@ -126,6 +129,7 @@ impl Eyes {
     /// Asks one thing of the axis whose turn it is. False when none is to be asked.
     fn ask(&mut self) -> bool {
         let now = self.shared.now();
+        self.look_for_others(now);
         for _ in 0..self.axes.len() {
             self.turn = (self.turn + 1) % self.axes.len();
             let looked = &mut self.axes[self.turn];
@@ -146,6 +150,16 @@ impl Eyes {
             }
         }
         false
+    }
+
+    /// Tells of somebody else on the wire.
+    fn look_for_others(&mut self, now: Instant) {
+        let Some(first) = self.axes.first() else { return };
+        let counters = || first.axis.connection().with(|axes, _| axes.counters());
+        if let Some(news) = self.others.look(counters, now) {
+            self.wire.show_clash(news);
+            self.shared.tell(Event::Bench);
+        }
     }
 
     /// Stops an axis that is about to leave the limits that a file sets it.

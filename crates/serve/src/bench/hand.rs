@@ -57,7 +57,7 @@ struct Going {
     axis: usize,
     session: Session,
     id: String,
-    verb: Verb,
+    deed: Do,
     running: Running,
     tell: Tell<Outcome>,
 }
@@ -155,7 +155,7 @@ impl Hand {
 
     /// A lease ended: what it set in motion stops, and nothing moves before it is armed anew.
     fn lose(&mut self, axis: usize, lost: Lost, why: &str) {
-        let powers = |going: &Going| going.axis == axis && going.verb.needs_arming();
+        let powers = |going: &Going| going.axis == axis && going.deed.moves();
         let moved = lost.moved || self.going.iter().any(powers);
         self.axes[axis].axis.arm(false);
         if moved {
@@ -239,13 +239,7 @@ impl Hand {
         match order {
             Order::Lease(ask) => self.lease(ask),
             Order::Command(commanded) => self.command(*commanded),
-            Order::Say { axis, session, epoch, moves, go } => {
-                let may = self.may(axis, &session, epoch, moves);
-                if moves && may.is_ok() {
-                    self.axes[axis].seat.moves();
-                }
-                go(may);
-            }
+            Order::Write { axis, session, epoch, go } => go(self.may(axis, &session, epoch, false)),
             Order::Gone(session) => self.gone(&session),
         }
     }
@@ -317,14 +311,13 @@ impl Hand {
         match self.start(&commanded) {
             Ok(Started::Running(running)) => {
                 let Commanded { axis, session, order, deed, tell, .. } = commanded;
-                let Do::Run(command) = deed else { return };
-                let verb = command.verb;
-                if verb.needs_arming() && verb != Verb::Enable {
+                let enables = matches!(deed, Do::Run(command) if command.verb == Verb::Enable);
+                if deed.moves() && !enables {
                     self.axes[axis].seat.moves();
                 }
                 self.begun = self.shared.now();
                 let (id, running) = (order.id, *running);
-                self.going.push(Going { axis, session, id, verb, running, tell });
+                self.going.push(Going { axis, session, id, deed, running, tell });
             }
             Ok(Started::Done) => self.tell(commanded, None),
             Ok(Started::ToBePrepared) => {
@@ -344,10 +337,7 @@ impl Hand {
 
     fn start(&self, commanded: &Commanded) -> Result<Started, Refused> {
         let Commanded { axis, session, order, deed, prepared, .. } = commanded;
-        let moves = match deed {
-            Do::Arm(armed) => *armed,
-            Do::Run(command) => command.verb.needs_arming(),
-        };
+        let moves = deed.moves();
         self.may(*axis, session, order.epoch, moves)?;
         let stops = matches!(deed, Do::Run(c) if matches!(c.verb, Verb::Stop | Verb::QuickStop));
         if !stops && *deed != Do::Arm(false) {
@@ -358,6 +348,9 @@ impl Hand {
             Do::Arm(armed) => {
                 watched.axis.arm(*armed);
                 return Ok(Started::Done);
+            }
+            Do::Say(text) => {
+                return Ok(Started::Running(Box::new(watched.axis.start_raw(text)?)));
             }
             Do::Run(command) => *command,
         };
@@ -372,19 +365,20 @@ impl Hand {
     fn look_at_commands(&mut self) {
         let mut at = 0;
         while at < self.going.len() {
-            let ended = match self.going[at].running.poll() {
+            let (value, error) = match self.going[at].running.poll() {
                 Ok(None) => {
                     at += 1;
                     continue;
                 }
-                Ok(Some(_)) => None,
-                Err(error) => Some(Refused::from(error)),
+                Ok(value) => (value, None),
+                Err(error) => (None, Some(Refused::from(error))),
             };
-            let Going { axis, session, id, verb, tell, .. } = self.going.swap_remove(at);
-            if ended.is_none() && verb.is_stop() {
+            let Going { axis, session, id, deed, tell, .. } = self.going.swap_remove(at);
+            if error.is_none() && deed.ends_motion() {
                 self.axes[axis].seat.stopped();
             }
-            let outcome = outcome(id, ended);
+            let value = value.filter(|_| matches!(deed, Do::Say(_)));
+            let outcome = Outcome { value, ..outcome(id, error) };
             self.shared.ended(&session, self.axes[axis].id, &outcome);
             let _ = tell.send(Ok(outcome));
         }
@@ -444,5 +438,5 @@ pub(super) fn outcome(id: String, error: Option<Refused>) -> Outcome {
         Some(Some(false)) => Ended::NotDone,
         Some(None) => Ended::Unknown,
     };
-    Outcome { id, outcome: ended, error, replayed: false }
+    Outcome { id, outcome: ended, value: None, error, replayed: false }
 }

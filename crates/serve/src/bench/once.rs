@@ -104,7 +104,7 @@ mod tests {
     use crate::message::Ended;
 
     fn done(id: &str) -> Outcome {
-        Outcome { id: id.into(), outcome: Ended::Done, error: None, replayed: false }
+        Outcome { id: id.into(), outcome: Ended::Done, value: None, error: None, replayed: false }
     }
 
     #[test]

@@ -74,30 +74,8 @@ impl Bench {
                 // Who has gone does not want to know.
                 Err(refused) => drop(tell.send(Err(refused))),
             });
-            let (session, moves) = (session.clone(), false);
-            link.wire.order(Order::Say { axis: place, session, epoch, moves, go })
-        });
-        Reply::of(told, asked)
-    }
-}
-
-impl Bench {
-    /// Sends a request in the protocol's own text, for which no limits stand: under a lease and while
-    /// motion is not locked, because it may move the motor. The answer is raw.
-    pub fn raw(&self, axis: u16, session: &Session, epoch: u64, text: &str) -> Reply<i64> {
-        let (tell, told) = oneshot::channel();
-        let asked = self.seat(axis).and_then(|(link, place)| {
-            let detail = json!({ "raw": text });
-            let (deed, who) = (Deed::Command, session);
-            self.0.shared.journal.note(Note { who, deed, axis: Some(axis), detail })?;
-            let (its, text) = (link.wire.axes[place].1.clone(), text.to_owned());
-            let desk = std::sync::Arc::clone(&link.desk);
-            let go = Box::new(move |may: Result<(), Refused>| {
-                let started = may.and_then(|()| Ok(its.start_raw(&text)?));
-                desk.ask(tell, move || Ok(started?.finish()?));
-            });
-            let (session, moves) = (session.clone(), true);
-            link.wire.order(Order::Say { axis: place, session, epoch, moves, go })
+            let session = session.clone();
+            link.wire.order(Order::Write { axis: place, session, epoch, go })
         });
         Reply::of(told, asked)
     }

@@ -14,7 +14,7 @@ use tokio::sync::oneshot;
 use super::halt::Report;
 use super::lease::Session;
 use super::shared::held;
-use crate::message::{CommandOrder, LeaseGranted, LeaseTold, Outcome, Refused};
+use crate::message::{LeaseGranted, LeaseTold, Outcome, Refused};
 
 /// Orders that wait for one wire; stops have places of their own.
 const ORDERS_MAX: usize = 1024;
@@ -32,6 +32,7 @@ pub(super) struct Wire {
     hand: OnceLock<Thread>,
     leases: Mutex<Vec<Option<LeaseTold>>>,
     lost: Mutex<Option<String>>,
+    clash: Mutex<Option<String>>,
     /// Orders came since the hand last looked.
     called: AtomicBool,
 }
@@ -42,9 +43,8 @@ pub(super) enum Order {
     Lease(AskLease),
     /// An axis is to do something.
     Command(Box<Commanded>),
-    /// Something is about to be said that is no command: `go` hears whether it may, and if it may
-    /// move the motor says it there and then.
-    Say { axis: usize, session: Session, epoch: u64, moves: bool, go: Go },
+    /// Something is about to be written that moves nothing: `go` hears whether it may.
+    Write { axis: usize, session: Session, epoch: u64, go: Go },
     /// A client has gone: its leases end.
     Gone(Session),
 }
@@ -65,12 +65,21 @@ pub(super) struct AskLease {
     pub tell: Tell<Option<LeaseGranted>>,
 }
 
+/// What every command says of itself.
+#[derive(Debug)]
+pub(super) struct Told {
+    pub id: String,
+    pub issued_ms: f64,
+    pub ttl_ms: f64,
+    pub epoch: u64,
+}
+
 /// A command on its way.
 #[derive(Debug)]
 pub(super) struct Commanded {
     pub axis: usize,
     pub session: Session,
-    pub order: CommandOrder,
+    pub order: Told,
     pub deed: Do,
     /// Made ready, where that took a question.
     pub prepared: Option<Result<Prepared, Refused>>,
@@ -78,12 +87,30 @@ pub(super) struct Commanded {
 }
 
 /// What a command's word means.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub(super) enum Do {
     /// Let motion commands through, or no longer.
     Arm(bool),
     /// A verb of the drive.
     Run(Command),
+    /// A request in the protocol's own text: nobody here knows what it does.
+    Say(String),
+}
+
+impl Do {
+    /// Whether a motor may move by it.
+    pub fn moves(&self) -> bool {
+        match self {
+            Self::Arm(armed) => *armed,
+            Self::Run(command) => command.verb.needs_arming(),
+            Self::Say(_) => true,
+        }
+    }
+
+    /// Whether nothing moves once it is done.
+    pub fn ends_motion(&self) -> bool {
+        matches!(self, Self::Run(command) if command.verb.is_stop())
+    }
 }
 
 /// Axes that are to stop.
@@ -116,6 +143,7 @@ impl Wire {
             stops: Mutex::default(),
             hand: OnceLock::new(),
             lost: Mutex::default(),
+            clash: Mutex::default(),
             called: AtomicBool::new(false),
         }
     }
@@ -206,5 +234,14 @@ impl Wire {
 
     pub fn show_lost(&self, why: Option<String>) {
         *held(&self.lost) = why;
+    }
+
+    /// Who else seems to be on the wire, if somebody does.
+    pub fn clash(&self) -> Option<String> {
+        held(&self.clash).clone()
+    }
+
+    pub fn show_clash(&self, what: Option<String>) {
+        *held(&self.clash) = what;
     }
 }

@@ -1,8 +1,10 @@
 //! One test for each threat to a gateway that moves motors, by a real server and raw clients. Each
 //! fails when its guard is taken away. docs/reference/gateway.md has them by the same numbers.
 
+mod raw;
 #[allow(dead_code, reason = "viewers of telemetry do more")]
 mod site;
+mod tls;
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -266,7 +268,8 @@ fn t09_the_gateway_itself_holds_limits_and_has_no_back_door() {
     let bench = site.get("/api/v1/bench", &site.bearer("operator")).json();
     let scopes = bench["scopes"].as_array().unwrap();
     assert!(!scopes.contains(&json!("raw")), "{scopes:?}");
-    for path in ["/api/v1/axes/0/raw", "/api/v1/raw", "/api/v1/firmware"] {
+    assert_eq!(site.post("POST /api/v1/axes/0/raw", "operator", "{}").status, 403);
+    for path in ["/api/v1/raw", "/api/v1/firmware"] {
         assert_eq!(site.post(&format!("POST {path}"), "operator", "{}").status, 404, "{path}");
     }
     let lease = site.post("POST /api/v1/axes/0/lease", "operator", "{}").json();
@@ -450,64 +453,6 @@ fn t15_others_on_this_machine_read_nothing() {
     let refused = Server::start(&options(folder.clone()), &[], Connector::default()).unwrap_err();
     assert_eq!(refused.code, "E305");
     std::fs::remove_dir_all(folder).unwrap();
-}
-
-/// The first message of a client that knows TLS 1.2 and nothing newer.
-fn hello_1_2() -> Vec<u8> {
-    let mut body = vec![3, 3];
-    body.extend([7; 32]);
-    body.extend([0, 0, 4, 0xC0, 0x2F, 0xC0, 0x2B, 1, 0]);
-    let groups = [0, 10, 0, 4, 0, 2, 0, 23];
-    let algorithms = [0, 13, 0, 6, 0, 4, 4, 3, 8, 4];
-    body.extend(((groups.len() + algorithms.len()) as u16).to_be_bytes());
-    body.extend(groups);
-    body.extend(algorithms);
-    let mut hello = vec![22, 3, 1];
-    hello.extend((body.len() as u16 + 4).to_be_bytes());
-    hello.extend([1, 0]);
-    hello.extend((body.len() as u16).to_be_bytes());
-    hello.extend(body);
-    hello
-}
-
-#[test]
-fn t16_only_the_newest_tls_and_the_certificate_that_was_shown() {
-    use tokio_rustls::rustls::pki_types::pem::PemObject as _;
-    use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
-    use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
-    let site = Site::with(polepair_serve::Options { tls: true, ..options(folder()) });
-    let fingerprint = site.server.as_ref().unwrap().fingerprint().unwrap().to_owned();
-    assert_eq!(fingerprint.len(), 95);
-    let mut old = site.connect();
-    old.write_all(&hello_1_2()).unwrap();
-    let mut answer = Vec::new();
-    old.read_to_end(&mut answer).unwrap();
-    assert_eq!(answer[..1], [21], "an alert");
-    assert_eq!(answer.last(), Some(&70), "protocol_version");
-    let plain = site.get("/api/v1/bench", &site.bearer("operator"));
-    assert_eq!(plain.status, 0, "nothing in the clear");
-    let mut roots = RootCertStore::empty();
-    let file = site.folder.join("certificate.pem");
-    roots.add(CertificateDer::from_pem_file(file).unwrap()).unwrap();
-    let ring = std::sync::Arc::new(tokio_rustls::rustls::crypto::ring::default_provider());
-    let config = ClientConfig::builder_with_provider(ring)
-        .with_safe_default_protocol_versions()
-        .unwrap()
-        .with_root_certificates(roots)
-        .with_no_client_auth();
-    let name = ServerName::try_from("localhost").unwrap();
-    let client = ClientConnection::new(std::sync::Arc::new(config), name).unwrap();
-    let mut stream = StreamOwned::new(client, site.connect());
-    let request = format!(
-        "GET /api/v1/bench HTTP/1.1\r\nHost: {}\r\n{}Connection: close\r\n\r\n",
-        site.address,
-        site.bearer("operator")
-    );
-    stream.write_all(request.as_bytes()).unwrap();
-    let mut answer = [0; 12];
-    stream.read_exact(&mut answer).unwrap();
-    assert_eq!(&answer, b"HTTP/1.1 200");
-    site.end();
 }
 
 #[test]

@@ -1,0 +1,81 @@
+//! More on a wire than should be: answers that nobody here asked for.
+
+use std::time::Duration;
+
+use polepair_core::station::Counters;
+use polepair_core::time::Instant;
+
+/// Between two looks at what was counted.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// How long a clash is shown that was not seen again.
+const SHOWN: Duration = Duration::from_secs(10);
+
+/// What counts tell of others on a wire.
+#[derive(Default)]
+pub(super) struct Watch {
+    next: Instant,
+    /// Answers that no request explains, at the last look and in all.
+    unasked: u64,
+    seen: Option<Instant>,
+}
+
+impl Watch {
+    /// What is to be shown from now on, where that changes; the inner `None` is nothing any more.
+    pub fn look(
+        &mut self,
+        counters: impl FnOnce() -> Counters,
+        now: Instant,
+    ) -> Option<Option<String>> {
+        if now < self.next {
+            return None;
+        }
+        self.next = now + LOOK_EVERY;
+        let unasked = unasked(&counters());
+        if unasked > self.unasked {
+            self.unasked = unasked;
+            self.seen = Some(now);
+            let answers = if unasked == 1 { "answer" } else { "answers" };
+            return Some(Some(format!(
+                "{unasked} {answers} to nothing that was asked here: another master talks on this \
+                 wire, or two drives have one address"
+            )));
+        }
+        self.seen.take_if(|seen| now.since(*seen) > SHOWN).map(|_| None)
+    }
+}
+
+/// Frames of somebody else's talk, and answers beyond those that requests which had none may still
+/// have got: each request is answered once at most.
+fn unasked(counters: &Counters) -> u64 {
+    counters.foreign + counters.late.saturating_sub(counters.silent + counters.resent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(seconds: u64) -> Instant {
+        Instant::ZERO + Duration::from_secs(seconds)
+    }
+
+    #[test]
+    fn answers_that_come_late_are_no_clash() {
+        let late = Counters { sent: 10, answered: 7, silent: 3, late: 3, ..Counters::default() };
+        assert_eq!(Watch::default().look(|| late, at(1)), None);
+        let doubled = Counters { sent: 10, answered: 10, late: 4, ..Counters::default() };
+        let told = Watch::default().look(|| doubled, at(1)).flatten();
+        assert!(told.is_some_and(|told| told.starts_with("4 answers")));
+    }
+
+    #[test]
+    fn a_clash_is_shown_until_it_was_not_seen_for_a_while() {
+        let mut watch = Watch::default();
+        let foreign = |foreign| move || Counters { foreign, ..Counters::default() };
+        assert!(matches!(watch.look(foreign(1), at(1)), Some(Some(_))));
+        assert_eq!(watch.look(foreign(2), at(1)), None, "not looked at yet");
+        assert!(matches!(watch.look(foreign(2), at(5)), Some(Some(_))));
+        assert_eq!(watch.look(foreign(2), at(15)), None);
+        assert_eq!(watch.look(foreign(2), at(16)), Some(None));
+        assert_eq!(watch.look(foreign(2), at(30)), None);
+    }
+}
