@@ -159,7 +159,7 @@ const MOVE: &[Scope] = &[Scope::Move];
 const CONFIGURE: &[Scope] = &[Scope::Configure];
 const RAW: &[Scope] = &[Scope::Raw];
 /// Whoever may do something that needs a lease may have one.
-const COMMAND: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw];
+pub(crate) const COMMAND: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw];
 
 /// Taking one in moves nothing and writes nothing: whoever may see, may.
 const CAPTURES: &str = "/api/v1/captures";

@@ -19,12 +19,13 @@ use axum::extract::{Extension, State};
 use axum::response::{IntoResponse as _, Response};
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt as _, StreamExt as _};
+use polepair_core::time::Instant;
 use polepair_link::clock;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{Semaphore, broadcast, mpsc};
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
-use crate::api::{self, Needs, Shared};
+use crate::api::{self, COMMAND, Needs, Shared};
 use crate::bench::Session;
 use crate::message::{
     ClientMessage, CommandOrder, Ended, ErrorBody, LeaseAct, Outcome, Refused, ServerMessage,
@@ -287,13 +288,13 @@ impl Viewer {
 
 /// Keeps whoever floods us from taking a processor that others need.
 struct Pace {
-    since: tokio::time::Instant,
+    since: Instant,
     count: u32,
 }
 
 impl Default for Pace {
     fn default() -> Self {
-        Self { since: tokio::time::Instant::now(), count: 0 }
+        Self { since: clock::now(), count: 0 }
     }
 }
 
@@ -302,7 +303,7 @@ impl Pace {
     async fn keep(&mut self) {
         self.count += 1;
         if self.count > MESSAGES_MAX {
-            tokio::time::sleep_until(self.since + SPAN).await;
+            tokio::time::sleep((self.since + SPAN).since(clock::now())).await;
             *self = Self::default();
         }
     }
@@ -377,7 +378,7 @@ fn about(message: &ClientMessage) -> (&'static str, Needs) {
     let needs = |scopes| Needs::One(scopes);
     match message {
         ClientMessage::Command { .. } => ("command", needs(&[Scope::Move])),
-        ClientMessage::Lease { .. } => ("lease", needs(&[Scope::Move, Scope::Configure])),
+        ClientMessage::Lease { .. } => ("lease", needs(COMMAND)),
         ClientMessage::Stop { .. } => ("stop", needs(&[Scope::Stop])),
         ClientMessage::Release => ("release", needs(&[Scope::Move])),
         ClientMessage::Ping { .. } => ("ping", needs(&[Scope::Read])),

@@ -231,9 +231,10 @@ impl Task {
 
     /// A lease was given or given back; what is neither was a renewal.
     fn leased(&mut self, axis: u16, epoch: u64, held: bool) {
+        // Answers may come in another order than what they answer.
         let waiting = self.leases.entry(axis).or_default();
-        let its = waiting.front().is_some_and(|(act, _)| held == (*act != LeaseAct::Drop));
-        let next = if its { waiting.pop_front() } else { None };
+        let its = waiting.iter().position(|(act, _)| held == (*act != LeaseAct::Drop));
+        let next = its.and_then(|at| waiting.remove(at));
         if let Some((_, tell)) = next {
             if held {
                 self.known.set_lease(axis, Ok(epoch));

@@ -1,0 +1,104 @@
+//! Scopes: what each lets through, told here once more and not asked of the server.
+
+use polepair_serve::{Needs, Options, ROUTES, Route};
+use serde_json::json;
+use tungstenite::Message;
+
+use super::site::{Site, folder, options, tell};
+use super::{filled, marked};
+
+const WORDS: [&str; 5] = ["read", "stop", "move", "configure", "raw"];
+
+/// A site that grants these scopes at most, with a token for each scope alone and one to look on
+/// besides.
+fn site(scopes: &str) -> Site {
+    let folder = folder();
+    drop(Site::with(options(folder.clone())));
+    let token = |n: usize, scopes: &str, name: &str| {
+        format!("{}{n:02x} {scopes} {name}\n", "ab".repeat(31))
+    };
+    let lines = WORDS.iter().enumerate().map(|(n, word)| {
+        let both = if *word == "read" { "read".to_owned() } else { format!("read,{word}") };
+        token(n, word, word) + &token(n + 16, &both, &format!("live-{word}"))
+    });
+    std::fs::write(folder.join("tokens"), lines.collect::<String>()).unwrap();
+    Site::with(Options { scopes: scopes.parse().unwrap(), ..options(folder) })
+}
+
+/// Who may.
+fn may(route: &Route) -> &'static [&'static str] {
+    match (route.method, route.path) {
+        ("GET", _) | (_, "/api/v1/captures") => &["read"],
+        (_, "/api/v1/stop") => &["stop"],
+        (_, "/api/v1/release" | "/api/v1/axes/{id}/commands") => &["move"],
+        (_, "/api/v1/axes/{id}/raw") => &["raw"],
+        (_, path) if path.starts_with("/api/v1/axes/{id}/lease") => &["move", "configure", "raw"],
+        (_, "/api/v1/axes/{id}/parameters") => &["configure"],
+        (_, path) if path.starts_with("/api/v1/simulation/") => &["configure"],
+        other => panic!("{other:?} is new: say here who may"),
+    }
+}
+
+/// Whether a request is refused for its scope alone.
+fn is_denied(site: &Site, route: &Route, who: &str) -> bool {
+    let line = format!("{} {}", route.method, filled(route.path));
+    // What is let through is stopped by what is wrong with it.
+    let heads = format!("{}{}", site.bearer(who), marked(route));
+    site.send(&line, &heads, "{\"nonsense\":").status == 403
+}
+
+#[test]
+fn t10_a_scope_grants_nothing_else() {
+    let site = site("read,stop,move,configure,raw");
+    for route in ROUTES.iter().filter(|route| route.needs != Needs::Nothing) {
+        for word in WORDS {
+            let denied = is_denied(&site, route, word);
+            assert_eq!(denied, !may(route).contains(&word), "{route:?} as {word}");
+        }
+    }
+    site.end();
+}
+
+#[test]
+fn t10_a_token_grants_no_more_than_its_server() {
+    let site = site("read");
+    for route in ROUTES.iter().filter(|route| route.needs != Needs::Nothing) {
+        for word in WORDS {
+            let reads = word == "read" && may(route).contains(&"read");
+            assert_eq!(is_denied(&site, route, word), !reads, "{route:?} as {word}");
+        }
+    }
+    site.end();
+}
+
+#[test]
+fn t10_the_websocket_asks_for_the_same_scopes() {
+    let site = site("read,stop,move,configure,raw");
+    let command = json!({ "type": "command", "axis": 0, "id": "x", "issued_ms": 0, "epoch": 0,
+                          "verb": "arm" });
+    let said: [(_, &[&str]); 6] = [
+        (json!({ "type": "unsubscribe", "channel": 1 }), &WORDS),
+        (json!({ "type": "explain", "n": 0 }), &WORDS),
+        (command, &["move"]),
+        (json!({ "type": "lease", "axis": 9, "act": "take" }), &["move", "configure", "raw"]),
+        (json!({ "type": "stop", "axes": [] }), &["stop"]),
+        (json!({ "type": "release" }), &["move"]),
+    ];
+    for word in WORDS {
+        let mut socket = site.live_as(&format!("live-{word}"));
+        for (message, may) in &said {
+            tell(&mut socket, message);
+            tell(&mut socket, &json!({ "type": "ping", "client_ms": 0 }));
+            let mut denied = false;
+            loop {
+                let Message::Text(text) = socket.read().unwrap() else { continue };
+                denied |= text.contains("\"gateway.scope\"");
+                if text.contains("\"type\":\"pong\"") {
+                    break;
+                }
+            }
+            assert_eq!(denied, !may.contains(&word), "{message} as {word}");
+        }
+    }
+    site.end();
+}
