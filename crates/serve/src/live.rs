@@ -44,7 +44,8 @@ pub const PROTOCOL: &str = "polepair.v1";
 pub const MESSAGE_MAX: usize = 64 * 1024;
 /// Answers that wait for one viewer.
 const ANSWERS_MAX: usize = 256;
-/// Commands of one viewer that are under way.
+/// Commands of one viewer that are under way; as many orders about leases have places of their own,
+/// so that long motions keep no lease from being renewed.
 const COMMANDS_MAX: usize = 64;
 /// Messages of a viewer in each [`SPAN`]; what is more waits in its socket.
 const MESSAGES_MAX: u32 = 200;
@@ -99,6 +100,7 @@ struct Viewer {
     session: Session,
     answers: mpsc::Sender<Utf8Bytes>,
     under_way: Arc<Semaphore>,
+    leasing: Arc<Semaphore>,
     watched: Arc<Watched>,
 }
 
@@ -115,9 +117,10 @@ impl Viewer {
             states: gate.board.states.subscribe(),
             watched: Arc::clone(&watched),
         };
-        let under_way = Arc::new(Semaphore::new(COMMANDS_MAX));
+        let places = || Arc::new(Semaphore::new(COMMANDS_MAX));
+        let (under_way, leasing) = (places(), places());
         let (gate, session) = (Arc::clone(gate), session.clone());
-        let viewer = Self { gate, caller, session, answers, under_way, watched };
+        let viewer = Self { gate, caller, session, answers, under_way, leasing, watched };
         let mut writing = viewer.gate.shows.spawn(shown.write(to, viewer.welcome()));
         tokio::select! {
             _ = &mut writing => {}
@@ -265,7 +268,7 @@ impl Viewer {
     }
 
     fn lease(&self, axis: u16, act: LeaseAct, epoch: u64) -> Option<ServerMessage> {
-        let Ok(place) = Arc::clone(&self.under_way).try_acquire_owned() else {
+        let Ok(place) = Arc::clone(&self.leasing).try_acquire_owned() else {
             return Some(told(busy(), Some("lease"), Some(axis)));
         };
         let granted = self.gate.bench.lease(axis, &self.session, act, epoch);

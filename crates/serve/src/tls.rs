@@ -82,12 +82,13 @@ fn vouched(
 /// The certificates of a file, at least one.
 fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, Refusal> {
     let all = CertificateDer::pem_file_iter(path)
-        .and_then(|all| all.take(CHAIN_MAX).collect::<Result<Vec<_>, _>>())
+        .and_then(|all| all.take(CHAIN_MAX + 1).collect::<Result<Vec<_>, _>>())
         .map_err(|error| wrong(path, &error))?;
-    if all.is_empty() {
-        return Err(wrong(path, &"it holds no certificate"));
+    match all.len() {
+        0 => Err(wrong(path, &"it holds no certificate")),
+        1..=CHAIN_MAX => Ok(all),
+        _ => Err(wrong(path, &format!("it holds more than {CHAIN_MAX} certificates"))),
     }
-    Ok(all)
 }
 
 fn wrong(path: &Path, error: &dyn std::fmt::Display) -> Refusal {

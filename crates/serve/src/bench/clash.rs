@@ -7,6 +7,8 @@ use polepair_core::time::Instant;
 
 /// Between two looks at what was counted.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// Answers that drives may still owe: of one that was unplugged for long, none comes.
+const OWED_MAX: u64 = 4;
 /// How long a clash is shown that was not seen again.
 const SHOWN: Duration = Duration::from_secs(10);
 
@@ -14,7 +16,10 @@ const SHOWN: Duration = Duration::from_secs(10);
 #[derive(Default)]
 pub(super) struct Watch {
     next: Instant,
-    /// Answers that no request explains, at the last look and in all.
+    last: Counters,
+    /// Requests without an answer lately, of which one may still come.
+    owed: u64,
+    /// Answers that no request explains.
     unasked: u64,
     seen: Option<Instant>,
 }
@@ -30,10 +35,11 @@ impl Watch {
             return None;
         }
         self.next = now + LOOK_EVERY;
-        let unasked = unasked(&counters());
-        if unasked > self.unasked {
-            self.unasked = unasked;
+        let more = self.count(counters());
+        if more > 0 {
+            self.unasked += more;
             self.seen = Some(now);
+            let unasked = self.unasked;
             let answers = if unasked == 1 { "answer" } else { "answers" };
             return Some(Some(format!(
                 "{unasked} {answers} to nothing that was asked here: another master talks on this \
@@ -42,12 +48,18 @@ impl Watch {
         }
         self.seen.take_if(|seen| now.since(*seen) > SHOWN).map(|_| None)
     }
-}
 
-/// Frames of somebody else's talk, and answers beyond those that requests which had none may still
-/// have got: each request is answered once at most.
-fn unasked(counters: &Counters) -> u64 {
-    counters.foreign + counters.late.saturating_sub(counters.silent + counters.resent)
+    /// How many came since the last look that nobody asked for: frames of somebody else's talk, and
+    /// late answers beyond those that are owed, for each request is answered once at most.
+    fn count(&mut self, counters: Counters) -> u64 {
+        let Counters { foreign, late, silent, resent, .. } = self.last;
+        self.last = counters;
+        self.owed += counters.silent + counters.resent - silent - resent;
+        let late = counters.late - late;
+        let unasked = late.saturating_sub(self.owed);
+        self.owed = self.owed.saturating_sub(late).min(OWED_MAX);
+        counters.foreign - foreign + unasked
+    }
 }
 
 #[cfg(test)]
@@ -65,6 +77,16 @@ mod tests {
         let doubled = Counters { sent: 10, answered: 10, late: 4, ..Counters::default() };
         let told = Watch::default().look(|| doubled, at(1)).flatten();
         assert!(told.is_some_and(|told| told.starts_with("4 answers")));
+    }
+
+    #[test]
+    fn a_drive_that_was_away_hides_no_clash() {
+        let mut watch = Watch::default();
+        let away = Counters { sent: 500, silent: 500, ..Counters::default() };
+        assert_eq!(watch.look(|| away, at(1)), None);
+        let doubled = Counters { sent: 510, answered: 10, late: 10, ..away };
+        let told = watch.look(|| doubled, at(2)).flatten();
+        assert!(told.is_some_and(|told| told.starts_with("6 answers")));
     }
 
     #[test]

@@ -49,9 +49,19 @@ fn t09_a_raw_request_is_sent_once_and_its_motion_ends_with_the_lease() {
     let epoch = lease(&site);
     let refused = say(&site, "unarmed", &epoch, "ROR 0, 500").json();
     assert_eq!(refused["outcome"], "not_done", "{refused}");
+    let renewed = || {
+        let kept = site.post(
+            "POST /api/v1/axes/0/lease/renew",
+            "expert",
+            &json!({ "epoch": epoch }).to_string(),
+        );
+        assert_eq!(kept.status, 200, "{kept:?}");
+    };
+    renewed();
     let arm = json!({ "id": "arm", "issued_ms": now_ms(), "ttl_ms": 5000, "epoch": epoch,
                       "verb": "arm" });
     site.post("POST /api/v1/axes/0/commands", "expert", &arm.to_string());
+    renewed();
     let first = say(&site, "spin", &epoch, "ROR 0, 500").json();
     assert_eq!((&first["outcome"], &first["replayed"]), (&json!("done"), &json!(false)), "{first}");
     let again = say(&site, "spin", &epoch, "ROR 0, 500").json();
@@ -60,7 +70,10 @@ fn t09_a_raw_request_is_sent_once_and_its_motion_ends_with_the_lease() {
     let said = told.iter().filter(|r| r["deed"] == "command" && r["detail"]["id"] == "spin");
     assert_eq!(said.count(), 1);
     let speed = || bench.truth(0).unwrap().velocity.abs();
-    until(|| speed() > 1.0);
+    until(|| {
+        renewed();
+        speed() > 1.0
+    });
     // Nobody renews it.
     until(|| speed() < 1e-3);
     site.post("POST /api/v1/stop", "expert", "{}");
