@@ -19,7 +19,7 @@ use crate::text::Head;
 const FRAMES_MAX: usize = 1 << 15;
 /// Bytes of frames that are kept as they were told, and of what is said of them.
 const KEPT_MAX: usize = 1 << 23;
-/// Identifiers of one batch whose frames are answered by their mapping.
+/// Voices of one batch: each mapping is one, and each frame that is repeated.
 const VOICES_MAX: usize = 1 << 12;
 
 /// Frames that were decoded.
@@ -58,7 +58,7 @@ pub struct Plain {
     pub at: u64,
 }
 
-/// What is the same of frames with one identifier.
+/// What is the same of frames with one identifier that have one mapping, or the same bytes.
 #[derive(Clone, Debug)]
 pub struct Voice {
     /// What they say.

@@ -90,14 +90,15 @@ impl<'a> Event<'a> {
         }
     }
 
-    /// What a record says of its frame.
+    /// A CAN frame, its number, its link and protocol, and what is said of it.
     fn of_frame(
         record: &Record<'_>,
-        link: &'a str,
-        frame: &'a Frame,
-        explained: &'a Explained,
+        (number, frame): (u64, &'a Frame),
+        (link, protocol): (&'a str, Option<&'static str>),
+        (explained, notices): (&'a Explained, &'a [Notice]),
     ) -> Self {
         Self {
+            number,
             time: record.time,
             direction: record.direction,
             bytes: if frame.remote { &[] } else { frame.bytes() },
@@ -105,6 +106,9 @@ impl<'a> Event<'a> {
             extended: frame.extended,
             remote: frame.remote,
             wanted: if frame.remote { frame.len } else { 0 },
+            protocol,
+            wrong: explained.error.map(Wrong::Wire),
+            notices,
             at: record.at,
             ..Self::none(link, explained)
         }
@@ -544,15 +548,10 @@ impl Decoder {
             let heard = lane.heard(self.count, record, frame, self.explained.error);
             session.take(&heard, &mut self.explained, &mut self.notices);
         }
-        out(&Event {
-            number: self.count,
-            protocol: lane.map(|lane| lane.dissector.name()),
-            explained: &self.explained,
-            // A conversation may tell that a frame is another than it looks like.
-            wrong: self.explained.error.map(Wrong::Wire),
-            notices: &self.notices,
-            ..Event::of_frame(record, name, frame, &self.explained)
-        });
+        let protocol = lane.map(|lane| lane.dissector.name());
+        // A conversation may tell that a frame is another than it looks like.
+        let said = (&self.explained, &*self.notices);
+        out(&Event::of_frame(record, (self.count, frame), (name, protocol), said));
     }
 }
 

@@ -16,7 +16,7 @@ pub const JOBS_MAX: usize = 8;
 /// Makes something of batches.
 pub trait Maker: Send {
     /// Bytes of one piece, nearly. What a thread makes of it should fit into its core's own cache:
-    /// several threads that share the next one are slower than as many alone.
+    /// with longer pieces several threads took more processor time, likely for the cache they share.
     const PIECE: usize = 1 << 17;
 
     /// Takes a batch, whose turn to be handed over comes later.

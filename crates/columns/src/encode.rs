@@ -14,7 +14,7 @@ use parquet::arrow::arrow_writer::{
 };
 use parquet::basic::{Compression, Encoding, ZstdLevel};
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{KeyValue, SortingColumn};
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties, WriterPropertiesBuilder};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::ColumnPath;
@@ -144,7 +144,6 @@ fn properties(table: Table) -> WriterProperties {
     let level = ZstdLevel::try_new(ZSTD_LEVEL).unwrap_or_default();
     let mut properties = WriterProperties::builder()
         .set_compression(Compression::ZSTD(level))
-        .set_max_row_group_row_count(Some(GROUP_ROWS))
         .set_created_by(format!("polepair {DECODER}"));
     for field in table.schema().fields() {
         let column = ColumnPath::from(field.name().as_str());
@@ -156,7 +155,7 @@ fn properties(table: Table) -> WriterProperties {
             .set_column_bloom_filter_enabled(ColumnPath::from(axis), true)
             .set_column_bloom_filter_max_ndv(ColumnPath::from(axis), 1 << 10);
     }
-    properties.set_sorting_columns(sorting(table)).build()
+    properties.build()
 }
 
 /// How a column is stored. Dictionaries are for words: numbers that go on from row to row are shorter
@@ -185,10 +184,4 @@ fn encoded(
         }
         _ => properties,
     }
-}
-
-fn sorting(table: Table) -> Option<Vec<SortingColumn>> {
-    let at = table.schema().index_of(table.time_column()).ok()?;
-    let column_idx = i32::try_from(at).ok()?;
-    Some(vec![SortingColumn { column_idx, descending: false, nulls_first: true }])
 }

@@ -11,7 +11,7 @@ use polepair::config::Config;
 use polepair_capture::parallel::{self, JOBS_MAX};
 use polepair_capture::session::Notice;
 use polepair_capture::{Decoder as Inner, Event as Found, Format, ItemValue, Judge, Rules};
-use polepair_columns::{Builder, Built, Origin, Table, Tables};
+use polepair_columns::{Builder, Built, Numbering, Origin, Table, Tables};
 use polepair_core::explain::Direction;
 use polepair_core::profile::Profile;
 use pyo3::exceptions::PyOSError;
@@ -212,6 +212,7 @@ struct Made {
     /// One for each thread.
     builders: Vec<Builder>,
     batches: Vec<(Table, Vec<RecordBatch>)>,
+    numbering: Numbering,
 }
 
 impl Made {
@@ -220,34 +221,46 @@ impl Made {
         let threads = std::thread::available_parallelism().map_or(1, usize::from).min(JOBS_MAX);
         let builder = |_| Builder::new(Tables::new(wanted, &origin));
         let batches = wanted.iter().map(|table| (*table, Vec::new())).collect();
-        Self { builders: (0..threads).map(builder).collect(), batches }
+        let builders = (0..threads).map(builder).collect();
+        Self { builders, batches, numbering: Numbering::default() }
     }
 
-    /// Decodes the file to its end. Ctrl-C is looked for where the caller's thread hands over.
+    /// Decodes the file to its end. Ctrl-C is looked for where the caller's thread hands over: the
+    /// others know nothing of Python and wait for nobody there.
     fn decode(mut self, mut decoder: Inner, file: File) -> PyResult<Vec<Columns>> {
-        let Self { builders, batches } = &mut self;
+        let Self { builders, batches, numbering } = &mut self;
+        let caller = std::thread::current().id();
         let fill = &mut |piece: &mut Vec<u8>, most| {
             (&file).take(most as u64).read_to_end(piece)?;
             Ok(())
         };
         let put = &mut |builder: &mut Builder| {
-            keep(batches, builder.built())?;
-            Python::attach(|py| py.check_signals())
+            keep(batches, numbering, builder.built())?;
+            match std::thread::current().id() == caller {
+                // While Python ends there is nobody to look for it.
+                true => Python::try_attach(|py| py.check_signals()).unwrap_or(Ok(())),
+                false => Ok(()),
+            }
         };
         parallel::decode(&mut decoder, builders, fill, put)?;
         if let Some(last) = builders.first_mut() {
             decoder.ending(&mut |event| last.tables.ending(event.link, event.notices));
             last.flush();
-            keep(batches, last.built())?;
+            keep(batches, numbering, last.built())?;
         }
         let tables = self.batches.into_iter().map(|(table, rows)| Columns::new(table, rows));
         tables.collect::<Result<_, ArrowError>>().map_err(broken)
     }
 }
 
-/// Puts batches behind those of their tables.
-fn keep(batches: &mut [(Table, Vec<RecordBatch>)], built: Built) -> PyResult<()> {
+/// Puts batches behind those of their tables, their words numbered as in those.
+fn keep(
+    batches: &mut [(Table, Vec<RecordBatch>)],
+    numbering: &mut Numbering,
+    built: Built,
+) -> PyResult<()> {
     for (table, batch) in built.map_err(broken)? {
+        let batch = numbering.number(table, batch).map_err(broken)?;
         let of = batches.iter_mut().find(|(of, _)| *of == table);
         of.into_iter().for_each(|(_, rows)| rows.push(batch.clone()));
     }

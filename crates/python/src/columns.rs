@@ -3,7 +3,6 @@
 //! Nothing of Arrow or NumPy is imported: a stream is a capsule, an array says where it lies by
 //! `__array_interface__`, and both keep what they lend alive.
 
-use std::collections::HashMap;
 use std::fmt;
 use std::sync::Arc;
 
@@ -13,8 +12,7 @@ use arrow_array::types::{
     Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
 };
 use arrow_array::{
-    Array, ArrayRef, BinaryArray, DictionaryArray, Int32Array, RecordBatch, RecordBatchIterator,
-    StringArray,
+    Array, ArrayRef, BinaryArray, DictionaryArray, RecordBatch, RecordBatchIterator,
 };
 use arrow_buffer::{Buffer, NullBuffer};
 use arrow_schema::ffi::FFI_ArrowSchema;
@@ -159,9 +157,9 @@ impl Columns {
     fn cells(&self, column: &str, count: usize) -> PyResult<Vec<String>> {
         let at = self.table.schema().index_of(column);
         let at = at.map_err(|_| PyKeyError::new_err(column.to_owned()))?;
-        let Some(first) = self.batches.first() else { return Ok(Vec::new()) };
-        let array = first.column(at);
-        Ok((0..array.len().min(count)).map(|row| cell(array, row)).collect())
+        let pieces = self.batches.iter().map(|batch| batch.column(at));
+        let cells = pieces.flat_map(|array| (0..array.len()).map(|row| cell(array, row)));
+        Ok(cells.take(count).collect())
     }
 
     /// A column of sentences.
@@ -174,14 +172,14 @@ impl Columns {
 }
 
 impl Columns {
-    /// A table of batches, whose words are numbered alike from now on.
+    /// A table of batches in their order, whose words one `Numbering` numbered.
     pub fn new(table: Table, batches: Vec<RecordBatch>) -> Result<Self, ArrowError> {
         let width = table.schema().fields().len();
         let mut columns: Vec<Vec<ArrayRef>> = (0..width)
             .map(|at| batches.iter().map(|batch| batch.column(at).clone()).collect())
             .collect();
         for column in &mut columns {
-            numbered_alike(column)?;
+            share_words(column)?;
         }
         let rows = |at: usize| columns.iter().map(|column| column[at].clone()).collect();
         let batches = (0..batches.len()).map(|at| RecordBatch::try_new(table.schema(), rows(at)));
@@ -275,30 +273,14 @@ fn filled(rows: &BinaryArray, lengths: &[i32], width: usize) -> Vec<u8> {
     filled
 }
 
-/// Gives the pieces of a column of words one dictionary: that of the last where each before it is
-/// its beginning, as it is where one decoder numbered all of them.
-fn numbered_alike(pieces: &mut [ArrayRef]) -> Result<(), ArrowError> {
-    let mut known: Vec<String> = Vec::new();
-    let mut numbers: HashMap<String, i32> = HashMap::new();
-    let mut keys: Vec<Int32Array> = Vec::new();
-    for piece in pieces.iter() {
-        let Some(piece) = piece.as_dictionary_opt::<Int32Type>() else { return Ok(()) };
-        let anew: Vec<i32> = words(piece)
-            .into_iter()
-            .map(|word| {
-                *numbers.entry(word).or_insert_with_key(|word| {
-                    known.push(word.clone());
-                    known.len() as i32 - 1
-                })
-            })
-            .collect();
-        let same = anew.iter().copied().eq(0..anew.len() as i32);
-        let old = piece.keys();
-        keys.push(if same { old.clone() } else { old.unary(|key| anew[key as usize]) });
-    }
-    let known: ArrayRef = Arc::new(StringArray::from(known));
-    for (piece, keys) in pieces.iter_mut().zip(keys) {
-        *piece = Arc::new(DictionaryArray::<Int32Type>::try_new(keys, known.clone())?);
+/// Gives the pieces of a column of words one dictionary: that of the last, of which each before it
+/// has the beginning.
+fn share_words(pieces: &mut [ArrayRef]) -> Result<(), ArrowError> {
+    let last = pieces.last().and_then(|last| last.as_dictionary_opt::<Int32Type>());
+    let Some(words) = last.map(|last| last.values().clone()) else { return Ok(()) };
+    for piece in pieces {
+        let keys = piece.as_dictionary::<Int32Type>().keys().clone();
+        *piece = Arc::new(DictionaryArray::<Int32Type>::try_new(keys, words.clone())?);
     }
     Ok(())
 }

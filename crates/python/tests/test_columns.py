@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -159,6 +160,33 @@ def test_an_empty_capture_has_empty_columns(tmp_path: Path) -> None:
     assert len(capture.frames) == len(capture.to_numpy()["t_ns"]) == 0
     assert capture.to_arrow("events").num_rows == len(capture.to_pandas()) == 0
     assert capture.to_numpy()["bus"].tolist() == []
+
+
+def test_rows_of_several_batches_are_shown(tmp_path: Path) -> None:
+    """A fault at the head and others behind more frames than a batch has."""
+    fault, quiet = "082#1043010000000000", "182#0102"
+    frames = [fault, *[quiet] * 40_000, "082#0000000000000000", *[quiet] * 40_000, fault]
+    file = tmp_path / "sparse.log"
+    file.write_text("".join(f"({at}.000000) can0 {frame}\n" for at, frame in enumerate(frames)))
+    events = polepair.decode(file, protocols="canopen").events
+    assert len(events.to_arrow().column("t_ns").chunks) > 1
+    assert 3 <= len(events) <= 10
+    assert events._repr_html_().count("<tr>") == 1 + len(events)
+
+
+def test_a_thread_that_python_leaves_behind_ends_quietly(log: Path) -> None:
+    program = (
+        "import sys, threading, time, polepair\n"
+        "def decode():\n"
+        "    while True:\n"
+        "        polepair.decode(sys.argv[1], protocols='canopen').tables()\n"
+        "threading.Thread(target=decode, daemon=True).start()\n"
+        "time.sleep(0.3)\n"
+    )
+    for _ in range(5):
+        words = [sys.executable, "-c", program, str(log)]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_captures_show_themselves(capture: polepair.Capture) -> None:

@@ -4,7 +4,7 @@
 
 use polepair_core::medium::Frame;
 
-use super::{Decoder, Event, Wire, Wrong};
+use super::{Decoder, Event, Wire};
 use crate::batch::{Batch, Says};
 use crate::read::Scan;
 use crate::record::{Data, Record};
@@ -124,13 +124,8 @@ impl Decoder {
                 return true;
             }
         }
-        let event = Event {
-            number: self.count,
-            protocol: Some(protocol),
-            wrong: self.explained.error.map(Wrong::Wire),
-            notices: &self.notices,
-            ..Event::of_frame(record, name, frame, &self.explained)
-        };
+        let said = (&self.explained, &*self.notices);
+        let event = Event::of_frame(record, (self.count, frame), (name, Some(protocol)), said);
         self.head.see(&event);
         batch.keep(&event);
         true

@@ -55,6 +55,7 @@ impl Repeats {
         self.0.resize_with(PLACES, || None);
         let key = key(frame, direction);
         match &mut self.0[place(&key)] {
+            Some((known, Some(_))) if *known == key => {}
             Some((known, said)) if *known == key => {
                 let raw = super::raw(frame);
                 let (asks, said_now) = (lane.dissector.asks(&raw), Arc::new(it.copied()));

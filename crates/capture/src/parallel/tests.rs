@@ -147,7 +147,8 @@ fn who_fails_decodes_no_more() {
 #[test]
 #[should_panic(expected = "a scoped thread panicked")]
 fn who_falls_leaves_nobody_waiting() {
-    /// Falls, or waits until another one does.
+    /// Falls, or waits until another one does. It may wait because no batch fills within a piece:
+    /// one that is made there is made in the decoder's turn, without which nobody else gets to fall.
     struct Falls<'a>(bool, &'a AtomicBool);
     impl Maker for Falls<'_> {
         fn make(&mut self, _: &Batch) {

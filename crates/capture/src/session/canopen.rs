@@ -183,6 +183,7 @@ impl Follower for Canopen {
 
     fn repeats(&self, id: u32) -> bool {
         use Service::{Nmt, Request, State, Sync};
+        // Also where one was moved to an answer's place: the dissector looks at no request.
         matches!(self.services.known(id), Nmt | Sync | State(_) | Request(_))
     }
 

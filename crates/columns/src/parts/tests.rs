@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use polepair_capture::{Decoder, Rules};
 
 use super::{Done, Parts, Site, date, escaped};
@@ -88,6 +89,21 @@ fn parts_by_table_site_date_and_bus() {
     .map(|path| frames.join(path).display().to_string());
     expected.sort();
     assert_eq!(files(&folder.0.join("frames")), expected);
+}
+
+/// Rows of a row group need not be in the order of time, and readers believe what a file says.
+#[test]
+fn files_promise_no_order_of_their_rows() {
+    let folder = Folder::new("order");
+    decode(&Site { root: folder.0.clone(), name: "a".to_owned() }, "", &Table::ALL);
+    let parts = files(&folder.0.join("frames"));
+    for part in &parts {
+        let file = std::fs::File::open(part).expect("a part");
+        let read = SerializedFileReader::new(file).expect("Parquet");
+        let groups = read.metadata().row_groups();
+        assert!(!groups.is_empty() && groups.iter().all(|group| group.sorting_columns().is_none()));
+    }
+    assert_eq!(parts.len(), 4);
 }
 
 #[test]

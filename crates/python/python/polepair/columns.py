@@ -117,7 +117,7 @@ class Arrays(Mapping[str, "numpy.ndarray[Any, Any]"]):
     """A table's columns as NumPy arrays.
 
     Numbers and times lie where they were decoded if the table is of one batch (half a MiB of the
-    capture), else they are put together once, when first asked for. A column with rows that have no
+    capture or 32,768 frames), else they are put together once, when first asked for. A column with rows that have no
     value is a masked array, times without a value are NaT. Words are object arrays of str; `codes`
     gives them as numbers. `data` is `uint8` of shape (rows, longest), filled up with zeros;
     `data_len` says how long each is.
