@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -172,21 +171,6 @@ def test_rows_of_several_batches_are_shown(tmp_path: Path) -> None:
     assert len(events.to_arrow().column("t_ns").chunks) > 1
     assert 3 <= len(events) <= 10
     assert events._repr_html_().count("<tr>") == 1 + len(events)
-
-
-def test_a_thread_that_python_leaves_behind_ends_quietly(log: Path) -> None:
-    program = (
-        "import sys, threading, time, polepair\n"
-        "def decode():\n"
-        "    while True:\n"
-        "        polepair.decode(sys.argv[1], protocols='canopen').tables()\n"
-        "threading.Thread(target=decode, daemon=True).start()\n"
-        "time.sleep(0.3)\n"
-    )
-    for _ in range(5):
-        words = [sys.executable, "-c", program, str(log)]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
-        assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_captures_show_themselves(capture: polepair.Capture) -> None:
