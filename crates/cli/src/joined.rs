@@ -13,6 +13,8 @@ use clap::{Arg, Args, Command};
 use polepair_client::message::{AxisInfo, BenchView};
 use polepair_client::{Gateway, Options, Refused};
 
+pub use pick::ALL;
+
 pub use motion::{ANSWER_MAX, Order, argument, fresh, run, state};
 
 use crate::outcome::sentence;
@@ -40,6 +42,11 @@ const VERBS: [(&str, bool); 14] = [
 
 /// Options that help does not show, because they are about links.
 const FOR_LINKS: [&str; 8] = ["arm", "detach", "file", "ids", "quick", "sync", "trace", "verbose"];
+
+/// What a stop of all axes does besides.
+const STOP: &str = "\
+Without AXES everything stops, whoever commands it, and motion is locked until somebody releases it:
+on the server's page, or by POST /api/v1/release. With AXES these stop, and nothing is locked.";
 
 /// Which server, and what lets us in.
 #[derive(Args, Debug, Default)]
@@ -73,7 +80,8 @@ impl Join {
                 id if FOR_LINKS.contains(&id) => arg.hide(true),
                 _ => arg,
             };
-            command.mut_subcommand(verb, |verb| verb.mut_args(its).after_help(""))
+            let note = if *verb == "stop" { STOP } else { "" };
+            command.mut_subcommand(verb, |verb| verb.mut_args(its).after_help(note))
         })
     }
 
@@ -82,17 +90,16 @@ impl Join {
         self.server.is_some()
     }
 
-    /// Joins it.
+    /// Joins it, and hears what it has.
     pub fn open(self) -> Result<Joined> {
+        Joined::new(self.gateway()?)
+    }
+
+    /// Joins it without asking anything.
+    pub fn gateway(self) -> Result<Gateway> {
         let Self { server, token_file, certificate } = self;
         let url = server.unwrap_or_default();
-        let gateway = Gateway::new(&Options { url, token_file, certificate }).map_err(refused)?;
-        let mut bench = gateway.bench().map_err(refused)?;
-        if bench.links.len() > 1 {
-            let of = |axis: &mut AxisInfo| axis.label += &format!(" of link {}", axis.link);
-            bench.axes.iter_mut().for_each(of);
-        }
-        Ok(Joined { gateway, bench })
+        Gateway::new(&Options { url, token_file, certificate }).map_err(refused)
     }
 }
 
@@ -103,6 +110,15 @@ pub struct Joined {
 }
 
 impl Joined {
+    pub fn new(gateway: Gateway) -> Result<Self> {
+        let mut bench = gateway.bench().map_err(refused)?;
+        if bench.links.len() > 1 {
+            let of = |axis: &mut AxisInfo| axis.label += &format!(" of link {}", axis.link);
+            bench.axes.iter_mut().for_each(of);
+        }
+        Ok(Self { gateway, bench })
+    }
+
     /// The axes that are meant.
     pub fn pick(&self, target: &Target) -> Result<Vec<AxisInfo>> {
         pick::pick(&self.bench, target.axes()?)

@@ -3,12 +3,12 @@
 
 mod run;
 
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::PathBuf;
 use std::process::Child;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use run::{Held, Ran, command, polepair, signal, until};
+use run::{Held, Ran, Served, command, polepair, signal, until};
 
 /// A server of its own for each test, on a free port.
 struct Server {
@@ -21,8 +21,11 @@ impl Server {
     fn new(links: &[&str]) -> Self {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let n = NEXT.fetch_add(1, Ordering::Relaxed);
-        let folder =
-            std::env::temp_dir().join(format!("polepair-joined-{}-{n}", std::process::id()));
+        let name = format!("polepair-joined-{}-{n}", std::process::id());
+        Self::within(std::env::temp_dir().join(name), links)
+    }
+
+    fn within(folder: PathBuf, links: &[&str]) -> Self {
         let state = folder.to_str().expect("a path");
         let options = ["--bind", "127.0.0.1:0", "--log", "off", "--state", state];
         let arguments = [&["serve"], links, &options].concat();
@@ -97,6 +100,9 @@ fn what_is_there_is_shown_as_on_a_link() {
     let line = server.ok(&["get", "0#3", "AP 6", "--format", "jsonl"]);
     let told: serde_json::Value = serde_json::from_str(&line).expect("JSON");
     assert_eq!((&told["axis"], &told["raw"]), (&3.into(), &100.into()), "{line}");
+    assert_eq!(told["link"], 0, "{line}");
+    let csv = server.ok(&["get", "3", "max current", "--format", "csv"]);
+    assert!(csv.starts_with("axis,link,name,symbol,raw,value,unit\n3,0,max current,"), "{csv}");
     assert!(server.ok(&["get", "1", "all"]).lines().count() > 50);
     let watched =
         server.ok(&["watch", "1", "position", "--rate", "50", "--for", "200ms", "--format", "csv"]);
@@ -158,6 +164,49 @@ fn of_two_the_second_is_told_who_commands_and_either_may_stop() {
     let ended = held.ended();
     assert_eq!(ended.code, 6, "{}", ended.err);
     assert!(ended.err.contains("error[gateway.lease]: the lease ended"), "{}", ended.err);
+    assert!(stopped.err.contains("motion is locked until it is released"), "{}", stopped.err);
+    let locked = server.run(&["move", "3", "10deg"]);
+    assert!(locked.code == 6 && locked.err.contains("error[gateway.locked]"), "{}", locked.err);
+}
+
+/// Nothing is asked before everything stops: asking takes time, and a right of its own.
+#[test]
+fn who_may_only_stop_stops_everything() {
+    use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+    let folder = std::env::temp_dir().join(format!("polepair-may-stop-{}", std::process::id()));
+    std::fs::DirBuilder::new().mode(0o700).create(&folder).expect("a folder");
+    let mut tokens = std::fs::OpenOptions::new();
+    let mut tokens = tokens.write(true).create_new(true).mode(0o600).open(folder.join("tokens"));
+    let tokens = tokens.as_mut().expect("a file");
+    writeln!(tokens, "{} stop guard", "5a".repeat(32)).expect("written");
+    let server = Server::within(folder, &["sim:tmcl"]);
+    let stopped = server.run(&["stop"]);
+    assert_eq!(stopped.code, 0, "{}", stopped.err);
+    assert!(stopped.err.contains("the server's axis 0 is stopped\n"), "{}", stopped.err);
+    let asked = server.run(&["stop", "1"]);
+    assert!(asked.code == 2 && asked.err.contains("error[gateway.scope]"), "{}", asked.err);
+}
+
+#[test]
+fn what_a_silent_drive_said_is_not_shown_as_now() {
+    let drive = Served::new("tmcl");
+    let server = Server::new(&[&drive.url]);
+    let tokens = server.tokens();
+    let verb = ["watch", "all", "position", "--rate", "50", "--format", "jsonl"];
+    let mut watch = command(&server.words(&tokens, &verb)).spawn().expect("starts");
+    let mut lines = BufReader::new(watch.stdout.take().expect("a pipe")).lines();
+    let mut shown = |what: &str| {
+        let is = |line: &std::io::Result<String>| line.as_ref().is_ok_and(|l| l.contains(what));
+        lines.find(is).unwrap_or_else(|| panic!("never {what}"))
+    };
+    let line = shown("\"position\":0").expect("text");
+    assert!(line.contains(",\"axis\":1,\"link\":0,"), "{line}");
+    signal("STOP", drive.id());
+    shown("\"position\":null").expect("text");
+    signal("KILL", drive.id());
+    let ended = run::ran(watch.wait_with_output().expect("ends"));
+    assert_eq!(ended.code, 3, "{}", ended.err);
+    assert!(ended.err.contains("error[E313]: the link of axis 1 "), "{}", ended.err);
 }
 
 #[test]
@@ -184,6 +233,7 @@ fn what_a_server_does_not_do_is_said_and_opens_no_link() {
         (&["spin", "0#1", "60rpm", "--dry-run"], "E257"),
         (&["info", "0#1", "-v"], "E257"),
         (&["spin", "0#1", "60"], "E217"),
+        (&["move", "0#1,1", "90deg", "--rel"], "E210"),
         (&["info", "9"], "E212"),
         // Both links have an axis 1.
         (&["info", "1"], "E212"),

@@ -129,7 +129,13 @@ impl Gateway {
     /// # Errors
     /// As [`bench`](Self::bench).
     pub fn stop(&self, order: &StopOrder) -> Result<Stopped, Refused> {
-        self.wait(self.0.rest.post("/api/v1/stop", order))
+        self.wait(self.0.rest.post("/api/v1/stop", order)).map_err(|refused| match &*refused.code {
+            // Who lets a lease end stops what is its own; this may be somebody else's.
+            "E313" | "E314" | "E315" | "E501" => {
+                refused.hint("say it again; if something still turns, cut its power")
+            }
+            _ => refused,
+        })
     }
 
     /// Stays: for leases and telemetry.

@@ -5,7 +5,7 @@ use std::pin::Pin;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-use polepair_messages::{Arguments, CommandOrder, LeaseAct, TTL_MS};
+use polepair_messages::{Arguments, AxisState, CommandOrder, LeaseAct, TTL_MS};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
@@ -45,6 +45,12 @@ impl Lease {
     /// Why not: `gateway.lease`, or `E313` where the server is gone.
     pub fn check(&self) -> Result<(), Refused> {
         self.live.known().check(self.axis, self.epoch)
+    }
+
+    /// The axis as the server said it last, unasked; `None` before it did.
+    #[must_use]
+    pub fn state(&self) -> Option<AxisState> {
+        self.live.known().state(self.axis)
     }
 
     /// Says a command, once, and returns without waiting for what comes of it.

@@ -1,10 +1,12 @@
 //! The WebSocket: a task that keeps what we hold, hears what is told, and ends when the server is gone.
 
+mod asked;
 mod known;
 mod socket;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU16, Ordering};
+use std::time::Duration;
 
 use polepair_messages::telemetry::Sample;
 use polepair_messages::{CommandOrder, LeaseAct, Source};
@@ -38,7 +40,6 @@ pub(crate) enum Ask {
     Command { axis: u16, order: CommandOrder, tell: Tell<()> },
     Lease { axis: u16, act: LeaseAct, epoch: u64, tell: Tell<u64> },
     Watch { channel: u16, what: What, feed: Arc<Feed>, tell: Tell<Channel> },
-    Unwatch { channel: u16 },
 }
 
 pub(crate) type Tell<T> = oneshot::Sender<Result<T, Refused>>;
@@ -107,7 +108,7 @@ impl Live {
         let (tell, told) = oneshot::channel();
         self.ask(Ask::Watch { channel, what, feed: Arc::clone(&feed), tell })?;
         let about = self.told(told)?;
-        Ok(Watched { live: self.clone(), channel, feed, about })
+        Ok(Watched { live: self.clone(), axis, feed, about })
     }
 
     pub(crate) fn known(&self) -> &Known {
@@ -127,9 +128,9 @@ impl Live {
 
     /// Gives a lease back without waiting. One that was given back already is not ours any more.
     pub(crate) fn forget(&self, axis: u16, epoch: u64) {
-        if self.known().holds(axis, epoch) {
+        if self.known().end_lease(axis, epoch) {
             let (tell, _) = oneshot::channel();
-            // Where it cannot be said, the connection ends, and the lease with it.
+            // Where it cannot be said, it is renewed no more all the same.
             let _ = self.0.asks.try_send(Ask::Lease { axis, act: LeaseAct::Drop, epoch, tell });
         }
     }
@@ -143,7 +144,7 @@ impl Live {
 #[derive(Debug)]
 pub struct Watched {
     live: Live,
-    channel: u16,
+    axis: u16,
     feed: Arc<Feed>,
     about: Channel,
 }
@@ -167,28 +168,21 @@ impl Watched {
         &self.about.unit
     }
 
-    /// The last sample that came; `None` before the first.
+    /// The last sample, if it came within so long: what is older says nothing of now.
     ///
     /// # Errors
-    /// `E313` once the server is gone.
-    pub fn last(&self) -> Result<Option<Sample>, Refused> {
-        self.live.known().here()?;
-        Ok(self.feed.last())
+    /// `E313` once the server is gone, or the axis' link.
+    pub fn last(&self, within: Duration) -> Result<Option<Sample>, Refused> {
+        self.live.known().linked(self.axis)?;
+        Ok(self.feed.last(within))
     }
 
     /// What came since it was asked last, and how many samples have been lost so far.
     ///
     /// # Errors
-    /// `E313` once the server is gone.
+    /// `E313` once the server is gone, or the axis' link.
     pub fn drain(&self) -> Result<(Vec<Sample>, u64), Refused> {
-        self.live.known().here()?;
+        self.live.known().linked(self.axis)?;
         Ok(self.feed.drain())
-    }
-}
-
-impl Drop for Watched {
-    fn drop(&mut self) {
-        // Where it cannot be said, the connection ends anyhow.
-        let _ = self.live.0.asks.try_send(Ask::Unwatch { channel: self.channel });
     }
 }

@@ -121,8 +121,9 @@ impl Rest {
 
 /// The server went away: what it was asked to do it may have done.
 pub(crate) fn lost(why: &str) -> Refused {
-    Refused { executed: None, ..Refused::new("E313", format!("the server went away: {why}")) }
-        .hint("what moves stops when its lease ends, 1.5 s after the server last heard of it")
+    Refused { executed: None, ..Refused::new("E313", format!("the server went away: {why}")) }.hint(
+        "what this client moved stops when its lease ends, 1.5 s after the server last heard of it",
+    )
 }
 
 /// What answers does not speak as a gateway does.

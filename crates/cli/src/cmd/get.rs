@@ -3,7 +3,7 @@
 use clap::Args;
 use polepair::{Axis, Value};
 use polepair_capture::jsonl;
-use polepair_client::message::{ParameterInfo, ParameterRead};
+use polepair_client::message::{AxisInfo, ParameterInfo, ParameterRead};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 
 use crate::cmd::params::no_such_parameter;
@@ -14,8 +14,8 @@ use crate::session::Session;
 use crate::target::{Format, Target};
 use crate::terminal::{Output, csv, say};
 
-/// The columns.
-const HEAD: &str = "axis,name,symbol,raw,value,unit";
+/// The columns after the axis.
+const HEAD: &str = "name,symbol,raw,value,unit";
 
 /// Reads parameters by name, with their units. A group answers drive by drive.
 #[derive(Args, Debug)]
@@ -44,7 +44,7 @@ impl Get {
         session.listen();
         let mut out = Output::stdout();
         if self.format == Format::Csv {
-            out.line(HEAD);
+            out.line(&format!("axis,{HEAD}"));
         }
         let mut failed: Vec<Problem> = Vec::new();
         let mut shown = 0;
@@ -74,7 +74,7 @@ impl Get {
         let axes = server.pick(&self.target)?;
         let mut out = Output::stdout();
         if self.format == Format::Csv {
-            out.line(HEAD);
+            out.line(&format!("axis,link,{HEAD}"));
         }
         let mut failed: Vec<Problem> = Vec::new();
         let mut shown = 0;
@@ -87,7 +87,7 @@ impl Get {
                         let who = server.who(&axes, axis);
                         let symbol = has.iter().find(|its| its.name == read.name);
                         let symbol = symbol.map_or("", |its| &its.symbol);
-                        self.line(&who, &of_server(axis.number, symbol, &read), &mut out);
+                        self.line(&who, &of_server(axis, symbol, &read), &mut out);
                     }
                     Err(problem) if problem.exit == Exit::Refused => failed.push(problem),
                     Err(problem) => {
@@ -115,7 +115,8 @@ impl Get {
             false => format!("#{number} "),
         };
         let (raw, text, unit) = (value.raw, value.to_string(), value.unit.symbol());
-        self.line(&who, &Read { number, name, symbol, raw, value: value.value, unit, text }, out);
+        let (value, link) = (value.value, None);
+        self.line(&who, &Read { number, link, name, symbol, raw, value, unit, text }, out);
     }
 
     fn line(&self, who: &str, read: &Read<'_>, out: &mut Output) {
@@ -131,6 +132,8 @@ impl Get {
 /// What was read, as it is printed.
 struct Read<'a> {
     number: u32,
+    /// Of a server: it has several, each with its own numbers.
+    link: Option<u16>,
     name: &'a str,
     symbol: &'a str,
     raw: i64,
@@ -139,11 +142,13 @@ struct Read<'a> {
     text: String,
 }
 
-fn of_server<'a>(number: u32, symbol: &'a str, read: &'a ParameterRead) -> Read<'a> {
+fn of_server<'a>(axis: &AxisInfo, symbol: &'a str, read: &'a ParameterRead) -> Read<'a> {
     let value = read.value.unwrap_or(f64::NAN);
     let number_shown = read.value.map(|value| joined::shown(value, &read.unit));
     let text = read.word.clone().or(number_shown).unwrap_or_else(|| format!("{} raw", read.raw));
-    Read { number, name: &read.name, symbol, raw: read.raw, value, unit: &read.unit, text }
+    let ParameterRead { name, raw, unit, .. } = read;
+    let (number, link) = (axis.number, Some(axis.link));
+    Read { number, link, name, symbol, raw: *raw, value, unit, text }
 }
 
 /// The names that are meant.
@@ -164,13 +169,20 @@ fn each(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, Value)>> {
 }
 
 fn row(read: &Read<'_>) -> String {
-    let (number, raw, value) =
-        (read.number.to_string(), read.raw.to_string(), read.value.to_string());
-    csv([&number, read.name, read.symbol, &raw, &value, read.unit])
+    let axis = match read.link {
+        Some(link) => format!("{},{link}", read.number),
+        None => read.number.to_string(),
+    };
+    let (raw, value) = (read.raw.to_string(), read.value.to_string());
+    format!("{axis},{}", csv([read.name, read.symbol, &raw, &value, read.unit]))
 }
 
 fn object(read: &Read<'_>, out: &mut Vec<u8>) {
-    out.extend_from_slice(format!("{{\"axis\":{},\"name\":", read.number).as_bytes());
+    out.extend_from_slice(format!("{{\"axis\":{},", read.number).as_bytes());
+    if let Some(link) = read.link {
+        out.extend_from_slice(format!("\"link\":{link},").as_bytes());
+    }
+    out.extend_from_slice(b"\"name\":");
     jsonl::string(out, read.name);
     out.extend_from_slice(b",\"symbol\":");
     jsonl::string(out, read.symbol);

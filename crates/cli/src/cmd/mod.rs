@@ -173,7 +173,7 @@ fn joined(Arguments { join, verb, word }: Arguments) -> Result {
         Verb::Set(verb) => verb.joined(&join.open()?),
         Verb::Enable(verb) => verb.joined(&join.open()?),
         Verb::Disable(verb) => verb.joined(&join.open()?),
-        Verb::Stop(verb) => verb.joined(&join.open()?),
+        Verb::Stop(verb) => verb.joined(join),
         Verb::Clear(verb) => verb.joined(&join.open()?),
         Verb::Spin(verb) => verb.joined(&join.open()?),
         Verb::Move(verb) => verb.joined(&join.open()?),

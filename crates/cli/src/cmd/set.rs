@@ -66,10 +66,15 @@ impl Set {
                 plan.iter().for_each(|change| out.line(&format!("{who}{}", planned(change))));
                 continue;
             }
+            let has = server.gateway.parameters(axis.id).map_err(joined::refused)?;
+            let reads = |name: &str| has.iter().any(|its| its.name == name && its.readable);
             let lease = live.take(axis.id).map_err(joined::refused)?;
             let write = WriteParameters { epoch: lease.epoch(), ..write };
             for change in server.gateway.write(axis.id, &write).map_err(joined::refused)? {
-                kept(server, axis.id, &who, &change, &mut out)?;
+                match reads(&change.name) {
+                    true => kept(server, axis.id, &who, &change, &mut out)?,
+                    false => out.line(&format!("{who}{}", wrote(&change))),
+                }
                 out.flush()?;
             }
             lease.give_back().map_err(joined::refused)?;
@@ -178,14 +183,14 @@ fn step(name: &str, from: Option<String>, to: &str) -> String {
     }
 }
 
+/// What a server wrote that cannot be read.
+fn wrote(change: &Change) -> String {
+    format!("{} = {}", change.name, joined::shown(change.to, &change.unit))
+}
+
 /// Reads back what a server wrote.
 fn kept(server: &Joined, axis: u16, who: &str, change: &Change, out: &mut Output) -> Result<()> {
-    let has = server.gateway.parameters(axis).map_err(joined::refused)?;
     let name = &change.name;
-    if !has.iter().any(|its| its.name == *name && its.readable) {
-        out.line(&format!("{who}{name} = {}", joined::shown(change.to, &change.unit)));
-        return Ok(());
-    }
     let read = server.gateway.parameter(axis, name).map_err(joined::refused)?;
     let shown = |value| joined::shown(value, &change.unit);
     let now = read.value.map_or_else(|| format!("{} raw", read.raw), shown);

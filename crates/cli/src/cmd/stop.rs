@@ -4,10 +4,11 @@ use std::io::IsTerminal as _;
 
 use clap::Args;
 use polepair::stop::{Event, Stopped};
-use polepair_client::message::{StopClass, StopOrder};
+use polepair_client::Gateway;
+use polepair_client::message::{AxisStopped, StopClass, StopOrder};
 use polepair_core::axis::{Command, Verb};
 
-use crate::joined::{self, Joined};
+use crate::joined::{self, Join, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::target::Target;
@@ -57,36 +58,70 @@ impl Stop {
 
 impl Stop {
     /// The same by a server: it stops whoever commands the axes.
-    pub fn joined(self, server: &Joined) -> Result {
+    pub fn joined(self, join: Join) -> Result {
         joined::no_dry_run(self.dry_run)?;
         if self.quick {
             return Err(joined::cannot("--quick", "Its stop is the one that is always safe."));
         }
-        let axes = server.pick(&self.target)?;
-        let ids = axes.iter().map(|axis| axis.id).collect();
-        let order = StopOrder { axes: Some(ids), reason: "polepair stop".to_owned() };
-        let stopped = server.gateway.stop(&order).map_err(joined::refused)?;
-        let mut failed: Vec<Problem> = Vec::new();
-        for axis in &axes {
-            let how = stopped.axes.iter().find(|stopped| stopped.id == axis.id);
-            match how.map(|how| (how.class, how.error.clone())) {
-                Some((StopClass::Standing, _)) => say(&format!("{} is stopped", axis.label)),
-                Some((StopClass::Acknowledged, _)) => {
-                    say(&format!("{} is told to stop; nobody saw it stand", axis.label));
-                }
-                Some((_, Some(error))) => failed.push(joined::refused(error)),
-                _ => failed.push(unconfirmed(&axis.label)),
+        match self.target.axes()? {
+            joined::ALL => all(&join.gateway()?),
+            _ => some(&Joined::new(join.gateway()?)?, &self.target),
+        }
+    }
+}
+
+/// Stops everything. Nothing is asked before, and only names are asked after: neither a right to look
+/// nor a slow answer stands in its way.
+fn all(gateway: &Gateway) -> Result {
+    let stopped = stop(gateway, None)?;
+    say("motion is locked until it is released: on the server's page, or POST /api/v1/release");
+    let named = Joined::new(gateway.clone()).map(|joined| joined.bench.axes).unwrap_or_default();
+    let label = |id| named.iter().find(|axis| axis.id == id).map(|axis| axis.label.clone());
+    let number = |id| format!("the server's axis {id}");
+    let told =
+        stopped.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
+    tell(told.collect())
+}
+
+/// Stops axes that are named.
+fn some(server: &Joined, target: &Target) -> Result {
+    let axes = server.pick(target)?;
+    let mut stopped = stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?;
+    let told = axes.into_iter().map(|axis| {
+        let at = stopped.iter().position(|stopped| stopped.id == axis.id);
+        (axis.label, at.map(|at| stopped.swap_remove(at)))
+    });
+    tell(told.collect())
+}
+
+fn stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<Vec<AxisStopped>> {
+    let order = StopOrder { axes, reason: "polepair stop".to_owned() };
+    gateway.stop(&order).map(|stopped| stopped.axes).map_err(joined::refused)
+}
+
+/// Says how far the stop of each axis came.
+fn tell(told: Vec<(String, Option<AxisStopped>)>) -> Result {
+    let of = told.len();
+    let mut failed: Vec<Problem> = Vec::new();
+    for (label, how) in told {
+        match how.map(|how| (how.class, how.error)) {
+            Some((StopClass::Standing, _)) => say(&format!("{label} is stopped")),
+            Some((StopClass::Acknowledged, _)) => {
+                say(&format!("{label} is told to stop; nobody saw it stand"));
             }
+            Some((_, Some(error))) => failed.push(joined::refused(error)),
+            _ => failed.push(unconfirmed(&label)),
         }
-        match failed.len() {
-            0 => Ok(Exit::Ok),
-            _ => stops_failed(failed, axes.len()),
-        }
+    }
+    match failed.len() {
+        0 => Ok(Exit::Ok),
+        _ => stops_failed(failed, of),
     }
 }
 
 fn unconfirmed(label: &str) -> Problem {
     Problem::new(Exit::NoReply, "E401", format!("{label} did not confirm its stop."))
+        .hint("say it again; if it still turns, cut its power")
 }
 
 fn stops_failed(mut failed: Vec<Problem>, of: usize) -> Result {

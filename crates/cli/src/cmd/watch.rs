@@ -25,6 +25,11 @@ const LOOK_MS: u32 = 50;
 const FIRST_MAX: Duration = Duration::from_secs(2);
 const FIRST_LOOK_MS: u32 = 2;
 
+/// A server's sample is shown for so many periods, and at least so long: a drive may be slower than it
+/// is asked.
+const PERIODS: f64 = 3.0;
+const FRESH_MIN: Duration = Duration::from_secs(1);
+
 /// Shows signals or parameters again and again, until Ctrl-C or --for.
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -65,6 +70,8 @@ enum Format {
 /// One column.
 struct Column {
     number: u32,
+    /// Of a server: it has several, each with its own numbers.
+    link: Option<u16>,
     name: String,
     /// Empty for flags and what has none.
     unit: String,
@@ -122,12 +129,14 @@ impl Watch {
         let (signal, parameter) = if signal { (Some(&*name), None) } else { (None, Some(&*name)) };
         let watched = live.watch(axis.id, signal, parameter, self.rate).map_err(joined::refused)?;
         let unit = watched.unit().to_owned();
+        let periods = Duration::try_from_secs_f64(PERIODS / self.rate).unwrap_or(Duration::MAX);
+        let fresh = FRESH_MIN.max(periods);
         let read = move || {
-            let last = watched.last().map_err(joined::refused)?;
+            let last = watched.last(fresh).map_err(joined::refused)?;
             Ok(last.map_or(f64::NAN, |sample| sample.value))
         };
-        let (number, name) = (axis.number, format!("{who}{name}"));
-        Ok(Column { number, name, unit, read: Box::new(read) })
+        let (number, link, name) = (axis.number, Some(axis.link), format!("{who}{name}"));
+        Ok(Column { number, link, name, unit, read: Box::new(read) })
     }
 
     fn show(&self, columns: &[Column]) -> Result {
@@ -215,12 +224,15 @@ fn object(columns: &[Column], cells: &[f64], time: f64, out: &mut Vec<u8>) {
     let mut axis = None;
     out.extend_from_slice(format!("{{\"time\":{time:.6}").as_bytes());
     for (column, value) in columns.iter().zip(cells) {
-        if axis != Some(column.number) {
+        if axis != Some((column.link, column.number)) {
             if axis.is_some() {
                 out.extend_from_slice(format!("}}\n{{\"time\":{time:.6}").as_bytes());
             }
-            axis = Some(column.number);
+            axis = Some((column.link, column.number));
             out.extend_from_slice(format!(",\"axis\":{}", column.number).as_bytes());
+            if let Some(link) = column.link {
+                out.extend_from_slice(format!(",\"link\":{link}").as_bytes());
+            }
         }
         out.push(b',');
         jsonl::string(out, &column.name);
@@ -250,7 +262,7 @@ fn column(session: &Session, axis: &Axis, name: &str) -> Result<Column> {
         None => Box::new(move || read(&its, id).map(value)),
     };
     let name = format!("{}{}", session.who(axis), plain(name));
-    Ok(Column { number, name, unit, read })
+    Ok(Column { number, link: None, name, unit, read })
 }
 
 impl Column {

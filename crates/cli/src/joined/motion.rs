@@ -18,10 +18,8 @@ use crate::outcome::{self, sentence};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::say;
 
-/// How long a wait lasts before Ctrl-C is looked for.
+/// How long a wait lasts before Ctrl-C and faults are looked for.
 const LOOK: Duration = Duration::from_millis(25);
-/// How often faults are looked for.
-const READ: Duration = Duration::from_millis(250);
 /// What a verb may take that is over when the drive has answered.
 pub const ANSWER_MAX: Duration = Duration::from_secs(10);
 /// How long a stopping motor keeps its power.
@@ -101,7 +99,7 @@ pub fn run(server: &Joined, orders: &[Order], then: Then) -> Result {
     let deadline = clock::now() + within;
     let powered = taken.iter_mut().try_for_each(|taken| taken.power(server));
     let ended = powered.and_then(|()| start(&taken, orders, deadline)).and_then(|()| match then {
-        Then::Hold(seconds) => hold(server, &taken, seconds),
+        Then::Hold(seconds) => hold(&taken, seconds),
         _ => arrive(&taken, orders, deadline),
     });
     let arrived = ended.is_ok() && matches!(then, Then::Arrive(_));
@@ -193,10 +191,9 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
     }
 }
 
-fn hold(server: &Joined, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
+fn hold(taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
     let begun = clock::now();
     let end = seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
-    let mut next = begun;
     if seconds.is_none() {
         say("holding; Ctrl-C stops it");
     }
@@ -209,20 +206,17 @@ fn hold(server: &Joined, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()
             return Ok(());
         }
         taken.iter().try_for_each(|taken| taken.lease.check()).map_err(refused)?;
-        if now >= next {
-            next = now + READ;
-            taken.iter().try_for_each(|taken| check_fault(server, taken.axis))?;
-        }
+        taken.iter().try_for_each(check_fault)?;
         let until = now + LOOK;
         clock::sleep_until(end.map_or(until, |end| until.min(end)));
     }
 }
 
-/// Ends with the drive's fault, if it has one.
-fn check_fault(server: &Joined, axis: &AxisInfo) -> Result<()> {
-    let state = server.gateway.axis(axis.id).map_err(refused)?;
-    let Some(fault) = state.faults.first() else { return Ok(()) };
-    let what = format!("{} reports a fault: {}", axis.label, fault.name);
+/// Ends with the drive's fault, if the server has told of one.
+fn check_fault(taken: &Taken<'_>) -> Result<()> {
+    let state = taken.lease.state();
+    let Some(fault) = state.as_ref().and_then(|state| state.faults.first()) else { return Ok(()) };
+    let what = format!("{} reports a fault: {}", taken.axis.label, fault.name);
     Err(Problem::new(Exit::DriveFault, "E801", sentence(&what))
         .why(&*fault.cause)
         .hint_if(Some(&*fault.remedy).filter(|remedy| !remedy.is_empty())))

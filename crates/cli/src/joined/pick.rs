@@ -8,7 +8,8 @@ use crate::problem::{Problem, Result};
 pub const ALL: &str = "all";
 
 /// `all`, or names and numbers with commas between them, or numbers of a link: `LINK#1,2`, where the
-/// link goes by its number or by its URL. A number alone has to be one axis' alone.
+/// link goes by its number or by its URL. A number alone has to be one axis' alone, and no axis is named
+/// twice: it would be told twice.
 pub fn pick(bench: &BenchView, words: &str) -> Result<Vec<AxisInfo>> {
     if words == ALL {
         return match bench.axes.is_empty() {
@@ -21,7 +22,16 @@ pub fn pick(bench: &BenchView, words: &str) -> Result<Vec<AxisInfo>> {
         Some((link, numbers)) => (Some(linked(bench, link)?), numbers),
         None => (None, words),
     };
-    numbers.split(',').map(|word| one(bench, link, word.trim())).collect()
+    let mut axes: Vec<AxisInfo> = Vec::new();
+    for word in numbers.split(',') {
+        let axis = one(bench, link, word.trim())?;
+        if axes.iter().any(|its| its.id == axis.id) {
+            let what = format!("{words:?} names axis {} twice.", full(&axis));
+            return Err(Problem::usage("E210", what).why("Nothing was sent."));
+        }
+        axes.push(axis);
+    }
+    Ok(axes)
 }
 
 /// A link by its number or its URL.

@@ -2,10 +2,12 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_messages::telemetry::Sample;
+use polepair_messages::{AxisState, BenchView, LinkState};
 
 use crate::Refused;
 use crate::rest::lost;
@@ -27,14 +29,24 @@ struct Told {
     server: (f64, Instant),
     /// Each axis that is ours, by the epoch of its lease; or why it is ours no more.
     leases: HashMap<u16, Result<u64, Refused>>,
+    /// Each axis as the server said it last.
+    states: HashMap<u16, AxisState>,
+    /// Axes whose link is lost, and why.
+    unlinked: HashMap<u16, String>,
     /// Why the server is gone.
     lost: Option<Refused>,
 }
 
 impl Known {
     pub fn new(session: String, server_ms: f64) -> Self {
-        let server = (server_ms, clock::now());
-        Self { session, told: Mutex::new(Told { server, leases: HashMap::new(), lost: None }) }
+        let told = Told {
+            server: (server_ms, clock::now()),
+            leases: HashMap::new(),
+            states: HashMap::new(),
+            unlinked: HashMap::new(),
+            lost: None,
+        };
+        Self { session, told: Mutex::new(told) }
     }
 
     /// The server's time now: clocks of two machines differ.
@@ -51,8 +63,42 @@ impl Known {
         self.told().leases.insert(axis, lease);
     }
 
-    pub fn end_lease(&self, axis: u16) {
-        self.told().leases.remove(&axis);
+    /// Ends a lease, if it is ours; true if it was.
+    pub fn end_lease(&self, axis: u16, epoch: u64) -> bool {
+        let mut told = self.told();
+        let ours = told.leases.get(&axis).is_some_and(|lease| *lease == Ok(epoch));
+        if ours {
+            told.leases.remove(&axis);
+        }
+        ours
+    }
+
+    pub fn set_state(&self, state: AxisState) {
+        self.told().states.insert(state.id, state);
+    }
+
+    /// An axis as the server said it last; `None` before it did.
+    pub fn state(&self, axis: u16) -> Option<AxisState> {
+        self.told().states.get(&axis).cloned()
+    }
+
+    pub fn set_links(&self, bench: &BenchView) {
+        let lost = |id| bench.links.iter().find(|l| l.id == id && l.state == LinkState::Lost);
+        let why = bench.axes.iter().filter_map(|axis| {
+            let link = lost(axis.link)?;
+            let reason = link.reason.as_deref().unwrap_or("nobody knows why");
+            Some((axis.id, format!("the link of {} went away: {reason}", axis.label)))
+        });
+        self.told().unlinked = why.collect();
+    }
+
+    /// Whether the server is there, and has the link of an axis.
+    pub fn linked(&self, axis: u16) -> Result<(), Refused> {
+        self.here()?;
+        let why = self.told().unlinked.get(&axis).cloned();
+        why.map_or(Ok(()), |why| {
+            Err(Refused::new("E313", why).hint("the server opens it again by itself"))
+        })
     }
 
     /// Every lease that is ours.
@@ -104,13 +150,14 @@ pub(crate) struct Feed(Mutex<Samples>);
 #[derive(Debug, Default)]
 struct Samples {
     waiting: VecDeque<Sample>,
-    last: Option<Sample>,
+    /// And when it came.
+    last: Option<(Sample, Instant)>,
     /// What the server lost on the way, and what was lost here.
     lost: (u64, u64),
 }
 
 impl Feed {
-    pub fn take(&self, lost_total: u64, samples: &[Sample]) {
+    pub fn take(&self, lost_total: u64, samples: &[Sample], at: Instant) {
         let mut feed = self.lock();
         feed.lost.0 = lost_total;
         for sample in samples {
@@ -119,12 +166,14 @@ impl Feed {
                 feed.lost.1 += 1;
             }
             feed.waiting.push_back(*sample);
-            feed.last = Some(*sample);
+            feed.last = Some((*sample, at));
         }
     }
 
-    pub fn last(&self) -> Option<Sample> {
-        self.lock().last
+    /// The last sample, if it came within so long.
+    pub fn last(&self, within: Duration) -> Option<Sample> {
+        let last = self.lock().last.filter(|(_, at)| clock::now().since(*at) <= within);
+        last.map(|(sample, _)| sample)
     }
 
     pub fn drain(&self) -> (Vec<Sample>, u64) {
@@ -147,12 +196,32 @@ mod tests {
         let samples = |from: u64| -> Vec<Sample> {
             (from..from + SAMPLES_MAX as u64).map(|t_us| Sample { t_us, value: 0.0 }).collect()
         };
-        feed.take(0, &samples(0));
-        feed.take(5, &samples(SAMPLES_MAX as u64)[..3]);
+        let now = clock::now();
+        feed.take(0, &samples(0), now);
+        feed.take(5, &samples(SAMPLES_MAX as u64)[..3], now);
         let (kept, lost) = feed.drain();
         assert_eq!((kept.len(), kept[0].t_us, lost), (SAMPLES_MAX, 3, 8));
-        assert_eq!(feed.last().unwrap().t_us, SAMPLES_MAX as u64 + 2);
+        assert_eq!(feed.last(Duration::MAX).unwrap().t_us, SAMPLES_MAX as u64 + 2);
         assert!(feed.drain().0.is_empty());
+    }
+
+    #[test]
+    fn a_sample_is_the_last_for_so_long_only() {
+        let feed = Feed::default();
+        feed.take(0, &[Sample { t_us: 1, value: 1.0 }], Instant::default());
+        clock::sleep_until(clock::now().plus_ms(2));
+        assert!(
+            feed.last(Duration::MAX).is_some() && feed.last(Duration::from_millis(1)).is_none()
+        );
+    }
+
+    #[test]
+    fn what_is_given_back_is_renewed_no_more_and_a_newer_lease_stays() {
+        let known = Known::new("ann 1".into(), 0.0);
+        known.set_lease(1, Ok(7));
+        assert!(!known.end_lease(1, 6) && known.leases() == [(1, 7)]);
+        assert!(known.end_lease(1, 7) && known.leases().is_empty());
+        assert!(known.check(1, 7).is_err());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The task on the WebSocket.
 
-use std::collections::{HashMap, VecDeque};
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
@@ -17,6 +17,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async};
 
+use super::asked::{Asked, One};
 use super::{Ask, Channel, Feed, Known, Tell};
 use crate::Refused;
 use crate::rest::{lost, nonsense};
@@ -89,8 +90,9 @@ struct Task {
     socket: Socket,
     known: Arc<Known>,
     commands: HashMap<String, Tell<()>>,
-    leases: HashMap<u16, VecDeque<(LeaseAct, Tell<u64>)>>,
-    feeds: HashMap<u16, Arc<Feed>>,
+    leases: HashMap<u16, Asked>,
+    /// Of each channel; it is watched as long as somebody has it.
+    feeds: HashMap<u16, Weak<Feed>>,
     watching: HashMap<u16, Tell<Channel>>,
     heard: Instant,
 }
@@ -120,8 +122,8 @@ impl Task {
         self.known.set_lost(ended.clone());
         // Who waited has gone, or hears it; here and below.
         self.commands.into_values().for_each(|tell| drop(tell.send(Err(ended.clone()))));
-        let leases = self.leases.into_values().flatten();
-        leases.for_each(|(_, tell)| drop(tell.send(Err(ended.clone()))));
+        let leases = self.leases.into_values().flat_map(Asked::into_tells);
+        leases.for_each(|tell| drop(tell.send(Err(ended.clone()))));
         self.watching.into_values().for_each(|tell| drop(tell.send(Err(ended.clone()))));
     }
 
@@ -132,11 +134,21 @@ impl Task {
         }
         let leases = self.known.leases();
         for (axis, epoch) in &leases {
-            let (axis, epoch) = (*axis, *epoch);
-            self.say(&ClientMessage::Lease { axis, act: LeaseAct::Renew, epoch }).await?;
+            let (axis, epoch, act) = (*axis, *epoch, LeaseAct::Renew);
+            self.leases.entry(axis).or_default().ask(One { act, epoch, tell: None });
+            self.say(&ClientMessage::Lease { axis, act, epoch }).await?;
         }
         if !leases.is_empty() {
             self.say(&ClientMessage::Ping { client_ms: 0.0 }).await?;
+        }
+        self.unwatch().await
+    }
+
+    /// Ends channels that nobody watches any more.
+    async fn unwatch(&mut self) -> Result<(), Refused> {
+        for (channel, _) in self.feeds.extract_if(|_, feed| feed.strong_count() == 0) {
+            let text = text(&ClientMessage::Unsubscribe { channel })?;
+            say(&mut self.socket, text).await?;
         }
         Ok(())
     }
@@ -149,29 +161,25 @@ impl Task {
             }
             Ask::Lease { axis, act, epoch, tell } => {
                 if act == LeaseAct::Drop {
-                    self.known.end_lease(axis);
+                    self.known.end_lease(axis, epoch);
                 }
-                self.leases.entry(axis).or_default().push_back((act, tell));
+                self.leases.entry(axis).or_default().ask(One { act, epoch, tell: Some(tell) });
                 ClientMessage::Lease { axis, act, epoch }
             }
             Ask::Watch { channel, what, feed, tell } => {
-                self.feeds.insert(channel, feed);
+                // A client has a number of channels at most.
+                self.unwatch().await?;
+                self.feeds.insert(channel, Arc::downgrade(&feed));
                 self.watching.insert(channel, tell);
                 let super::What { axis, signal, parameter, hz } = what;
                 ClientMessage::Subscribe { channel, axis, signal, parameter, hz }
-            }
-            Ask::Unwatch { channel } => {
-                self.feeds.remove(&channel);
-                ClientMessage::Unsubscribe { channel }
             }
         };
         self.say(&message).await
     }
 
     async fn say(&mut self, message: &ClientMessage) -> Result<(), Refused> {
-        let text = serde_json::to_string(message).map_err(|error| lost(&error.to_string()))?;
-        let said = timeout(SILENT_MAX, self.socket.send(Message::text(text))).await;
-        said.map_err(|_| lost("it takes nothing"))?.map_err(|error| lost(&error.to_string()))
+        say(&mut self.socket, text(message)?).await
     }
 
     fn hear(&mut self, heard: Option<Result<Message, Error>>) -> Result<(), Refused> {
@@ -185,9 +193,9 @@ impl Task {
             }
             Some(Ok(Message::Binary(bytes))) => {
                 if let Some((channel, lost_total, samples)) = telemetry::decode(&bytes)
-                    && let Some(feed) = self.feeds.get(&channel)
+                    && let Some(feed) = self.feeds.get(&channel).and_then(Weak::upgrade)
                 {
-                    feed.take(lost_total, &samples);
+                    feed.take(lost_total, &samples, self.heard);
                 }
             }
             Some(Ok(Message::Close(_))) | None => return Err(lost("it hung up")),
@@ -214,14 +222,16 @@ impl Task {
             }
             ServerMessage::Pong { server_ms, .. } => self.known.set_time(server_ms),
             ServerMessage::Axis(state) => {
-                let newer = state.lease.filter(|lease| lease.owner != self.known.session);
+                let newer = state.lease.as_ref().filter(|lease| lease.owner != self.known.session);
                 if let Some(lease) = newer
                     && self.known.leases().iter().any(|(a, e)| *a == state.id && *e < lease.epoch)
                 {
                     let what = format!("{} took the axis over", lease.owner);
                     self.known.set_lease(state.id, Err(Refused::new("gateway.lease", what)));
                 }
+                self.known.set_state(state);
             }
+            ServerMessage::Bench(bench) => self.known.set_links(&bench),
             ServerMessage::Error { error, about, subject: Some(subject) } => {
                 self.failed(about.as_deref(), subject, error);
             }
@@ -229,29 +239,24 @@ impl Task {
         }
     }
 
-    /// A lease was given or given back; what is neither was a renewal.
+    /// A lease was given, renewed or given back.
     fn leased(&mut self, axis: u16, epoch: u64, held: bool) {
-        // Answers may come in another order than what they answer.
-        let waiting = self.leases.entry(axis).or_default();
-        let its = waiting.iter().position(|(act, _)| held == (*act != LeaseAct::Drop));
-        let next = its.and_then(|at| waiting.remove(at));
-        if let Some((_, tell)) = next {
-            if held {
+        let asked = self.leases.entry(axis).or_default();
+        if let Some(one) = asked.answered(epoch, held) {
+            if one.is_taking() {
                 self.known.set_lease(axis, Ok(epoch));
             }
-            let _ = tell.send(Ok(epoch));
+            // Who asked may have gone; here and below.
+            one.tell.map(|tell| tell.send(Ok(epoch)));
         }
+        self.settle(axis);
     }
 
     fn failed(&mut self, about: Option<&str>, subject: u16, error: Refused) {
         match about {
             Some("lease") => {
-                let next = self.leases.get_mut(&subject).and_then(VecDeque::pop_front);
-                match next {
-                    Some((_, tell)) => drop(tell.send(Err(error))),
-                    // A renewal came too late: somebody stopped or took the axis, or we slept.
-                    None => self.known.set_lease(subject, Err(over(&error))),
-                }
+                self.leases.entry(subject).or_default().refused(error);
+                self.settle(subject);
             }
             Some("subscribe") => {
                 self.feeds.remove(&subject);
@@ -262,6 +267,30 @@ impl Task {
             _ => {}
         }
     }
+
+    /// Says what is refused by now.
+    fn settle(&mut self, axis: u16) {
+        let settled = self.leases.entry(axis).or_default().settled();
+        for (One { epoch, tell, .. }, error) in settled {
+            match tell {
+                Some(tell) => drop(tell.send(Err(error))),
+                // A renewal came too late: somebody stopped or took the axis, or we slept.
+                None if self.known.holds(axis, epoch) => {
+                    self.known.set_lease(axis, Err(over(&error)));
+                }
+                None => {}
+            }
+        }
+    }
+}
+
+fn text(message: &ClientMessage) -> Result<String, Refused> {
+    serde_json::to_string(message).map_err(|error| lost(&error.to_string()))
+}
+
+async fn say(socket: &mut Socket, text: String) -> Result<(), Refused> {
+    let said = timeout(SILENT_MAX, socket.send(Message::text(text))).await;
+    said.map_err(|_| lost("it takes nothing"))?.map_err(|error| lost(&error.to_string()))
 }
 
 fn over(error: &Refused) -> Refused {

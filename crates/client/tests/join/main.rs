@@ -210,6 +210,11 @@ fn what_is_watched_comes_as_samples() {
     let watched = live.watch(0, Some("position"), None, 50.0).unwrap();
     assert_eq!(watched.unit(), "rad");
     until("samples come", || watched.drain().unwrap().0.len() > 1);
+    assert!(watched.last(Duration::MAX).unwrap().is_some());
+    // More than a client may have at once: what is dropped is watched no more.
+    for _ in 0..100 {
+        live.watch(0, Some("velocity"), None, 50.0).unwrap();
+    }
     let refused = live.watch(0, Some("fuel"), None, 50.0).unwrap_err();
     assert_eq!(refused.executed, Some(false), "{refused}");
 }
@@ -253,6 +258,9 @@ fn nobody_there_is_said_so() {
     drop(free);
     let site = Site::new();
     let options = Options { url: format!("http://127.0.0.1:{port}"), ..site.options("http") };
-    let refused = Gateway::new(&options).unwrap().bench().unwrap_err();
+    let gateway = Gateway::new(&options).unwrap();
+    let refused = gateway.bench().unwrap_err();
     assert_eq!((&*refused.code, refused.executed), ("E314", Some(false)));
+    let refused = gateway.stop(&StopOrder::default()).unwrap_err();
+    assert!(refused.hint.contains("cut its power"), "{refused:?}");
 }
