@@ -145,8 +145,16 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return false };
         match execute::next(now, job, slot) {
             Ok((request, asked)) => {
+                // What still waits for the line to be silent comes after a stop, not before it.
+                if request.is_stop()
+                    && let Some(Ticket(other)) = self.host.recall(&request)
+                {
+                    self.jobs.given_back(other as usize);
+                }
                 let Ok(()) = self.host.submit(now, Ticket(n as u32), request) else { return false };
-                execute::sent(job, asked);
+                if let Some(job) = self.jobs.get_mut(n) {
+                    job.asked = asked;
+                }
                 self.jobs.sent(n);
             }
             Err(next) => self.jobs.passed(n, next),

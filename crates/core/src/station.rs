@@ -154,6 +154,14 @@ pub trait Host<M: Medium>: Station<M> {
         request: Self::Request,
     ) -> Result<(), Self::Request>;
 
+    /// Takes back a request of which nothing is on the wire yet, because `stop` is to have its place:
+    /// no event tells of its end, it is as if [`submit`](Self::submit) had not taken it. `None` where
+    /// nothing stands in the stop's way, or what does is on the wire.
+    fn recall(&mut self, stop: &Self::Request) -> Option<Ticket> {
+        let _ = stop;
+        None
+    }
+
     /// The next thing that happened: a request's end, or a drive that spoke unasked. It is lent, not
     /// copied.
     fn poll_event(&mut self) -> Option<&Event<Self::Answer>>;

@@ -209,17 +209,14 @@ fn request<R: Request, A: Copy + 'static>(
     }
 }
 
-/// Notes that a request went to the host.
-pub fn sent<R: Request>(job: &mut Job<R>, asked: Asked) {
-    job.asked = asked;
-    if let Task::Run(run) = &mut job.task {
-        run.touched |= matches!(asked, Asked::Write(.., Class::Never) | Asked::Send(Class::Never));
-        run.wrote |= match asked {
-            Asked::Write(..) => true,
-            Asked::Send(class) => class != Class::Idempotent,
-            _ => false,
-        };
-    }
+/// Notes what a run has put on the wire, once that is over: until then `asked` tells.
+fn note_sent(run: &mut Run, asked: Asked) {
+    run.touched |= matches!(asked, Asked::Write(.., Class::Never) | Asked::Send(Class::Never));
+    run.wrote |= match asked {
+        Asked::Write(..) => true,
+        Asked::Send(class) => class != Class::Idempotent,
+        _ => false,
+    };
 }
 
 /// Whether what was sent so far could have changed the drive.
@@ -277,6 +274,9 @@ pub fn answered<R: Request, A: Copy + 'static>(
     raw: Result<i64, Failure>,
 ) -> Next {
     let asked = core::mem::replace(&mut job.asked, Asked::Nothing);
+    if let Task::Run(run) = &mut job.task {
+        note_sent(run, asked);
+    }
     if let (Some(id), Ok(raw)) = (asked.parameter(), raw) {
         slot.note(now, id, raw);
     }

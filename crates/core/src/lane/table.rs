@@ -132,6 +132,19 @@ impl<R: Request> Table<R> {
         self.behind = !1 << n;
     }
 
+    /// The host gave the request of job `n` back, unsent: a stop has its place.
+    #[cold]
+    pub fn given_back(&mut self, n: usize) {
+        let Some(Some(job)) = self.jobs.get_mut(n) else { return };
+        job.asked = Asked::Nothing;
+        if job.cancelled {
+            let outcome = execute::cut_short(job, Failure::Cancelled);
+            self.end(n, outcome);
+        } else {
+            self.ready |= 1 << n;
+        }
+    }
+
     /// Job `n` had its turn and sent nothing.
     pub fn passed(&mut self, n: usize, next: Next) {
         self.ready &= !(1 << n);

@@ -168,6 +168,8 @@ struct Toy {
     refuse: Option<u16>,
     forbids: Option<u16>,
     out: Option<(Ticket, Ask)>,
+    /// The wire has to be silent for a while: nothing is sent.
+    hush: bool,
     events: Events<i64, 4>,
 }
 
@@ -198,7 +200,7 @@ impl Station<Stream> for Toy {
         self.out = None;
     }
     fn poll_transmit(&mut self, _: Instant, _: &mut [u8]) -> Option<usize> {
-        self.out.map(|_| 1)
+        self.out.filter(|_| !self.hush).map(|_| 1)
     }
     fn line(&self) -> SerialLine {
         SerialLine::n81(9600)
@@ -219,6 +221,10 @@ impl Host<Stream> for Toy {
         }
         self.out = Some((ticket, request));
         Ok(())
+    }
+    fn recall(&mut self, _: &Ask) -> Option<Ticket> {
+        let (ticket, _) = self.out.take_if(|(_, ask)| self.hush && ask.class != Class::Stop)?;
+        Some(ticket)
     }
     fn poll_event(&mut self) -> Option<&Event<i64>> {
         self.events.next()
@@ -382,6 +388,68 @@ fn a_stop_overtakes_and_ends_what_runs() {
     assert!(ends.contains(&(2, Outcome::Done(0))));
     assert_eq!(ends.len(), 6);
     assert_eq!(bench.lane.host.log[1].index, SPEED.0, "after the one in flight, the stop");
+}
+
+/// Hands the host what waits, while the wire has to be silent.
+fn hush(bench: &mut Bench, hush: bool) {
+    bench.lane.host.hush = hush;
+    assert_eq!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_none(), hush);
+}
+
+#[test]
+fn what_is_not_on_the_wire_yet_makes_way_for_a_stop_and_is_asked_after_it() {
+    let mut bench = Bench::new();
+    for ticket in 10..13 {
+        bench.lane.read(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
+    }
+    hush(&mut bench, true);
+    assert!(bench.lane.host.out.is_some_and(|(_, ask)| !ask.write), "the read waits in the host");
+    bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
+    hush(&mut bench, true);
+    hush(&mut bench, false);
+    let mut ends = bench.run();
+    ends.sort_by_key(|(ticket, _)| *ticket);
+    let read = |ticket| (ticket, Outcome::Done(1));
+    assert_eq!(ends, [(2, Outcome::Done(0)), read(10), read(11), read(12)]);
+    assert_eq!(bench.lane.host.log[0].class, Class::Stop);
+    let asked = bench.lane.host.log.iter().filter(|ask| ask.index == MODE.0).count();
+    assert_eq!(asked, 3, "each once");
+}
+
+#[test]
+fn a_motion_that_is_not_on_the_wire_yet_never_is_once_its_axis_is_stopped() {
+    let mut bench = Bench::new();
+    bench.lane.host.registers[4] = 1;
+    bench.velocity(1, 100.0 * RPM).unwrap();
+    bench.turn();
+    bench.turn();
+    hush(&mut bench, true);
+    assert!(bench.lane.host.out.is_some_and(|(_, ask)| ask.value == 100), "the speed waits");
+    bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
+    hush(&mut bench, true);
+    hush(&mut bench, false);
+    let ends = bench.run();
+    assert_eq!(ends[0], (1, Outcome::NotDone(Failure::Cancelled)), "it was never sent");
+    assert_eq!(bench.writes(), [(SPEED.0, 0)]);
+}
+
+#[test]
+fn a_setting_of_another_axis_that_made_way_for_a_stop_is_written_once() {
+    let drivers: [BoxedDriver<Ask, i64>; 2] = [Box::new(ToyDriver), Box::new(ToyDriver)];
+    let mut bench = Bench::new();
+    let host = Toy { registers: [0, 4096, 0, 1, 0, 0], ..Toy::default() };
+    bench.lane = Lane::new(host, drivers);
+    bench.lane.write(bench.now, Ticket(1), AxisIndex(1), MODE, 5, false).unwrap();
+    hush(&mut bench, true);
+    for ticket in 2..5 {
+        bench.lane.command(bench.now, Ticket(ticket), AXIS, Command::new(Verb::Stop)).unwrap();
+        hush(&mut bench, true);
+    }
+    hush(&mut bench, false);
+    let ends = bench.run();
+    assert!(ends.contains(&(1, Outcome::Done(5))), "{ends:?}");
+    assert!(ends.contains(&(4, Outcome::Done(0))), "the last stop goes through: {ends:?}");
+    assert_eq!(bench.writes(), [(SPEED.0, 0), (SPEED.0, 0), (MODE.0, 5)]);
 }
 
 #[test]

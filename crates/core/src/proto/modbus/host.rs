@@ -586,6 +586,17 @@ impl station::Host<Stream> for Host {
         Ok(())
     }
 
+    /// A request that waits for the line to be silent, for the first time or once more.
+    fn recall(&mut self, _stop: &Request) -> Option<Ticket> {
+        let current = self.current.as_ref().filter(|_| self.sending == Some(Sending::Request))?;
+        if station::Request::is_stop(&current.request) {
+            return None;
+        }
+        let ticket = current.ticket;
+        self.close();
+        Some(ticket)
+    }
+
     #[inline]
     fn poll_event(&mut self) -> Option<&Event<Answer>> {
         self.events.next()

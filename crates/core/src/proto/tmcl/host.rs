@@ -234,6 +234,10 @@ impl Host<Stream> for SerialHost {
         self.session.submit(now, ticket, request)
     }
 
+    fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
+        self.session.recall()
+    }
+
     #[inline]
     fn poll_event(&mut self) -> Option<&Event<Answer>> {
         self.session.poll_event()
@@ -340,6 +344,10 @@ impl Host<Can> for CanHost {
     #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
         self.session.submit(now, ticket, request)
+    }
+
+    fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
+        self.session.recall()
     }
 
     #[inline]

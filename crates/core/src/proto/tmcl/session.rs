@@ -198,6 +198,14 @@ impl Session {
         Ok(())
     }
 
+    /// Takes back what was not sent yet, for a stop.
+    pub(super) fn recall(&mut self) -> Option<Ticket> {
+        let unsent = |p: &&Pending| !p.sent && p.attempts == 0 && p.ask.class != Class::Stop;
+        let ticket = self.pending.as_ref().filter(unsent)?.ticket?;
+        self.pending = None;
+        Some(ticket)
+    }
+
     /// The same, where something stands against it.
     #[cold]
     fn submit_in_doubt(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
@@ -372,15 +380,13 @@ impl Session {
             return Err(ask);
         }
         match (pending.ticket, pending.sent) {
+            // It is recalled, not overtaken.
+            (Some(_), false) if pending.attempts == 0 => return Err(ask),
             (Some(waiting), false) => {
                 let pending = *pending;
                 self.pending = None;
-                let failure = match pending.attempts {
-                    0 => Failure::Cancelled,
-                    _ => Failure::Silent,
-                };
                 self.suspect(now, &pending, true);
-                self.end(Some(waiting), Err(failure));
+                self.end(Some(waiting), Err(Failure::Silent));
                 self.start(now, Some(ticket), ask);
             }
             (Some(_), true) => {

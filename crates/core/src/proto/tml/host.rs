@@ -316,6 +316,10 @@ impl Host<Stream> for SerialHost {
         self.session.submit(now, ticket, request)
     }
 
+    fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
+        self.session.recall()
+    }
+
     #[inline]
     fn poll_event(&mut self) -> Option<&Event<Answer>> {
         self.session.poll_event()
@@ -451,6 +455,10 @@ impl<E: Encapsulation> Host<Can> for CanHost<E> {
     #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
         self.session.submit(now, ticket, request)
+    }
+
+    fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
+        self.session.recall()
     }
 
     #[inline]

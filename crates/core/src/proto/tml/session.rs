@@ -121,6 +121,13 @@ enum Stage {
     Proof,
 }
 
+impl Stage {
+    /// What goes out first.
+    fn first(ask: &Ask) -> Self {
+        if ask.with == With::Master { Self::Master } else { Self::Itself }
+    }
+}
+
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
     /// Not on the wire before then.
@@ -443,7 +450,7 @@ impl Session {
     }
 
     fn start(&mut self, now: Instant, ticket: Option<Ticket>, ask: Ask) {
-        let stage = if ask.with == With::Master { Stage::Master } else { Stage::Itself };
+        let stage = Stage::first(&ask);
         let at = if ask.class == Class::Stop { now } else { now.max(self.paced) };
         let phase = Phase::Ready(at);
         self.pending = Some(Pending { ticket, ask, stage, phase, attempts: 0, early: false });

@@ -10,9 +10,9 @@ use super::world::{UNTIMED, World};
 use crate::error::Failure;
 use crate::proto::HostOptions;
 use crate::proto::modbus::device::Framing;
-use crate::proto::modbus::request::{Ask, WORDS_MAX};
+use crate::proto::modbus::request::{Ask, Request, WORDS_MAX};
 use crate::proto::modbus::wire::{Format, Space};
-use crate::station::{Class, Host as _, LineEvent, Station as _};
+use crate::station::{Class, Host as _, LineEvent, Station as _, Ticket, Timed as _, To};
 
 const MS: u64 = 1_000_000;
 
@@ -307,4 +307,43 @@ fn only_what_is_harmless_is_sent_again() {
     assert_eq!(world.write(0x10, 7), Err(Failure::Silent));
     assert_eq!(world.drive.writes.len(), 1, "executed once though three replies were lost");
     assert_eq!(world.host.counters().resent, before.resent);
+}
+
+/// The TS takes 10 ms of silence for the end of a frame, so a host waits that long before each.
+#[test]
+fn a_read_that_waits_for_silence_is_recalled_for_a_stop_and_one_on_the_wire_is_not() {
+    let options = HostOptions { baud: 115_200, gap_us: Some(10_000), ..UNTIMED };
+    let mut world = World::new(Format::Rtu, Framing::TS, &options);
+    assert_eq!(world.read(3, 1).unwrap().words[0], 771);
+    let heard = world.now;
+    let read = Ask::Read { space: Space::Holding, start: 4, count: 1 };
+    let read = Request { unit: 1, ask: read, class: Class::Idempotent };
+    let write = Ask::WriteRegister { address: 5, value: 0 };
+    let stop = Request { unit: 1, ask: write, class: Class::Stop };
+    assert_eq!(world.host.recall(&stop), None, "nothing waits");
+    world.now = world.now.plus_ms(4);
+    world.host.submit(world.now, Ticket(900), read).unwrap();
+    assert_eq!(world.host.poll_transmit(world.now, &mut [0; 256]), None, "it has to be silent");
+    assert!(world.host.submit(world.now, Ticket(901), stop).is_err());
+    assert_eq!(world.host.recall(&stop), Some(Ticket(900)));
+    world.host.submit(world.now, Ticket(901), stop).unwrap();
+    assert_eq!(world.host.recall(&stop), None, "a stop makes way for none");
+    let sent = world.host.poll_timeout().unwrap();
+    assert_eq!(sent.since(heard).as_millis(), 10, "no later than the read would have been");
+    while world.host.counters().answered < 2 {
+        assert!(world.step());
+    }
+    assert_eq!(world.host.poll_event().map(|(to, _)| *to), Some(To::Ticket(Ticket(901))));
+    assert_eq!(world.drive.writes, [(5, vec![0])]);
+    world.host.submit(world.now, Ticket(902), read).unwrap();
+    let before = world.host.counters().sent;
+    while world.host.counters().sent == before {
+        assert!(world.step());
+    }
+    assert_eq!(world.host.recall(&stop), None, "it is on the wire");
+    while world.host.counters().answered < 3 {
+        assert!(world.step());
+    }
+    let answer = world.host.poll_event().map(|(_, answer)| answer.unwrap().words[0]);
+    assert_eq!(answer, Some(4 * 257));
 }

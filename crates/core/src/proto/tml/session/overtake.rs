@@ -28,6 +28,18 @@ impl Session {
         Ok(())
     }
 
+    /// Takes back what was not sent yet, for a stop.
+    pub(in crate::proto::tml) fn recall(&mut self) -> Option<Ticket> {
+        let pending = self.pending.as_ref().filter(|pending| pending.ask.class != Class::Stop)?;
+        let unsent = matches!(pending.phase, Phase::Ready(_)) && pending.attempts == 0;
+        if !unsent || pending.stage != Stage::first(&pending.ask) {
+            return None;
+        }
+        let ticket = pending.ticket?;
+        self.pending = None;
+        Some(ticket)
+    }
+
     /// The stop that waits takes the line. A question is asked again when the stop is through.
     pub(super) fn give_way(&mut self, now: Instant) {
         let (Some((ticket, ask)), Some(pending)) = (self.stop.take(), self.pending.take()) else {
