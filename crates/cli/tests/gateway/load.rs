@@ -2,12 +2,13 @@
 //!
 //! A few seconds unless told otherwise: `POLEPAIR_LOAD_STOPS`, `POLEPAIR_LOAD_COMMANDS`,
 //! `POLEPAIR_LOAD_IDLE`, `POLEPAIR_LOAD_VIEWERS` and `POLEPAIR_LOAD_RUNS` say how many. Times are
-//! printed and not judged: they are the machine's as much as ours.
+//! printed and not judged: they are the machine's as much as ours. How late a thread wakes that only
+//! sleeps is printed beside them, for it is what the machine alone does meanwhile.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -22,6 +23,10 @@ use crate::wire::{Drive, Log, Passed};
 const PONG: [u8; 6] = [0x8A, 0x80, 0, 0, 0, 0];
 /// Between two pongs, and between two looks at idle sockets.
 const PULSE: Duration = Duration::from_secs(1);
+/// How long the thread sleeps that shows what the machine does.
+const FLOOR_EVERY: Duration = Duration::from_millis(1);
+/// Messages of its own that a client has said just before its stop.
+const OWN_BEFORE: usize = 150;
 /// How often viewers take what came: they share this machine's processors with the server.
 const READ_EVERY: Duration = Duration::from_millis(20);
 
@@ -78,7 +83,8 @@ impl Beside {
         self.drain(streams);
     }
 
-    /// Sockets that say nothing, opened again when they are closed.
+    /// Sockets that say nothing, opened again when they are closed: the server waits five seconds for
+    /// a request's head, so a fifth of them are new each second.
     fn idle(&mut self, site: &Site, count: usize) {
         let address = site.address;
         let open = move || {
@@ -87,6 +93,8 @@ impl Beside {
             Some(stream)
         };
         let mut sockets: Vec<Option<TcpStream>> = (0..count).map(|_| open()).collect();
+        let are_open = sockets.iter().flatten().count();
+        assert_eq!(are_open, count, "the system lets this process open no more (`ulimit -n`)");
         self.go_on(move |over| {
             while !over.load(Ordering::Relaxed) {
                 for socket in &mut sockets {
@@ -132,6 +140,33 @@ impl Drop for Beside {
     }
 }
 
+/// How late a thread wakes that sleeps and does nothing else.
+struct Floor {
+    late: Arc<Mutex<Vec<f64>>>,
+    _thread: Beside,
+}
+
+impl Floor {
+    fn new() -> Self {
+        let (late, mut thread) = (Arc::<Mutex<Vec<f64>>>::default(), Beside::new());
+        let its = Arc::clone(&late);
+        thread.go_on(move |over| {
+            while !over.load(Ordering::Relaxed) {
+                let since = clock::now();
+                std::thread::sleep(FLOOR_EVERY);
+                let more = clock::now().since(since).saturating_sub(FLOOR_EVERY);
+                its.lock().unwrap().push(more.as_secs_f64() * 1e3);
+            }
+        });
+        Self { late, _thread: thread }
+    }
+
+    /// Since this was last asked.
+    fn take(&self) -> Times {
+        Times::new(std::mem::take(&mut *self.late.lock().unwrap()))
+    }
+}
+
 /// Milliseconds, in order.
 struct Times(Vec<f64>);
 
@@ -142,7 +177,7 @@ impl Times {
     }
 
     fn at(&self, share: f64) -> f64 {
-        let last = self.0.len() - 1;
+        let Some(last) = self.0.len().checked_sub(1) else { return f64::NAN };
         self.0[((last as f64 * share).ceil() as usize).min(last)]
     }
 }
@@ -211,25 +246,34 @@ fn measure(
     bench: &Bench,
     live: &mut Live,
     axis: usize,
-    count: usize,
+    (count, own_before): (usize, usize),
     mut say: impl FnMut(&mut Live),
 ) -> [Times; 2] {
     let (mut took, mut more) = (Vec::new(), Vec::new());
     // Thrown out: it would wait for the drive before it in the list.
     let mut random = 1_u64;
-    while took.len() < count {
+    for _ in 0..2 * count {
+        if took.len() == count {
+            break;
+        }
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         std::thread::sleep(Duration::from_micros(1000 + (random >> 48) / 4));
         // The last exchange before it may be needed.
         let mut passed = bench.logs[axis].take();
         passed.drain(..passed.len().saturating_sub(4));
+        // They lie in a buffer until something is told.
+        for client_ms in 0..own_before {
+            live.write(&json!({ "type": "ping", "client_ms": client_ms }));
+        }
         let since = clock::now();
         say(live);
         passed.extend(bench.logs[axis].take());
-        let (on_wire, later) = on_wire(axis, since, &passed).expect("it is on the wire");
+        // A command that came too late for its lease is not.
+        let Some((on_wire, later)) = on_wire(axis, since, &passed) else { continue };
         took.push(on_wire);
         more.push(later);
     }
+    assert_eq!(took.len(), count, "the others are not on the wire");
     [Times::new(took), Times::new(more)]
 }
 
@@ -242,42 +286,56 @@ fn stop(axis: usize) -> impl FnMut(&mut Live) {
     }
 }
 
+/// A command, and the lease that it needs: on a machine that stood still for longer than a lease lasts
+/// it is over, and taken again.
+fn command(live: &mut Live) {
+    live.lease(0, "take");
+    let outcome = live.command(0, "stop", None);
+    let code = outcome["error"]["code"].as_str().unwrap_or_default();
+    let slow = ["gateway.lease", "gateway.expired"].contains(&code);
+    assert!(outcome["outcome"] == "done" || slow, "{outcome}");
+}
+
 #[test]
 fn commands_and_stops_are_soon_on_the_wire_whatever_else_goes_on() {
     let commands = told("POLEPAIR_LOAD_COMMANDS", 100);
     let stops = told("POLEPAIR_LOAD_STOPS", 100);
     let (viewers, idle) = (told("POLEPAIR_LOAD_VIEWERS", 100), told("POLEPAIR_LOAD_IDLE", 1000));
+    polepair_link::open_files();
     for run in 0..told("POLEPAIR_LOAD_RUNS", 1) {
         let bench = Bench::new();
         let mut live = bench.site.live();
         let mut beside = Beside::new();
+        let floor = Floor::new();
         println!("run {run}");
-        let command = |live: &mut Live| {
-            let outcome = live.command(0, "stop", None);
-            assert_eq!(outcome["outcome"], "done", "{outcome}");
-            live.lease(0, "renew");
-        };
-        live.lease(0, "take");
-        let [took, _] = measure(&bench, &mut live, 0, commands, command);
-        println!("command, alone: {took}");
+        let [took, _] = measure(&bench, &mut live, 0, (commands, 0), command);
+        println!("command, alone: {took}; a sleeper {}", floor.take());
+        drop(live);
         beside.viewers(&bench.site, viewers);
-        live.lease(0, "take");
-        let [took, _] = measure(&bench, &mut live, 0, commands, command);
-        println!("command, {viewers} viewers: {took}");
-        for axis in 0..2 {
-            let [took, more] = measure(&bench, &mut live, axis, stops, stop(axis));
-            println!("stop of axis {axis}, {viewers} viewers: {took}; beyond the wire {more}");
-        }
-        drop(beside);
+        // What reads nothing for five seconds is closed: who measures comes when all others are there.
+        let mut live = bench.site.live();
+        floor.take();
+        let [took, _] = measure(&bench, &mut live, 0, (commands, 0), command);
+        println!("command, {viewers} viewers: {took}; a sleeper {}", floor.take());
+        let mut measure_stops = |live: &mut Live, what: &str| {
+            for (axis, own) in [(0, 0), (1, 0), (0, OWN_BEFORE)] {
+                let count = if own == 0 { stops } else { stops / 10 };
+                let [took, more] = measure(&bench, live, axis, (count, own), stop(axis));
+                let behind = if own == 0 { "" } else { " behind its sender's own messages" };
+                println!("stop of axis {axis}{behind}, {what}: {took}");
+                println!("    beyond the wire {more}; a sleeper {}", floor.take());
+            }
+        };
+        measure_stops(&mut live, &format!("{viewers} viewers"));
+        drop((beside, live));
         let mut beside = Beside::new();
         let before = bench.site.memory_kb("VmRSS");
         beside.idle(&bench.site, idle);
         println!("{idle} idle sockets: {before} kB, then {} kB", bench.site.memory_kb("VmRSS"));
         beside.flood(&bench.site);
-        for axis in 0..2 {
-            let [took, more] = measure(&bench, &mut live, axis, stops, stop(axis));
-            println!("stop of axis {axis}, {idle} idle, a flood: {took}; beyond the wire {more}");
-        }
+        let mut live = bench.site.live();
+        floor.take();
+        measure_stops(&mut live, &format!("{idle} idle, a flood"));
         println!("{} kB at most", bench.site.memory_kb("VmHWM"));
         drop(beside);
     }

@@ -163,7 +163,13 @@ pub struct Live {
 
 impl Live {
     pub fn tell(&mut self, message: &Value) {
-        self.socket.send(Message::text(message.to_string())).unwrap();
+        self.write(message);
+        self.socket.flush().unwrap();
+    }
+
+    /// Has something told with what is told next.
+    pub fn write(&mut self, message: &Value) {
+        self.socket.write(Message::text(message.to_string())).unwrap();
     }
 
     /// The next text of that type.
