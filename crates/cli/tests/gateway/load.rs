@@ -301,7 +301,7 @@ fn commands_and_stops_are_soon_on_the_wire_whatever_else_goes_on() {
     let commands = told("POLEPAIR_LOAD_COMMANDS", 100);
     let stops = told("POLEPAIR_LOAD_STOPS", 100);
     let (viewers, idle) = (told("POLEPAIR_LOAD_VIEWERS", 100), told("POLEPAIR_LOAD_IDLE", 1000));
-    polepair_link::open_files();
+    let _ = polepair_link::open_files();
     for run in 0..told("POLEPAIR_LOAD_RUNS", 1) {
         let bench = Bench::new();
         let mut live = bench.site.live();
@@ -317,7 +317,7 @@ fn commands_and_stops_are_soon_on_the_wire_whatever_else_goes_on() {
         floor.take();
         let [took, _] = measure(&bench, &mut live, 0, (commands, 0), command);
         println!("command, {viewers} viewers: {took}; a sleeper {}", floor.take());
-        let mut measure_stops = |live: &mut Live, what: &str| {
+        let measure_stops = |live: &mut Live, what: &str| {
             for (axis, own) in [(0, 0), (1, 0), (0, OWN_BEFORE)] {
                 let count = if own == 0 { stops } else { stops / 10 };
                 let [took, more] = measure(&bench, live, axis, (count, own), stop(axis));
