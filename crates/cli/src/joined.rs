@@ -56,12 +56,19 @@ pub struct Join {
     /// numbers, names, LINK#NUMBER, or all
     #[arg(long, value_name = "URL")]
     server: Option<String>,
-    /// A token of the server; without it POLEPAIR_TOKEN, else the one of your own server
+    /// A token of the server; without it POLEPAIR_TOKEN, else, on this machine, the one of your own
+    /// server
     #[arg(long, value_name = "FILE", requires = "server")]
     token_file: Option<PathBuf>,
     /// The certificate that an https server must have, or its SHA-256; without it your own server's
     #[arg(long, value_name = "FILE|SHA256", requires = "server")]
     certificate: Option<String>,
+    /// The certificate that is shown to a server with --client-ca, in PEM
+    #[arg(long, value_name = "FILE", requires = "server")]
+    client_cert: Option<PathBuf>,
+    /// Its key; without it --client-cert holds both
+    #[arg(long, value_name = "FILE", requires = "client_cert")]
+    client_key: Option<PathBuf>,
 }
 
 impl Join {
@@ -97,9 +104,10 @@ impl Join {
 
     /// Joins it without asking anything.
     pub fn gateway(self) -> Result<Gateway> {
-        let Self { server, token_file, certificate } = self;
+        let Self { server, token_file, certificate, client_cert, client_key } = self;
         let url = server.unwrap_or_default();
-        Gateway::new(&Options { url, token_file, certificate }).map_err(refused)
+        let options = Options { url, token_file, certificate, client_cert, client_key };
+        Gateway::new(&options).map_err(refused)
     }
 }
 

@@ -109,6 +109,39 @@ fn what_is_there_is_shown_as_on_a_link() {
     assert!(watched.starts_with("time [s],position [rad]\n0.000000,0"), "{watched}");
 }
 
+/// Whoever has the token of the server here moves the motors here.
+#[test]
+fn the_token_of_ones_own_server_goes_to_no_other_host() {
+    let name = format!("polepair-own-{}", std::process::id());
+    let home = std::env::temp_dir().join(name);
+    std::fs::create_dir_all(&home).expect("a folder");
+    let server = Server::within(home.join("polepair"), &["sim:tmcl"]);
+    let own = |words: &[&str]| {
+        let mut own = command(words);
+        own.env("XDG_STATE_HOME", &home).env_remove("POLEPAIR_TOKEN");
+        run::ran(own.output().expect("it ends"))
+    };
+    let here = own(&["--server", &server.url, "scan"]);
+    assert_eq!(here.code, 0, "{}", here.err);
+    let print = "ab".repeat(32);
+    let refused = |host: &str, token: &[&str]| {
+        let url = format!("https://{host}");
+        let words = ["--server", &url, "--certificate", &print];
+        own(&[&words, token, &["scan"]].concat())
+    };
+    for host in ["127.0.0.1.example:7365", "nobody.invalid"] {
+        let ran = refused(host, &[]);
+        assert_eq!((ran.code, &*ran.out), (2, ""), "{}", ran.err);
+        let said = ran.err.contains("error[E256]") && ran.err.contains("not sent to another host");
+        assert!(said, "{}", ran.err);
+        // With a token that is meant for it, it is looked for, and is not there.
+        let ran = refused(host, &["--token-file", &server.tokens()]);
+        assert!(ran.code == 3 && ran.err.contains("error[E315]"), "{}", ran.err);
+    }
+    drop(server);
+    std::fs::remove_dir_all(home).expect("removed");
+}
+
 #[test]
 fn settings_are_planned_and_written() {
     let server = Server::new(&["sim:tmcl"]);

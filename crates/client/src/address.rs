@@ -2,10 +2,9 @@
 
 use std::net::{IpAddr, Ipv6Addr};
 
-use crate::Refused;
+use polepair_messages::PORT;
 
-/// Where servers listen unless told otherwise.
-const PORT: u16 = 7365;
+use crate::Refused;
 
 /// A server's address.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -53,7 +52,8 @@ impl Address {
         if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
     }
 
-    fn is_loopback(&self) -> bool {
+    /// Whether that is this machine by its loopback, or by a tunnel that begins there.
+    pub fn is_loopback(&self) -> bool {
         let ip = self.host.parse::<IpAddr>();
         ip.map_or(self.host == "localhost", |ip| ip.is_loopback())
     }

@@ -20,12 +20,16 @@ use crate::{Refused, secret, tls};
 pub struct Options {
     /// `http://127.0.0.1:7365`; `https`, `ws`, `wss` as well.
     pub url: String,
-    /// A file whose first token is used; else `POLEPAIR_TOKEN`, else the token of this account's own
-    /// server.
+    /// A file whose first token is used; else `POLEPAIR_TOKEN`, else, on the loopback alone, the token
+    /// of this account's own server.
     pub token_file: Option<PathBuf>,
     /// The certificate that the server must have: its file, or its SHA-256; else that of this
     /// account's own server.
     pub certificate: Option<String>,
+    /// The certificate that we show, in PEM, where the server wants one (`--client-ca`).
+    pub client_cert: Option<PathBuf>,
+    /// Its key; without it the certificate's file holds both.
+    pub client_key: Option<PathBuf>,
 }
 
 /// A running server. Cheap to clone; all clones ask through one connection.
@@ -62,9 +66,8 @@ impl Gateway {
     /// `E256`, `E252` for what cannot be; `E301` to `E305` for files.
     pub fn new(options: &Options) -> Result<Self, Refused> {
         let address = Arc::new(Address::parse(&options.url)?);
-        let tls =
-            address.tls.then(|| tls::connector(options.certificate.as_deref())).transpose()?;
-        let secret = secret::find(options.token_file.as_deref())?;
+        let tls = address.tls.then(|| tls::connector(options)).transpose()?;
+        let secret = secret::find(options.token_file.as_deref(), &address)?;
         let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build();
         let runtime = runtime
             .map_err(|error| Refused::new("E318", format!("no thread can be started: {error}")))?;

@@ -16,7 +16,7 @@ use serde::de::DeserializeOwned;
 use tokio::time::timeout;
 
 use crate::Refused;
-use crate::wire::Wire;
+use crate::wire::{Wire, broken};
 
 /// How long an answer may take: a drive may have to be asked many things.
 const ANSWER_MAX: Duration = Duration::from_secs(30);
@@ -83,8 +83,7 @@ impl Rest {
             .header("x-polepair", "1")
             .body(Full::new(body))
             .map_err(|error| Refused::new("E256", format!("{path} cannot be asked: {error}")))?;
-        let answer =
-            sender.send_request(request).await.map_err(|error| lost(&error.to_string()))?;
+        let answer = sender.send_request(request).await.map_err(|error| broken(&error))?;
         let good = answer.status().is_success();
         let body = Limited::new(answer.into_body(), BODY_MAX).collect().await;
         let body = body.map_err(|error| lost(&error.to_string()))?.to_bytes();
@@ -106,7 +105,7 @@ impl Rest {
         }
         let stream = self.wire.dial().await?;
         let shaken = handshake(TokioIo::new(stream)).await;
-        let (sender, connection) = shaken.map_err(|error| lost(&error.to_string()))?;
+        let (sender, connection) = shaken.map_err(|error| broken(&error))?;
         // What ends it is told to whoever asks through it.
         tokio::spawn(async move { connection.await.ok() });
         Ok(sender)

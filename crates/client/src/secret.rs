@@ -6,6 +6,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use crate::Refused;
+use crate::address::Address;
 
 /// Where a token may be besides a file.
 const VARIABLE: &str = "POLEPAIR_TOKEN";
@@ -43,17 +44,26 @@ pub fn state_folder() -> Option<PathBuf> {
     base.map(|base| base.join("polepair"))
 }
 
-/// The token of that file; else the environment's; else the first of this account's own server.
+/// The token of that file; else the environment's; else, for a server on this machine's loopback, the
+/// first of this account's own server. To another host that one is never sent: whoever has it moves
+/// the motors here.
 ///
 /// # Errors
 /// `E301` to `E305` for a file, `E256` where there is no token in it, or none at all.
-pub(crate) fn find(file: Option<&Path>) -> Result<Secret, Refused> {
+pub(crate) fn find(file: Option<&Path>, address: &Address) -> Result<Secret, Refused> {
     if let Some(file) = file {
         return read(file);
     }
     if let Some(text) = std::env::var(VARIABLE).ok().filter(|text| !text.is_empty()) {
         let wrong = || Refused::new("E256", format!("{VARIABLE} holds no token"));
         return token(text.trim()).ok_or_else(wrong);
+    }
+    if !address.is_loopback() {
+        let what = format!("there is no token for {}", address.authority());
+        return Err(Refused::new("E256", what).hint(format!(
+            "--token-file or {VARIABLE} with a token of that server: the one of your own is not \
+             sent to another host"
+        )));
     }
     let folder = state_folder();
     let own = folder.map(|folder| folder.join(TOKENS)).filter(|file| file.exists());
@@ -69,9 +79,10 @@ fn none() -> Refused {
 /// The first token of a file such as the server's: a token begins a line.
 fn read(path: &Path) -> Result<Secret, Refused> {
     let mut text = String::new();
-    let file = File::open(path).map_err(|error| unreadable(path, &error))?;
-    is_private(path, &file)?;
-    file.take(FILE_MAX).read_to_string(&mut text).map_err(|error| unreadable(path, &error))?;
+    open(path)?
+        .take(FILE_MAX)
+        .read_to_string(&mut text)
+        .map_err(|error| unreadable(path, &error))?;
     let first = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#'));
     let word = first.and_then(|line| line.split_whitespace().next());
     let wrong = || Refused::new("E256", format!("{} holds no token", path.display()));
@@ -93,19 +104,14 @@ pub(crate) fn unreadable(path: &Path, error: &std::io::Error) -> Refused {
     Refused::new(code, format!("cannot read {}: {error}", path.display()))
 }
 
-/// Refuses a token that others may read.
-fn is_private(path: &Path, file: &File) -> Result<(), Refused> {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt as _;
-        let data = file.metadata().map_err(|error| unreadable(path, &error))?;
-        if data.permissions().mode() & 0o077 != 0 {
-            let what = format!("others may read {}", path.display());
-            return Err(Refused::new("E305", what).hint(format!("chmod 600 {}", path.display())));
-        }
+/// Opens a file of secrets; refuses one that others may read.
+pub(crate) fn open(path: &Path) -> Result<File, Refused> {
+    let file = File::open(path).map_err(|error| unreadable(path, &error))?;
+    if polepair_link::is_private(&file).map_err(|error| unreadable(path, &error))? {
+        return Ok(file);
     }
-    let _ = (path, file);
-    Ok(())
+    let what = format!("others may read {}", path.display());
+    Err(Refused::new("E305", what).hint(format!("chmod 600 {}", path.display())))
 }
 
 #[cfg(all(test, unix))]
@@ -123,17 +129,19 @@ mod tests {
         };
         let (one, two) = ("1".repeat(DIGITS), "2".repeat(DIGITS));
         write(&format!("# TOKEN SCOPES NAME\n\n{one} read,stop ann\n{two} read bob\n"), 0o600);
-        let found = find(Some(&path)).unwrap();
+        let address = Address::parse("https://bench.example").unwrap();
+        let find = || find(Some(&path), &address);
+        let found = find().unwrap();
         assert_eq!(found.bearer(), format!("Bearer {one}"));
         assert_eq!(format!("{found:?}"), "Secret");
         for mode in [0o640, 0o604, 0o620] {
             write(&one, mode);
-            assert_eq!(find(Some(&path)).unwrap_err().code, "E305", "{mode:o}");
+            assert_eq!(find().unwrap_err().code, "E305", "{mode:o}");
         }
         write("# none\n12345\n", 0o600);
-        let wrong = find(Some(&path)).unwrap_err();
+        let wrong = find().unwrap_err();
         assert!(wrong.code == "E256" && !wrong.message.contains("12345"), "{wrong}");
         std::fs::remove_file(&path).unwrap();
-        assert_eq!(find(Some(&path)).unwrap_err().code, "E301");
+        assert_eq!(find().unwrap_err().code, "E301");
     }
 }

@@ -1,33 +1,73 @@
 //! Encryption: TLS 1.3, to the one certificate that is pinned. There is no way to trust any other, and
 //! none to trust all.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
+use polepair_messages::fingerprint;
 use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::client::ResolvesClientCert;
 use tokio_rustls::rustls::client::danger::{
     HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier,
 };
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring, verify_tls13_signature};
 use tokio_rustls::rustls::pki_types::pem::PemObject as _;
-use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName, UnixTime};
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
+use tokio_rustls::rustls::sign::CertifiedKey;
 use tokio_rustls::rustls::{
     CertificateError, ClientConfig, DigitallySignedStruct, Error, SignatureScheme, version,
 };
 
-use crate::Refused;
-use crate::secret::state_folder;
+use crate::secret::{open, state_folder, unreadable};
+use crate::{Options, Refused};
 
 /// The certificate's file in a server's folder.
 const CERTIFICATE: &str = "certificate.pem";
+/// Certificates of a file.
+const CHAIN_MAX: usize = 8;
+/// Bytes of a file of certificates or of a key.
+const FILE_MAX: u64 = 256 * 1024;
 
-/// What encrypts, for a certificate: a PEM file, or its fingerprint (SHA-256, `AB:CD:…` as the server
-/// prints it); without either, that of this account's own server.
+/// What encrypts.
+#[derive(Clone)]
+pub(crate) struct Tls {
+    pub connector: TlsConnector,
+    unmet: Option<Arc<Unmet>>,
+}
+
+impl Tls {
+    /// Whether the server asked for a certificate of ours, and there was none to show.
+    pub fn lacks(&self) -> bool {
+        self.unmet.as_ref().is_some_and(|unmet| unmet.0.load(Ordering::Relaxed))
+    }
+}
+
+/// Notes that a certificate was asked for where there is none.
+#[derive(Debug, Default)]
+struct Unmet(AtomicBool);
+
+impl ResolvesClientCert for Unmet {
+    fn resolve(&self, _: &[&[u8]], _: &[SignatureScheme]) -> Option<Arc<CertifiedKey>> {
+        self.0.store(true, Ordering::Relaxed);
+        None
+    }
+
+    fn has_certs(&self) -> bool {
+        false
+    }
+}
+
+/// What encrypts, for the server's certificate: a PEM file, or its fingerprint (SHA-256, `AB:CD:…` as
+/// the server prints it); without either, that of this account's own server. Shows our own certificate
+/// where there is one.
 ///
 /// # Errors
-/// `E256` where there is none, `E301` to `E303` for its file.
-pub(crate) fn connector(certificate: Option<&str>) -> Result<TlsConnector, Refused> {
-    let pinned = match certificate {
+/// `E256` where there is none, or one and its key do not belong together; `E301` to `E305` for files.
+pub(crate) fn connector(options: &Options) -> Result<Tls, Refused> {
+    let pinned = match options.certificate.as_deref() {
         Some(text) => match digits(text) {
             Some(fingerprint) => fingerprint,
             None => of_file(Path::new(text))?,
@@ -40,9 +80,20 @@ pub(crate) fn connector(certificate: Option<&str>) -> Result<TlsConnector, Refus
         .with_protocol_versions(&[&version::TLS13])
         .map_err(|error| Refused::new("E318", format!("nothing can be encrypted: {error}")))?
         .dangerous()
-        .with_custom_certificate_verifier(verifier)
-        .with_no_client_auth();
-    Ok(TlsConnector::from(Arc::new(config)))
+        .with_custom_certificate_verifier(verifier);
+    let (config, unmet) = match &options.client_cert {
+        None => {
+            let unmet = Arc::<Unmet>::default();
+            (config.with_client_cert_resolver(Arc::clone(&unmet) as _), Some(unmet))
+        }
+        Some(path) => {
+            let (chain, key) = shown(path, options.client_key.as_deref().unwrap_or(path))?;
+            let shown = config.with_client_auth_cert(chain, key);
+            let unlike = |error| wrong(path, &error).hint("is that key the certificate's?");
+            (shown.map_err(unlike)?, None)
+        }
+    };
+    Ok(Tls { connector: TlsConnector::from(Arc::new(config)), unmet })
 }
 
 fn own() -> Option<PathBuf> {
@@ -56,23 +107,50 @@ fn none() -> Refused {
 }
 
 fn of_file(path: &Path) -> Result<String, Refused> {
-    let bytes = std::fs::read(path).map_err(|error| crate::secret::unreadable(path, &error))?;
-    let wrong = |error| Refused::new("E256", format!("{}: {error}", path.display()));
-    CertificateDer::from_pem_slice(&bytes).map(|it| fingerprint(&it)).map_err(wrong)
+    let bytes = std::fs::read(path).map_err(|error| unreadable(path, &error))?;
+    let found = CertificateDer::from_pem_slice(&bytes);
+    found.map(|it| plain(&fingerprint(&it))).map_err(|error| wrong(path, &error))
+}
+
+/// Our own certificate, with those between it and whoever vouches for it, and its key: PEM, which may
+/// be in one file. Nobody else may read the key's.
+fn shown(
+    certificate: &Path,
+    key: &Path,
+) -> Result<(Vec<CertificateDer<'static>>, PrivateKeyDer<'static>), Refused> {
+    let file = File::open(certificate).map_err(|error| unreadable(certificate, &error))?;
+    let chain = CertificateDer::pem_slice_iter(&read(file, certificate)?)
+        .take(CHAIN_MAX + 1)
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(|error| wrong(certificate, &error))?;
+    if chain.is_empty() || chain.len() > CHAIN_MAX {
+        let what = format!("it holds {} certificates, not 1 to {CHAIN_MAX}", chain.len());
+        return Err(wrong(certificate, &what));
+    }
+    let secret = PrivateKeyDer::from_pem_slice(&read(open(key)?, key)?);
+    let secret = secret.map_err(|error| wrong(key, &error).hint("--client-key names its file"))?;
+    Ok((chain, secret))
+}
+
+fn read(file: File, path: &Path) -> Result<Vec<u8>, Refused> {
+    let mut bytes = Vec::new();
+    let read = file.take(FILE_MAX).read_to_end(&mut bytes);
+    read.map(|_| bytes).map_err(|error| unreadable(path, &error))
+}
+
+fn wrong(path: &Path, error: &dyn std::fmt::Display) -> Refused {
+    Refused::new("E256", format!("{}: {error}", path.display()))
 }
 
 /// The 64 digits of a fingerprint; `None` for what is none.
 fn digits(text: &str) -> Option<String> {
-    let plain: String = text.chars().filter(|c| *c != ':').collect();
+    let plain = plain(text);
     let is = plain.len() == 64 && plain.bytes().all(|c| c.is_ascii_hexdigit());
     is.then(|| plain.to_ascii_uppercase())
 }
 
-fn fingerprint(certificate: &CertificateDer<'_>) -> String {
-    let suite = ring::cipher_suite::TLS13_AES_128_GCM_SHA256.tls13();
-    let hash = suite.map(|suite| suite.common.hash_provider.hash(certificate));
-    let bytes = hash.iter().flat_map(|hash| hash.as_ref().iter());
-    bytes.map(|byte| format!("{byte:02X}")).collect()
+fn plain(text: &str) -> String {
+    text.chars().filter(|c| *c != ':').collect()
 }
 
 /// Takes one certificate and no other, whatever name it is for and whoever signed it.
@@ -91,7 +169,7 @@ impl ServerCertVerifier for Pinned {
         _ocsp_response: &[u8],
         _now: UnixTime,
     ) -> Result<ServerCertVerified, Error> {
-        if fingerprint(end_entity) == self.fingerprint {
+        if plain(&fingerprint(end_entity)) == self.fingerprint {
             return Ok(ServerCertVerified::assertion());
         }
         Err(Error::InvalidCertificate(CertificateError::ApplicationVerificationFailure))
@@ -129,6 +207,8 @@ mod tests {
         let printed = ["ab"; 32].join(":");
         assert_eq!(digits(&printed), Some("AB".repeat(32)));
         assert_eq!(digits("certificate.pem"), None);
-        assert_eq!(connector(Some("/nowhere/it.pem")).err().unwrap().code, "E301");
+        let certificate = Some("/nowhere/it.pem".to_owned());
+        let options = Options { certificate, ..Options::default() };
+        assert_eq!(connector(&options).err().unwrap().code, "E301");
     }
 }

@@ -57,7 +57,7 @@ pub use connection::{
     AnyLane, Connection, Interrupter, Listening, Mailbox, Notice, Pending, Waited,
 };
 pub use error::{Cause, LinkError};
-pub use limit::{open_files, stand_back};
+pub use limit::{is_private, open_files, stand_back};
 pub use link::{Link, Losses, Received};
 pub use ports::{Carries, Port, ports};
 pub use serve::{Served, Stop, Wire, serve};

@@ -1,4 +1,4 @@
-//! How much of the system this process and its threads may have.
+//! How much of the system this process and its threads may have, and what of it others may see.
 
 /// Lets this process open as many files and sockets as the system lets it, and tells how many that
 /// are; `None` where that is not told.
@@ -30,5 +30,24 @@ pub fn stand_back() {
         const NICE: i32 = 10;
         // Where that is not let, it is as important as any other.
         let _ = rustix::process::nice(NICE);
+    }
+}
+
+/// Whether nobody but its owner may read or write an open file: what a token or a key lies in. Where
+/// files have no such modes, it is taken for so.
+///
+/// # Errors
+/// When the system does not tell.
+#[cfg_attr(not(unix), allow(clippy::missing_const_for_fn, reason = "it asks on Unix"))]
+pub fn is_private(file: &std::fs::File) -> std::io::Result<bool> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        Ok(file.metadata()?.permissions().mode() & 0o077 == 0)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = file;
+        Ok(true)
     }
 }

@@ -24,6 +24,7 @@ mod capture;
 mod command;
 mod journal;
 mod live;
+mod meeting;
 mod refused;
 pub mod scope;
 pub mod telemetry;
@@ -45,5 +46,6 @@ pub use command::{
 };
 pub use journal::{Deed, JournalRecord};
 pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};
+pub use meeting::{PORT, PROTOCOL, fingerprint};
 pub use refused::{ErrorBody, Refused};
 pub use scope::{Scope, Scopes};

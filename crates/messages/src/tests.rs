@@ -82,3 +82,11 @@ fn telemetry_leaves_what_does_not_fit_for_the_next_message() {
     assert_eq!((bytes.len(), count), (HEAD + SAMPLES_MAX * SAMPLE, SAMPLES_MAX));
     assert!(bytes.len() <= 65_536);
 }
+
+#[test]
+fn a_fingerprint_is_the_sha_256_in_pairs_of_digits() {
+    // FIPS 180-2, appendix B.1.
+    let printed = super::fingerprint(b"abc");
+    assert!(printed.starts_with("BA:78:16:BF:8F:01:CF:EA:"), "{printed}");
+    assert_eq!(printed.len(), 32 * 3 - 1);
+}

@@ -25,8 +25,9 @@ mod tls;
 mod token;
 
 pub use api::{BODY_MAX, Needs, ROUTES, Route, description};
+pub use message::PORT;
 pub use message::scope::{self, Scope, Scopes};
-pub use options::{Options, PORT};
+pub use options::Options;
 pub use polepair_messages as message;
 pub use refusal::Refusal;
 pub use server::{Server, Stopper};

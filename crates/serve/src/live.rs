@@ -28,8 +28,8 @@ use tokio::time::{MissedTickBehavior, interval, timeout};
 use crate::api::{self, COMMAND, Needs, Shared};
 use crate::bench::Session;
 use crate::message::{
-    ClientMessage, CommandOrder, Ended, ErrorBody, LeaseAct, Outcome, Refused, ServerMessage,
-    StopOrder, Welcome,
+    ClientMessage, CommandOrder, Ended, ErrorBody, LeaseAct, Outcome, PROTOCOL, Refused,
+    ServerMessage, StopOrder, Welcome,
 };
 use crate::scope::Scope;
 use crate::session::Caller;
@@ -38,8 +38,6 @@ use watched::{Round, Watched};
 
 pub(crate) use board::Board;
 
-/// The sub-protocol.
-pub const PROTOCOL: &str = "polepair.v1";
 /// Bytes of a message.
 pub const MESSAGE_MAX: usize = 64 * 1024;
 /// Answers that wait for one viewer.

@@ -3,11 +3,9 @@
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 
+use crate::message::PORT;
 use crate::refusal::Refusal;
 use crate::scope::{Scope, Scopes};
-
-/// Where a server listens unless told otherwise.
-pub const PORT: u16 = 7365;
 
 /// What a server is told at its start.
 #[derive(Debug, Clone)]

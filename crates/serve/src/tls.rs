@@ -12,6 +12,7 @@ use tokio_rustls::rustls::server::WebPkiClientVerifier;
 use tokio_rustls::rustls::server::danger::ClientCertVerifier;
 use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
 
+use crate::message::fingerprint;
 use crate::options::Options;
 use crate::refusal::Refusal;
 use crate::token::{is_private, write_secret};
@@ -50,7 +51,7 @@ pub fn load(options: &Options) -> Result<Tls, Refusal> {
     is_private(&key, &file)?;
     let again = |refusal: Refusal| refusal.hint("remove both files to get new ones");
     let chain = certificates(&certificate).map_err(again)?;
-    let fingerprint = chain.first().map(fingerprint).unwrap_or_default();
+    let fingerprint = chain.first().map(|own| fingerprint(own)).unwrap_or_default();
     let secret = PrivateKeyDer::from_pem_file(&key).map_err(|error| again(wrong(&key, &error)))?;
     let provider = Arc::new(ring::default_provider());
     let config = ServerConfig::builder_with_provider(Arc::clone(&provider))
@@ -108,13 +109,6 @@ fn make(options: &Options, certificate: &Path, key: &Path) -> Result<(), Refusal
     write_secret(key, made.signing_key.serialize_pem().as_bytes())?;
     std::fs::write(certificate, made.cert.pem())
         .map_err(|error| Refusal::file(certificate, "write", &error))
-}
-
-fn fingerprint(certificate: &CertificateDer<'_>) -> String {
-    let suite = ring::cipher_suite::TLS13_AES_128_GCM_SHA256.tls13();
-    let hash = suite.map(|suite| suite.common.hash_provider.hash(certificate));
-    let bytes = hash.iter().flat_map(|hash| hash.as_ref().iter());
-    bytes.map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(":")
 }
 
 #[cfg(test)]

@@ -132,19 +132,13 @@ pub(crate) fn write_secret(path: &Path, bytes: &[u8]) -> Result<(), Refusal> {
 
 /// Refuses a file that others may read.
 pub(crate) fn is_private(path: &Path, file: &File) -> Result<(), Refusal> {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt as _;
-        let data = file.metadata().map_err(|error| Refusal::file(path, "read", &error))?;
-        if data.permissions().mode() & 0o077 != 0 {
-            let what = format!("others may read {}", path.display());
-            return Err(Refusal::adapter("E305", what)
-                .why("What stands there lets whoever reads it move motors.")
-                .hint(format!("chmod 600 {}, or remove it to get new ones", path.display())));
-        }
+    let its = polepair_link::is_private(file);
+    if its.map_err(|error| Refusal::file(path, "read", &error))? {
+        return Ok(());
     }
-    let _ = (path, file);
-    Ok(())
+    Err(Refusal::adapter("E305", format!("others may read {}", path.display()))
+        .why("What stands there lets whoever reads it move motors.")
+        .hint(format!("chmod 600 {}, or remove it to get new ones", path.display())))
 }
 
 fn read(path: &Path, file: File) -> Result<Vec<Grant>, Refusal> {

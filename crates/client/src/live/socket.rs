@@ -9,7 +9,7 @@ use hyper::header::{AUTHORIZATION, HeaderValue, SEC_WEBSOCKET_PROTOCOL};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_messages::{
-    ClientMessage, Ended, ErrorBody, LeaseAct, Outcome, ServerMessage, telemetry,
+    ClientMessage, Ended, ErrorBody, LeaseAct, Outcome, PROTOCOL, ServerMessage, telemetry,
 };
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval, timeout};
@@ -21,10 +21,8 @@ use super::asked::{Asked, One};
 use super::{Ask, Channel, Feed, Known, Tell};
 use crate::Refused;
 use crate::rest::{lost, nonsense};
-use crate::wire::{Stream, Wire};
+use crate::wire::{Stream, Wire, broken};
 
-/// The sub-protocol.
-const PROTOCOL: &str = "polepair.v1";
 /// How often leases are renewed: they last three times as long.
 const RENEW: Duration = Duration::from_millis(500);
 /// How long a server may say nothing: it asks each second whether we are there.
@@ -66,7 +64,7 @@ async fn connect(wire: &Wire) -> Result<Socket, Refused> {
 
 /// What the server says instead of a WebSocket.
 fn refused(error: Error) -> Refused {
-    let Error::Http(answer) = error else { return lost(&error.to_string()) };
+    let Error::Http(answer) = error else { return broken(&error) };
     let body = answer.body().as_deref().unwrap_or_default();
     let told = serde_json::from_slice::<ErrorBody>(body);
     told.map_or_else(|error| nonsense(&error.to_string()), |body| body.error)

@@ -3,7 +3,7 @@
 
 mod cut;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
@@ -13,6 +13,7 @@ use polepair_client::message::{Arguments, Given, StopOrder, WriteParameters};
 use polepair_client::{Gateway, Options, Refused};
 use polepair_link::clock;
 use polepair_serve::Server;
+use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 
 /// Longer than anything takes that works.
 const LONG: Duration = Duration::from_secs(60);
@@ -27,19 +28,23 @@ struct Site {
 
 impl Site {
     fn new() -> Self {
-        Self::with(false)
+        Self::with(|_| polepair_serve::Options::in_folder(PathBuf::new()))
     }
 
-    fn with(tls: bool) -> Self {
+    fn encrypted() -> Self {
+        let plain = polepair_serve::Options::in_folder(PathBuf::new());
+        Self::with(|_| polepair_serve::Options { tls: true, ..plain })
+    }
+
+    /// A server of such options, made in its folder.
+    fn with(options: impl FnOnce(&Path) -> polepair_serve::Options) -> Self {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let n = NEXT.fetch_add(1, Ordering::Relaxed);
         let name = format!("polepair-client-{}-{n}", std::process::id());
         let folder = std::env::temp_dir().join(name);
-        let options = polepair_serve::Options {
-            bind: "127.0.0.1:0".parse().unwrap(),
-            tls,
-            ..polepair_serve::Options::in_folder(folder.clone())
-        };
+        std::fs::create_dir_all(&folder).unwrap();
+        let bind = "127.0.0.1:0".parse().unwrap();
+        let options = polepair_serve::Options { bind, folder: folder.clone(), ..options(&folder) };
         let server = Server::start(&options, &[DRIVES.into()], Connector::default()).unwrap();
         Self { server, folder }
     }
@@ -54,6 +59,7 @@ impl Site {
             url: format!("{scheme}://127.0.0.1:{}", self.port()),
             token_file: Some(self.folder.join("tokens")),
             certificate: Some(self.folder.join("certificate.pem").display().to_string()),
+            ..Options::default()
         }
     }
 
@@ -221,7 +227,7 @@ fn what_is_watched_comes_as_samples() {
 
 #[test]
 fn only_the_pinned_certificate_is_the_servers() {
-    let site = Site::with(true);
+    let site = Site::encrypted();
     let right = site.options("https");
     assert_eq!(Gateway::new(&right).unwrap().bench().unwrap().axes.len(), 2);
     let printed = site.server.fingerprint().unwrap().to_owned();
@@ -236,15 +242,77 @@ fn only_the_pinned_certificate_is_the_servers() {
 }
 
 #[test]
-fn without_a_token_of_it_nothing_is_told() {
-    let site = Site::new();
-    let file = site.folder.join("another");
-    std::fs::write(&file, "0".repeat(64)).unwrap();
+fn where_clients_show_certificates_ours_is_shown() {
+    let mut signers = Vec::new();
+    let site = Site::with(|folder| {
+        signers = ["ours", "others"].map(|name| authority(&folder.join(name))).into();
+        let clients = Some(folder.join("ours"));
+        polepair_serve::Options {
+            tls: true,
+            clients,
+            ..polepair_serve::Options::in_folder(PathBuf::new())
+        }
+    });
+    let own = site.folder.join("robot.pem");
+    let (certificate, key) = vouched_by(&signers[0]);
+    private(&own, &format!("{certificate}{key}"));
+    let right = Options { client_cert: Some(own.clone()), ..site.options("https") };
+    let gateway = Gateway::new(&right).unwrap();
+    assert_eq!(gateway.bench().unwrap().axes.len(), 2);
+    gateway.live().unwrap().take(0).unwrap();
+    let apart = [site.folder.join("robot.crt"), site.folder.join("robot.key")];
+    std::fs::write(&apart[0], &certificate).unwrap();
+    private(&apart[1], &key);
+    let [client_cert, client_key] = apart.clone().map(Some);
+    let apart_too = Options { client_cert, client_key, ..right.clone() };
+    assert_eq!(Gateway::new(&apart_too).unwrap().bench().unwrap().axes.len(), 2);
+    let none = Gateway::new(&site.options("https")).unwrap();
+    for refused in [none.bench().unwrap_err(), none.live().unwrap_err()] {
+        assert_eq!((&*refused.code, refused.executed), ("E256", Some(false)), "{refused}");
+        assert!(refused.hint.contains("--client-cert"), "{refused:?}");
+    }
+    let (certificate, key) = vouched_by(&signers[1]);
+    private(&own, &format!("{certificate}{key}"));
+    // The server hangs up, and what it said before that may be lost on the way.
+    let stranger = Gateway::new(&right).unwrap();
+    let refused = stranger.bench().unwrap_err();
+    assert!(["E256", "E313"].contains(&&*refused.code), "{refused}");
+    let keyless = Options { client_key: Some(apart[0].clone()), ..right.clone() };
+    assert!(["E256", "E305"].contains(&&*Gateway::new(&keyless).unwrap_err().code));
+    let foreign = Options { client_key: Some(apart[1].clone()), ..right };
+    assert_eq!(Gateway::new(&foreign).unwrap_err().code, "E256", "another certificate's key");
+}
+
+/// Somebody who vouches for clients, whose certificate is written to `file`.
+fn authority(file: &Path) -> Issuer<'static, KeyPair> {
+    let mut params = CertificateParams::new(Vec::new()).unwrap();
+    params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+    let key = KeyPair::generate().unwrap();
+    std::fs::write(file, params.self_signed(&key).unwrap().pem()).unwrap();
+    Issuer::new(params, key)
+}
+
+/// A client's certificate and its key.
+fn vouched_by(authority: &Issuer<'_, KeyPair>) -> (String, String) {
+    let key = KeyPair::generate().unwrap();
+    let params = CertificateParams::new(vec!["robot".to_owned()]).unwrap();
+    (params.signed_by(&key, authority).unwrap().pem(), key.serialize_pem())
+}
+
+fn private(path: &Path, text: &str) {
+    std::fs::write(path, text).unwrap();
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600)).unwrap();
     }
+}
+
+#[test]
+fn without_a_token_of_it_nothing_is_told() {
+    let site = Site::new();
+    let file = site.folder.join("another");
+    private(&file, &"0".repeat(64));
     let options = Options { token_file: Some(file), ..site.options("http") };
     let gateway = Gateway::new(&options).unwrap();
     let refused: [Refused; 2] = [gateway.bench().unwrap_err(), gateway.live().unwrap_err()];
