@@ -13,7 +13,7 @@ demo:
 	@if web/ready; then $(MAKE) --no-print-directory $(PAGE) || echo "page: left out" >&2; fi
 	$(CARGO) build --release --locked -p polepair-cli
 	target/release/polepair demo $(if $(HEADLESS),--headless)
-	@if [ -z "$(HEADLESS)" ] && [ -t 1 ]; then target/release/polepair serve; fi
+	@if [ -z "$(HEADLESS)" ] && [ -t 1 ]; then target/release/polepair serve --bind 127.0.0.1:0; fi
 
 ## test: all tests, 500 swarm seeds among them; installs what the foreign clients need
 test: check
@@ -45,12 +45,12 @@ web/node_modules/.package-lock.json: web/package-lock.json
 	cd web && npm ci --silent --no-audit --no-fund
 	touch $@
 
-## page: the page in a real browser on the real server, where both are; IMAGES=docs/images takes its pictures anew
+## page: the page in a real browser on the real server, where both are; IMAGES=docs/images takes its pictures anew, TESTS=scope tries a part
 page:
 	interop/install-debian-packages
 	@if web/ready; then $(MAKE) --no-print-directory web; fi
 	$(CARGO) build --release --locked --quiet -p polepair-cli
-	@if web/ready browser; then cd web && IMAGES=$(abspath $(IMAGES)) npm run --silent page; fi
+	@if web/ready browser; then cd web && IMAGES=$(abspath $(IMAGES)) npm run --silent page -- $(TESTS); fi
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package
@@ -86,6 +86,7 @@ soak:
 	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test stress -- --nocapture
 	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test mixed -- --nocapture
 	POLEPAIR_SCOPE_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-serve --test telemetry -- --nocapture
+	POLEPAIR_SCOPE_SECONDS=600 $(MAKE) --no-print-directory page TESTS=scope
 	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test gateway load -- --nocapture
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
 	POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python

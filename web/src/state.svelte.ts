@@ -39,7 +39,8 @@ export function keep(): void {
     }, KEPT_AFTER_MS);
     return () => window.clearTimeout(later);
   });
-  $effect(() => {
+  // Before pictures ask what a colour comes to.
+  $effect.pre(() => {
     document.documentElement.lang = preferences.language === "zh" ? "zh-Hans" : "en";
     document.documentElement.dataset.theme = preferences.theme;
     for (const key of ["language", "theme", "units"] as const) store(key, preferences[key]);

@@ -1,13 +1,16 @@
 // A real server on a rack of simulated drives, and a browser that was let in.
 
 import { type ChildProcess, spawn } from "node:child_process";
-import { mkdtempSync, rmSync } from "node:fs";
+import { randomBytes } from "node:crypto";
+import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { createInterface } from "node:readline";
+import { Program } from "./program";
 
 export const ROOT = resolve(import.meta.dirname, "../..");
 const POLEPAIR = process.env.POLEPAIR ?? join(ROOT, "target/release/polepair");
+const SCOPES = "read,stop,move,configure";
 
 export class Server {
   private constructor(
@@ -15,17 +18,23 @@ export class Server {
     private readonly folder: string,
     /** Lets one browser in, once. */
     readonly url: string,
+    /** What a program does that may send raw requests as well. */
+    readonly program: Program,
   ) {}
 
   static async start(...links: string[]): Promise<Server> {
     const folder = mkdtempSync(join(tmpdir(), "polepair-page-"));
-    const bind = ["serve", "--bind", "127.0.0.1:0", "--state", folder, "--log", "off"];
-    const child = spawn(POLEPAIR, [...bind, ...links], {
+    const [operator, program] = [randomBytes(32).toString("hex"), randomBytes(32).toString("hex")];
+    const tokens = `${operator} ${SCOPES} operator\n${program} ${SCOPES},raw program\n`;
+    writeFileSync(join(folder, "tokens"), tokens, { mode: 0o600 });
+    const bind = ["serve", "--bind", "127.0.0.1:0", "--scopes", `${SCOPES},raw`];
+    const child = spawn(POLEPAIR, [...bind, "--state", folder, "--log", "off", ...links], {
       cwd: ROOT,
       stdio: ["ignore", "pipe", "inherit"],
     });
     try {
-      return new Server(child, folder, await ready(child));
+      const url = await ready(child);
+      return new Server(child, folder, url, new Program(new URL(url).origin, program));
     } catch (problem) {
       child.kill();
       throw problem;

@@ -37,6 +37,8 @@ export interface Frame {
   to: number;
   /** The time that the axis calls 0. */
   origin: number;
+  /** Which colours are shown: asking the browser for them at each picture makes it work out styles. */
+  dark: boolean;
 }
 
 export interface Handlers {
@@ -49,7 +51,8 @@ export class Plot {
   private built = "";
   /** CSS pixels across the curves' area; asked of the browser only when it may have changed. */
   width = 0;
-  private frame: Frame = { curves: [], marks: [], from: 0, to: 1, origin: 0 };
+  private frame: Frame = { curves: [], marks: [], from: 0, to: 1, origin: 0, dark: false };
+  private ink = "";
   private readonly watcher: ResizeObserver;
 
   constructor(
@@ -74,13 +77,14 @@ export class Plot {
     this.frame = frame;
     const units = [...new Set(frame.curves.map((curve) => curve.unit))];
     const labels = units.map((unit) => label(frame.curves, unit));
-    const key = JSON.stringify([labels, getComputedStyle(this.host).color]);
+    const key = JSON.stringify([labels, frame.dark]);
     if (key !== this.built || !this.chart) this.build(units, labels, key);
     this.chart?.batch((chart: uPlot) => {
       chart.setScale("x", { min: frame.from - frame.origin, max: frame.to - frame.origin });
       for (const unit of units) chart.setScale(scale(unit), range(frame.curves, unit));
+      // Room for the axes is found anew. Outside of the batch this would draw it all a second time.
+      chart.redraw(false, true);
     });
-    this.chart?.redraw(false, true);
   }
 
   private size(): { width: number; height: number } {
@@ -93,6 +97,7 @@ export class Plot {
   private build(units: string[], labels: string[], key: string): void {
     this.chart?.destroy();
     this.built = key;
+    this.ink = this.resolve("--ink");
     const line = this.resolve("--line");
     const axis = {
       stroke: this.resolve("--soft"),
@@ -247,7 +252,7 @@ export class Plot {
     const ratio = devicePixelRatio || 1;
     const at =
       bbox.left + ((mark.time - this.frame.from) * bbox.width) / (this.frame.to - this.frame.from);
-    ctx.strokeStyle = ctx.fillStyle = this.resolve("--ink");
+    ctx.strokeStyle = ctx.fillStyle = this.ink;
     ctx.lineWidth = ratio;
     ctx.setLineDash([3 * ratio, 3 * ratio]);
     ctx.beginPath();
