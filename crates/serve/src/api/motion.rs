@@ -2,10 +2,12 @@
 
 use axum::Json;
 use axum::extract::{Extension, Path, State};
+use polepair_core::time::Instant;
 use polepair_link::clock;
 
 use super::input::{Input, number};
 use super::{Answer, Shared, by_lease, by_rest};
+use crate::bench::Reply;
 use crate::message::{
     CommandOrder, Epoch, ErrorBody, LeaseAct, LeaseGranted, Outcome, RawOrder, Refused, StopOrder,
     Stopped, TakeLease,
@@ -82,9 +84,8 @@ pub(super) async fn command(
     Input(order): Input<CommandOrder>,
 ) -> Answer<Outcome> {
     let since = clock::now();
-    let outcome = gate.bench.command(number(&id)?, &by_rest(&caller), order).await?;
-    gate.metrics.commands.observe(clock::now().since(since).as_secs_f64());
-    told(outcome)
+    let reply = gate.bench.command(number(&id)?, &by_rest(&caller), order);
+    carried_out(&gate, since, reply).await
 }
 
 /// Send a request in the protocol's own text, at most once
@@ -103,12 +104,15 @@ pub(super) async fn raw(
     Path(id): Path<String>,
     Input(order): Input<RawOrder>,
 ) -> Answer<Outcome> {
+    let since = clock::now();
     let (id, session) = (number(&id)?, by_lease(&gate, &caller, number(&id)?, order.epoch));
-    told(gate.bench.raw(id, &session, order).await?)
+    carried_out(&gate, since, gate.bench.raw(id, &session, order)).await
 }
 
-/// What the gateway itself refused is an error of HTTP as well.
-fn told(outcome: Outcome) -> Answer<Outcome> {
+/// Waits for what comes of it. What the gateway itself refused is an error of HTTP as well.
+async fn carried_out(gate: &Shared, since: Instant, reply: Reply<Outcome>) -> Answer<Outcome> {
+    let outcome = reply.await?;
+    gate.metrics.commands.observe(clock::now().since(since).as_secs_f64());
     match outcome.error {
         Some(refused) if refused.code.starts_with("gateway.") && !outcome.replayed => Err(refused),
         _ => Ok(Json(outcome)),
