@@ -205,21 +205,9 @@ fn late(axis: &Axis, command: &Command) -> Problem {
 
 /// Waits, and shows what the drive does where a person looks.
 pub fn hold(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
-    let begun = clock::now();
-    let end = seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
-    let mut next = begun;
+    let mut next = clock::now();
     let mut live = Live::new();
-    if seconds.is_none() {
-        say("holding; Ctrl-C stops it");
-    }
-    loop {
-        let now = clock::now();
-        if interrupt::came() {
-            return Err(Problem::interrupted());
-        }
-        if end.is_some_and(|end| now >= end) {
-            return Ok(());
-        }
+    hold_while(seconds, |now| {
         for (axis, _) in commands {
             if let Some(why) = axis.leaving(AHEAD).map_err(outcome::error)? {
                 return Err(Problem::new(Exit::Negative, "E105", outcome::sentence(&why))
@@ -234,6 +222,26 @@ pub fn hold(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
             }
             live.show(commands)?;
         }
+        Ok(())
+    })
+}
+
+/// Waits for so many seconds, or until Ctrl-C, for as long as each look finds nothing wrong.
+pub fn hold_while(seconds: Option<f64>, mut look: impl FnMut(Instant) -> Result<()>) -> Result<()> {
+    let begun = clock::now();
+    let end = seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
+    if seconds.is_none() {
+        say("holding; Ctrl-C stops it");
+    }
+    loop {
+        let now = clock::now();
+        if interrupt::came() {
+            return Err(Problem::interrupted());
+        }
+        if end.is_some_and(|end| now >= end) {
+            return Ok(());
+        }
+        look(now)?;
         let until = now.plus_ms(LOOK_MS);
         clock::sleep_until(end.map_or(until, |end| until.min(end)));
     }

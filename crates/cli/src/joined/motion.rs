@@ -13,7 +13,7 @@ use polepair_link::clock;
 
 use super::{Joined, cannot, refused, shown};
 use crate::interrupt;
-use crate::motion::{ARRIVE_MAX, Then};
+use crate::motion::{ARRIVE_MAX, Then, hold_while};
 use crate::outcome::{self, sentence};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::say;
@@ -192,24 +192,10 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
 }
 
 fn hold(taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
-    let begun = clock::now();
-    let end = seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
-    if seconds.is_none() {
-        say("holding; Ctrl-C stops it");
-    }
-    loop {
-        let now = clock::now();
-        if interrupt::came() {
-            return Err(Problem::interrupted());
-        }
-        if end.is_some_and(|end| now >= end) {
-            return Ok(());
-        }
+    hold_while(seconds, |_| {
         taken.iter().try_for_each(|taken| taken.lease.check()).map_err(refused)?;
-        taken.iter().try_for_each(check_fault)?;
-        let until = now + LOOK;
-        clock::sleep_until(end.map_or(until, |end| until.min(end)));
-    }
+        taken.iter().try_for_each(check_fault)
+    })
 }
 
 /// Ends with the drive's fault, if the server has told of one.
