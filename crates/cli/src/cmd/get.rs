@@ -46,27 +46,15 @@ impl Get {
         if self.format == Format::Csv {
             out.line(&format!("axis,{HEAD}"));
         }
-        let mut failed: Vec<Problem> = Vec::new();
-        let mut shown = 0;
+        let mut tally = Tally::default();
         for axis in session.axes() {
             for id in wanted(axis, &self.names)? {
-                match each(axis, id) {
-                    Ok(values) => {
-                        shown += 1;
-                        for (number, value) in &values {
-                            self.show(&session, (axis, *number), id, value, &mut out);
-                        }
-                    }
-                    Err(problem) if problem.exit == Exit::Refused => failed.push(problem),
-                    Err(problem) => {
-                        out.flush()?;
-                        return Err(problem);
-                    }
+                for (number, value) in tally.take(each(axis, id), &mut out)?.iter().flatten() {
+                    self.show(&session, (axis, *number), id, value, &mut out);
                 }
             }
         }
-        out.flush()?;
-        partial(failed, shown)
+        tally.end(&mut out)
     }
 
     /// The same by a server.
@@ -76,29 +64,20 @@ impl Get {
         if self.format == Format::Csv {
             out.line(&format!("axis,link,{HEAD}"));
         }
-        let mut failed: Vec<Problem> = Vec::new();
-        let mut shown = 0;
+        let mut tally = Tally::default();
         for axis in &axes {
             let has = server.gateway.parameters(axis.id).map_err(joined::refused)?;
             for name in every(&has, &self.names) {
-                match server.gateway.parameter(axis.id, &name).map_err(joined::refused) {
-                    Ok(read) => {
-                        shown += 1;
-                        let who = server.who(&axes, axis);
-                        let symbol = has.iter().find(|its| its.name == read.name);
-                        let symbol = symbol.map_or("", |its| &its.symbol);
-                        self.line(&who, &of_server(axis, symbol, &read), &mut out);
-                    }
-                    Err(problem) if problem.exit == Exit::Refused => failed.push(problem),
-                    Err(problem) => {
-                        out.flush()?;
-                        return Err(problem);
-                    }
+                let read = server.gateway.parameter(axis.id, &name).map_err(joined::refused);
+                if let Some(read) = tally.take(read, &mut out)? {
+                    let who = server.who(&axes, axis);
+                    let symbol = has.iter().find(|its| its.name == read.name);
+                    let symbol = symbol.map_or("", |its| &its.symbol);
+                    self.line(&who, &of_server(axis, symbol, &read), &mut out);
                 }
             }
         }
-        out.flush()?;
-        partial(failed, shown)
+        tally.end(&mut out)
     }
 
     fn show(
@@ -126,6 +105,38 @@ impl Get {
             Format::Text if self.raw => out.line(&format!("{who}{} = {}", read.name, read.raw)),
             Format::Text => out.line(&format!("{who}{} = {}", read.name, read.text)),
         }
+    }
+}
+
+/// What became of the reads so far: what a drive refuses ends none of the others.
+#[derive(Default)]
+struct Tally {
+    failed: Vec<Problem>,
+    shown: usize,
+}
+
+impl Tally {
+    /// What was read, or nothing where it was refused. Anything else ends all, after what was read.
+    fn take<T>(&mut self, read: Result<T>, out: &mut Output) -> Result<Option<T>> {
+        match read {
+            Ok(read) => {
+                self.shown += 1;
+                Ok(Some(read))
+            }
+            Err(problem) if problem.exit == Exit::Refused => {
+                self.failed.push(problem);
+                Ok(None)
+            }
+            Err(problem) => {
+                out.flush()?;
+                Err(problem)
+            }
+        }
+    }
+
+    fn end(self, out: &mut Output) -> Result {
+        out.flush()?;
+        partial(self.failed, self.shown)
     }
 }
 
