@@ -61,7 +61,7 @@ pub use filter::{Filter, FilterError, Glob};
 pub use follow::{Follow, Next};
 pub use format::{Format, Packing};
 pub use judge::{Judge, Verdict};
-pub use read::{Bad, Damage, Place, Reader, Scan, Tally, parse};
+pub use read::{Bad, Damage, Place, Reader, Scan, Tally, parse, unpacked};
 pub use record::{Data, ErrorFrame, Fd, Record};
 pub use rules::{Rule, RuleError, Rules, Scope, nearest};
 pub use stamp::Stamp;

@@ -33,6 +33,7 @@ use lines::Lines;
 pub use scan::Scan;
 pub use text::parse;
 use unpack::Unpack;
+pub use unpack::unpacked;
 
 /// Damaged places that are remembered one by one; more are only counted.
 pub const DAMAGE_MAX: usize = 100;

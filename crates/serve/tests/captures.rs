@@ -4,6 +4,11 @@
 #[allow(dead_code, reason = "the tests of threats need more of it")]
 mod site;
 
+use std::io::Write as _;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use polepair_serve::bench::{Bench, CAPTURE_MAX, Options};
 use serde_json::Value;
 use site::Site;
 
@@ -35,4 +40,22 @@ fn a_capture_is_opened_and_read_page_by_page() {
     let nothing = site.send("POST /api/v1/captures?name=x", &heads, "");
     assert_eq!(nothing.code(), "E510");
     site.end();
+}
+
+/// Threat 12: a few kilobytes can hold more than there is memory.
+#[test]
+fn t12_a_capture_is_bounded_by_what_it_unpacks_to() {
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    let line = b"(1.000000) can0 123#1122334455667788\n";
+    let packed = |lines: usize| {
+        let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
+        (0..lines).for_each(|_| gzip.write_all(line).unwrap());
+        gzip.finish().unwrap()
+    };
+    let opened = bench.open_capture("small.log.gz", packed(1000)).unwrap();
+    assert_eq!(opened.page.total, 1000);
+    let bomb = packed(CAPTURE_MAX / line.len() + 1);
+    assert!(bomb.len() < CAPTURE_MAX / 20, "{} bytes", bomb.len());
+    let refused = bench.open_capture("bomb.log.gz", bomb).unwrap_err();
+    assert_eq!(refused.code, "gateway.size", "{refused}");
 }

@@ -12,6 +12,26 @@ const PIECE_ZSTD: usize = 1 << 8;
 /// Memory that a Zstandard file may demand, as a power of two.
 const WINDOW_LOG_MAX: u32 = 27;
 
+/// What a compressed capture holds, and the bytes themselves where it is not compressed. What follows
+/// a damaged place is left out, as a [`Reader`](super::Reader) leaves it out. `None` where it holds more
+/// than `most` bytes: a few kilobytes can hold gigabytes.
+#[must_use]
+pub fn unpacked(bytes: Vec<u8>, most: usize) -> Option<Vec<u8>> {
+    let Some(packing) = Packing::of_head(&bytes) else {
+        return Some(bytes).filter(|bytes| bytes.len() <= most);
+    };
+    let (mut unpack, mut plain) = (Unpack::new(packing), Vec::new());
+    for piece in bytes.chunks(PIECE_GZIP) {
+        unpack.feed(piece, &mut |part| plain.extend_from_slice(part));
+        if plain.len() > most {
+            return None;
+        }
+    }
+    // What is cut off ends there.
+    let _ = unpack.finish(&mut |part| plain.extend_from_slice(part));
+    (plain.len() <= most).then_some(plain)
+}
+
 /// An unpacker, and whether it has met its end.
 pub(super) struct Unpack {
     engine: Engine,

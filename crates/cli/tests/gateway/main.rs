@@ -5,6 +5,7 @@
 mod killed;
 mod load;
 mod lost;
+mod many;
 #[path = "../run/mod.rs"]
 mod run;
 mod site;

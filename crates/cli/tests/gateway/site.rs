@@ -3,7 +3,7 @@
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
@@ -60,7 +60,23 @@ impl Site {
     pub fn new(folder: &Folder, urls: &[&str]) -> Self {
         let state = folder.path("state");
         let own = ["serve", "--bind", "127.0.0.1:0", "--state", &state];
-        let mut command = run::command(&[&own[..], urls].concat());
+        Self::of(folder, run::command(&[&own[..], urls].concat()))
+    }
+
+    /// The same by a process that may have so many files open.
+    pub fn with_files(folder: &Folder, urls: &[&str], files: u32) -> Self {
+        let state = folder.path("state");
+        let own = ["serve", "--bind", "127.0.0.1:0", "--state", &state];
+        let serve = run::command(&[&own[..], urls].concat());
+        let mut command = Command::new("sh");
+        command.args(["-c", &format!("ulimit -n {files}; exec \"$0\" \"$@\"")]);
+        command.arg(serve.get_program()).args(serve.get_args());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        Self::of(folder, command)
+    }
+
+    fn of(folder: &Folder, mut command: Command) -> Self {
+        let state = folder.path("state");
         command.env("HOME", &folder.0).env("XDG_CONFIG_HOME", &folder.0);
         let mut child = command.stdin(Stdio::null()).spawn().expect("polepair serve");
         let mut errors = child.stderr.take().expect("a pipe");

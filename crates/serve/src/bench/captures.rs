@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use polepair_capture::summary::{Manner, Summary, text};
-use polepair_capture::{Decoder, Event, Filter, Judge};
+use polepair_capture::{Decoder, Event, Filter, Judge, unpacked};
 
 use super::Bench;
 use super::explained::{fields, item};
@@ -14,7 +14,7 @@ use crate::message::{CaptureOpened, CapturePage, ExplainedField, FrameItem, Refu
 
 /// Captures that are kept; the oldest goes when there are more.
 const CAPTURES_MAX: usize = 4;
-/// Bytes of one.
+/// Bytes of one, as it comes and unpacked.
 pub const CAPTURE_MAX: usize = 64 << 20;
 /// Frames whose fields are kept.
 const SHOWN_MAX: usize = 4000;
@@ -64,11 +64,11 @@ impl Bench {
     /// # Errors
     /// `gateway.size` for one that is too long, `E510` for what is no capture.
     pub fn open_capture(&self, name: &str, bytes: Vec<u8>) -> Result<CaptureOpened, Refused> {
-        if bytes.len() > CAPTURE_MAX {
-            let what = format!("a capture has at most {} MiB here", CAPTURE_MAX >> 20);
-            let hint = "`polepair summary` takes any length";
-            return Err(Refused::new("gateway.size", what).hint(hint));
-        }
+        // Unpacked once and for all: a page of what is packed can be larger than there is memory.
+        let bytes = unpacked(bytes, CAPTURE_MAX).ok_or_else(|| {
+            let what = format!("a capture has at most {} MiB here, unpacked", CAPTURE_MAX >> 20);
+            Refused::new("gateway.size", what).hint("`polepair summary` takes any length")
+        })?;
         let (mut summary, mut links, mut total) = (Summary::default(), Vec::new(), 0);
         let mut decoder = judged(&bytes);
         let mut take = |event: &Event<'_>| {

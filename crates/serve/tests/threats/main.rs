@@ -1,21 +1,17 @@
 //! One test for each threat to a gateway that moves motors, by a real server and raw clients. Each
 //! fails when its guard is taken away. docs/reference/gateway.md has them by the same numbers.
 
+mod hogs;
 mod raw;
 mod scopes;
 #[allow(dead_code, reason = "viewers of telemetry do more")]
 mod site;
 mod tls;
 
-use std::io::{Read as _, Write as _};
-use std::net::TcpStream;
-use std::time::Instant;
-
 use polepair::Connector;
-use polepair_serve::{BODY_MAX, Needs, ROUTES, Route, Server, TRIES_MAX};
+use polepair_serve::{Needs, ROUTES, Route, Server, TRIES_MAX};
 use serde_json::{Value, json};
 use site::{Site, folder, next, now_ms, options, tell};
-use tungstenite::Message;
 
 const JSON: &str = "Content-Type: application/json\r\nX-Polepair: 1\r\n";
 
@@ -308,58 +304,6 @@ fn t09_the_gateway_itself_holds_limits_and_has_no_back_door() {
         assert_eq!(answer.json()["error"]["executed"], json!(false), "{name}");
     }
     site.end();
-}
-
-#[test]
-fn t11_hogs_are_cut_off_and_a_stop_gets_through() {
-    let site = Site::new();
-    let big = format!("{}{JSON}", site.bearer("operator"));
-    let body = format!("{{\"reason\":\"{}\"}}", "x".repeat(BODY_MAX));
-    let answer = site.send("POST /api/v1/stop", &big, &body);
-    assert_eq!(answer.status, 413, "{}", answer.head);
-    let mut slow = site.connect();
-    slow.write_all(b"GET /api/v1/bench HTTP/1.1\r\nHost: ").unwrap();
-    let mut rest = Vec::new();
-    slow.read_to_end(&mut rest).expect("it is closed before the test gives up");
-    let mut idle = site.connect();
-    idle.read_to_end(&mut rest).expect("one that says nothing is closed as well");
-    let mut ann = site.live_as("operator");
-    ann.send(Message::text("x".repeat(70_000))).unwrap();
-    let ended = std::iter::from_fn(|| Some(ann.read())).take(10_000).any(|read| read.is_err());
-    assert!(ended, "a message beyond 64 KiB ends the viewer");
-    let deep = "[".repeat(100_000);
-    assert_eq!(site.post("POST /api/v1/stop", "operator", &deep).status, 400);
-    let heads = format!("{}X: {}\r\n", site.bearer("operator"), "y".repeat(100_000));
-    assert!([0, 431].contains(&site.get("/api/v1/bench", &heads).status));
-    assert_eq!(site.post("POST /api/v1/stop", "operator", "{}").status, 200);
-    site.end();
-}
-
-#[test]
-fn t11_a_stop_gets_through_idle_sockets_and_a_flood() {
-    let site = Site::new();
-    let idle: Vec<TcpStream> = (0..400).map(|_| site.connect()).collect();
-    let mut flood = site.live_as("operator");
-    let flooding = std::thread::spawn(move || {
-        let ping = json!({ "type": "ping", "client_ms": 0 }).to_string();
-        // It never reads: it is cut off, sooner or later.
-        while flood.send(Message::text(ping.clone())).is_ok() {}
-    });
-    let mut viewer = site.live_as("viewer");
-    next(&mut viewer, "welcome");
-    let mut took: Vec<f64> = (0..50)
-        .map(|_| {
-            let since = Instant::now();
-            tell(&mut viewer, &json!({ "type": "stop", "axes": [0] }));
-            next(&mut viewer, "stopped");
-            since.elapsed().as_secs_f64() * 1e3
-        })
-        .collect();
-    took.sort_by(f64::total_cmp);
-    println!("stop to `stopped`: median {:.2} ms, worst {:.2} ms", took[25], took[49]);
-    site.end();
-    flooding.join().unwrap();
-    drop(idle);
 }
 
 #[test]
