@@ -23,7 +23,7 @@ use crate::target::Target;
 use crate::value;
 
 /// Verbs that a server carries out, and whether they are about all axes where none is named.
-const VERBS: [(&str, bool); 14] = [
+const VERBS: [(&str, bool); 15] = [
     ("clear", false),
     ("disable", false),
     ("enable", false),
@@ -31,6 +31,7 @@ const VERBS: [(&str, bool); 14] = [
     ("home", false),
     ("info", true),
     ("jog", false),
+    ("monitor", true),
     ("move", false),
     ("scan", true),
     ("set", false),
@@ -41,7 +42,8 @@ const VERBS: [(&str, bool); 14] = [
 ];
 
 /// Options that help does not show, because they are about links.
-const FOR_LINKS: [&str; 8] = ["arm", "detach", "file", "ids", "quick", "sync", "trace", "verbose"];
+const FOR_LINKS: [&str; 10] =
+    ["arm", "detach", "file", "ids", "listen", "quick", "rules", "sync", "trace", "verbose"];
 
 /// What a stop of all axes does besides.
 const STOP: &str = "\
@@ -129,7 +131,12 @@ impl Joined {
 
     /// The axes that are meant.
     pub fn pick(&self, target: &Target) -> Result<Vec<AxisInfo>> {
-        pick::pick(&self.bench, target.axes()?)
+        self.named(target.axes()?)
+    }
+
+    /// The axes that words mean.
+    pub fn named(&self, words: &str) -> Result<Vec<AxisInfo>> {
+        pick::pick(&self.bench, words)
     }
 
     /// `#1 ` before what concerns an axis, where there are several.

@@ -143,6 +143,30 @@ fn the_token_of_ones_own_server_goes_to_no_other_host() {
 }
 
 #[test]
+fn axes_and_frames_are_monitored() {
+    let server = Server::new(&["sim:tmcl?axes=2", "sim:tmcl"]);
+    let once = server.ok(&["monitor", "--once"]);
+    assert!(once.starts_with("axis  drive "), "{once}");
+    assert_eq!(once.lines().filter(|line| line.contains("tmcm-171")).count(), 3, "{once}");
+    assert!(once.ends_with("0 frames, 0 wrong, 0 lost\n"), "{once}");
+    let held = server.held(&["spin", "0#1", "300rpm"]);
+    until(|| server.velocity("0#1") > 100.0, || {});
+    let lines = server.ok(&["monitor", "0#1", "--format", "jsonl", "--for", "1s"]);
+    let told: Vec<serde_json::Value> =
+        lines.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    let axes: Vec<_> = told.iter().filter(|line| line["signals"].is_object()).collect();
+    assert!(axes.len() > 2 && axes.iter().all(|axis| axis["axis"] == 1), "{lines}");
+    assert!(axes.iter().any(|axis| axis["state"] == "turns"), "{lines}");
+    let frames = told.iter().filter(|line| line["protocol"] == "tmcl" && line["raw"].is_string());
+    assert!(frames.clone().count() > 2, "{lines}");
+    assert!(frames.clone().any(|frame| frame["direction"] == "tx" && frame["ok"] == true));
+    assert!(told.last().is_some_and(|last| last["frames"].as_u64() > Some(2)), "{lines}");
+    drop(held.interrupt());
+    let wrong = server.run(&["monitor", "--listen"]);
+    assert!(wrong.code == 2 && wrong.err.contains("error[E257]"), "{}", wrong.err);
+}
+
+#[test]
 fn settings_are_planned_and_written() {
     let server = Server::new(&["sim:tmcl"]);
     let plan = server.ok(&["set", "1", "max current=1.2A", "--dry-run"]);

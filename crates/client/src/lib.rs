@@ -23,7 +23,7 @@ mod wire;
 
 pub use gateway::{Gateway, Options};
 pub use lease::{Lease, Pending};
-pub use live::{Live, Watched};
+pub use live::{Frames, Live, Watched};
 pub use polepair_messages as message;
 pub use polepair_messages::Refused;
 pub use secret::state_folder;

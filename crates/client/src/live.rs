@@ -9,14 +9,14 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::Duration;
 
 use polepair_messages::telemetry::Sample;
-use polepair_messages::{CommandOrder, LeaseAct, Source};
+use polepair_messages::{AxisState, CommandOrder, FrameItem, LeaseAct, Source};
 use tokio::sync::{mpsc, oneshot};
 
 use crate::lease::Lease;
 use crate::rest::lost;
 use crate::wire::Wire;
 use crate::{Gateway, Refused};
-pub(crate) use known::{Feed, Known};
+pub(crate) use known::{Feed, Known, Passing};
 
 /// What waits to be said.
 const ASKS_MAX: usize = 256;
@@ -40,6 +40,7 @@ pub(crate) enum Ask {
     Command { axis: u16, order: CommandOrder, tell: Tell<()> },
     Lease { axis: u16, act: LeaseAct, epoch: u64, tell: Tell<u64> },
     Watch { channel: u16, what: What, feed: Arc<Feed>, tell: Tell<Channel> },
+    Frames { filter: Option<String>, passing: Arc<Passing> },
 }
 
 pub(crate) type Tell<T> = oneshot::Sender<Result<T, Refused>>;
@@ -111,6 +112,27 @@ impl Live {
         Ok(Watched { live: self.clone(), axis, feed, about })
     }
 
+    /// Hears the frames that pass on the server's links from now on, those that a filter of the
+    /// analyser's language wants. Who asks again hears them instead of who asked before.
+    ///
+    /// # Errors
+    /// `E313` where the server is gone.
+    pub fn frames(&self, filter: Option<&str>) -> Result<Frames, Refused> {
+        let (filter, passing) = (filter.map(str::to_owned), Arc::<Passing>::default());
+        self.ask(Ask::Frames { filter, passing: Arc::clone(&passing) })?;
+        Ok(Frames { live: self.clone(), passing })
+    }
+
+    /// An axis as the server said it last, its values as old as they are by now; `None` before it said
+    /// anything. Nothing is asked.
+    ///
+    /// # Errors
+    /// `E313` once the server is gone.
+    pub fn state(&self, axis: u16) -> Result<Option<AxisState>, Refused> {
+        self.known().here()?;
+        Ok(self.known().state(axis))
+    }
+
     pub(crate) fn known(&self) -> &Known {
         &self.0.known
     }
@@ -137,6 +159,24 @@ impl Live {
 
     fn told<T>(&self, told: oneshot::Receiver<Result<T, Refused>>) -> Result<T, Refused> {
         self.gateway().wait(told).unwrap_or_else(|_| Err(lost("no answer came")))
+    }
+}
+
+/// Frames that are heard, until this is dropped.
+#[derive(Debug)]
+pub struct Frames {
+    live: Live,
+    passing: Arc<Passing>,
+}
+
+impl Frames {
+    /// What passed since it was asked last, and how many frames have been lost so far.
+    ///
+    /// # Errors
+    /// `E313` once the server is gone; `gateway.request` for what is no filter.
+    pub fn drain(&self) -> Result<(Vec<FrameItem>, u64), Refused> {
+        self.live.known().here()?;
+        self.passing.drain()
     }
 }
 

@@ -181,6 +181,7 @@ fn joined(Arguments { join, verb, word }: Arguments) -> Result {
         Verb::Home(verb) => verb.joined(&join.open()?),
         Verb::Jog(verb) => verb.joined(&join.open()?),
         Verb::Watch(verb) => verb.joined(&join.open()?),
+        Verb::Monitor(verb) => verb.joined(&join.open()?),
         _ => Err(joined::no_such_verb(&word)),
     }
 }

@@ -6,6 +6,7 @@ mod keys;
 mod model;
 mod plain;
 mod screen;
+mod served;
 mod traffic;
 
 use std::fs::File;
@@ -18,6 +19,7 @@ use polepair_capture::Rules;
 use polepair_link::tap::Log;
 
 use crate::ears::Ears;
+use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{self, Problem, Result};
 use crate::{terminal, value};
@@ -77,9 +79,7 @@ enum Format {
 
 impl Options {
     pub fn run(self) -> Result {
-        if !(self.rate > 0.0 && self.rate <= 1000.0) {
-            return Err(Problem::usage("E245", "--rate is more than 0 and at most 1000."));
-        }
+        self.check()?;
         let monitor = self.open()?;
         let span = self.seconds.map(Duration::from_secs_f64);
         let screen = terminal::is_screen() && std::io::stdin().is_terminal();
@@ -89,6 +89,27 @@ impl Options {
                 let jsonl = format == Some(Format::Jsonl);
                 plain::run(monitor, plain::Style { jsonl, once: self.once }, span)
             }
+        }
+    }
+
+    /// The same by a server, as lines: the frames of all its links, and the axes that are meant.
+    pub fn joined(self, server: &Joined) -> Result {
+        self.check()?;
+        let links_alone = self.listen || self.rules.is_some() || self.trace.is_some();
+        if links_alone || self.profiles.is_given() {
+            let what = "monitor with --listen, --as, --trace or --profile";
+            return Err(joined::cannot(what, "The server listens and explains by itself."));
+        }
+        let axes = server.named(&self.url)?;
+        let style = plain::Style { jsonl: self.format == Some(Format::Jsonl), once: self.once };
+        let period = Duration::from_secs_f64(1.0 / self.rate);
+        served::run(server, axes, style, period, self.seconds.map(Duration::from_secs_f64))
+    }
+
+    fn check(&self) -> Result<()> {
+        match self.rate > 0.0 && self.rate <= 1000.0 {
+            true => Ok(()),
+            false => Err(Problem::usage("E245", "--rate is more than 0 and at most 1000.")),
         }
     }
 

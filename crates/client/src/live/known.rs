@@ -7,13 +7,15 @@ use std::time::Duration;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_messages::telemetry::Sample;
-use polepair_messages::{AxisState, BenchView, LinkState};
+use polepair_messages::{AxisState, BenchView, FrameItem, LinkState};
 
 use crate::Refused;
 use crate::rest::lost;
 
 /// Samples that wait for whoever watches; the oldest are lost first, and counted.
 const SAMPLES_MAX: usize = 65_536;
+/// Frames that wait likewise.
+const FRAMES_MAX: usize = 16_384;
 
 /// What is known of the server and of what we hold.
 #[derive(Debug)]
@@ -29,8 +31,8 @@ struct Told {
     server: (f64, Instant),
     /// Each axis that is ours, by the epoch of its lease; or why it is ours no more.
     leases: HashMap<u16, Result<u64, Refused>>,
-    /// Each axis as the server said it last.
-    states: HashMap<u16, AxisState>,
+    /// Each axis as the server said it last, and when.
+    states: HashMap<u16, (AxisState, Instant)>,
     /// Axes whose link is lost, and why.
     unlinked: HashMap<u16, String>,
     /// Why the server is gone.
@@ -74,12 +76,15 @@ impl Known {
     }
 
     pub fn set_state(&self, state: AxisState) {
-        self.told().states.insert(state.id, state);
+        self.told().states.insert(state.id, (state, clock::now()));
     }
 
-    /// An axis as the server said it last; `None` before it did.
+    /// An axis as the server said it last, its values as old as they are now; `None` before it did.
     pub fn state(&self, axis: u16) -> Option<AxisState> {
-        self.told().states.get(&axis).cloned()
+        let (mut state, at) = self.told().states.get(&axis).cloned()?;
+        let since_ms = clock::now().since(at).as_secs_f64() * 1e3;
+        state.signals.iter_mut().for_each(|signal| signal.age_ms += since_ms);
+        Some(state)
     }
 
     pub fn set_links(&self, bench: &BenchView) {
@@ -140,6 +145,45 @@ impl Known {
 
     fn told(&self) -> MutexGuard<'_, Told> {
         self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Frames that pass on the server's links.
+#[derive(Debug, Default)]
+pub(crate) struct Passing(Mutex<Passed>);
+
+#[derive(Debug, Default)]
+struct Passed {
+    waiting: VecDeque<FrameItem>,
+    lost: u64,
+    /// Why there are none.
+    refused: Option<Refused>,
+}
+
+impl Passing {
+    pub fn take(&self, items: Vec<FrameItem>, lost: u64) {
+        let mut passed = self.lock();
+        passed.lost += lost;
+        passed.waiting.extend(items);
+        let over = passed.waiting.len().saturating_sub(FRAMES_MAX);
+        passed.waiting.drain(..over);
+        passed.lost += over as u64;
+    }
+
+    pub fn refuse(&self, why: Refused) {
+        self.lock().refused = Some(why);
+    }
+
+    pub fn drain(&self) -> Result<(Vec<FrameItem>, u64), Refused> {
+        let mut passed = self.lock();
+        match &passed.refused {
+            Some(why) => Err(why.clone()),
+            None => Ok((passed.waiting.drain(..).collect(), passed.lost)),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Passed> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

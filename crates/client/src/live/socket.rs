@@ -18,7 +18,7 @@ use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async};
 
 use super::asked::{Asked, One};
-use super::{Ask, Channel, Feed, Known, Tell};
+use super::{Ask, Channel, Feed, Known, Passing, Tell};
 use crate::Refused;
 use crate::rest::{lost, nonsense};
 use crate::wire::{Stream, Wire, broken};
@@ -43,6 +43,7 @@ pub(super) async fn open(wire: &Wire, asked: mpsc::Receiver<Ask>) -> Result<Arc<
         leases: HashMap::new(),
         feeds: HashMap::new(),
         watching: HashMap::new(),
+        passing: None,
         heard: clock::now(),
     };
     tokio::spawn(task.run(asked));
@@ -92,6 +93,8 @@ struct Task {
     /// Of each channel; it is watched as long as somebody has it.
     feeds: HashMap<u16, Weak<Feed>>,
     watching: HashMap<u16, Tell<Channel>>,
+    /// Where frames go; they are sent as long as somebody has it.
+    passing: Option<Weak<Passing>>,
     heard: Instant,
 }
 
@@ -142,8 +145,11 @@ impl Task {
         self.unwatch().await
     }
 
-    /// Ends channels that nobody watches any more.
+    /// Ends channels and frames that nobody watches any more.
     async fn unwatch(&mut self) -> Result<(), Refused> {
+        if self.passing.take_if(|passing| passing.strong_count() == 0).is_some() {
+            self.say(&ClientMessage::Frames { on: false, filter: None }).await?;
+        }
         for (channel, _) in self.feeds.extract_if(|_, feed| feed.strong_count() == 0) {
             let text = text(&ClientMessage::Unsubscribe { channel })?;
             say(&mut self.socket, text).await?;
@@ -171,6 +177,10 @@ impl Task {
                 self.watching.insert(channel, tell);
                 let super::What { axis, signal, parameter, hz } = what;
                 ClientMessage::Subscribe { channel, axis, signal, parameter, hz }
+            }
+            Ask::Frames { filter, passing } => {
+                self.passing = Some(Arc::downgrade(&passing));
+                ClientMessage::Frames { on: true, filter }
             }
         };
         self.say(&message).await
@@ -230,6 +240,16 @@ impl Task {
                 self.known.set_state(state);
             }
             ServerMessage::Bench(bench) => self.known.set_links(&bench),
+            ServerMessage::Frames { items, lost } => {
+                if let Some(passing) = self.passing.as_ref().and_then(Weak::upgrade) {
+                    passing.take(items, lost);
+                }
+            }
+            ServerMessage::Error { error, about: Some(about), .. } if about == "frames" => {
+                if let Some(passing) = self.passing.as_ref().and_then(Weak::upgrade) {
+                    passing.refuse(error);
+                }
+            }
             ServerMessage::Error { error, about, subject: Some(subject) } => {
                 self.failed(about.as_deref(), subject, error);
             }
