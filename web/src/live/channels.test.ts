@@ -72,4 +72,20 @@ describe("channels", () => {
     for (let i = 0; i <= 40; i++) channels.telemetry(block(one.number, [i / 20 + 100]));
     expect(one.rate).toBeCloseTo(20, 6);
   });
+
+  it("takes no slow wire for silence", () => {
+    const channels = new Channels(() => true);
+    const one = channels.open({ axis: 0, signal: "velocity" }, 100, 64);
+    const channel = one.number;
+    channels.told({ type: "subscribed", channel, hz: 100, source: "polled", unit: "rad/s" });
+    expect(one.period_max).toBeCloseTo(0.1);
+    channels.telemetry(
+      block(
+        channel,
+        Array.from({ length: 40 }, (_, i) => i / 16),
+      ),
+    );
+    expect(one.rate).toBeCloseTo(16, 0);
+    expect(one.period_max).toBeCloseTo(5 / 16, 2);
+  });
 });

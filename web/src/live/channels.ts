@@ -54,9 +54,10 @@ export class Channel {
     this.counted = 0;
   }
 
-  /** Seconds after which silence is drawn as such. */
+  /** Seconds after which silence is drawn as such: what is asked for comes as often as its wire lets it. */
   get period_max(): number {
-    return this.hz > 0 ? Math.max(5 / this.hz, 0.1) : 1;
+    const hz = this.rate > 0 ? Math.min(this.hz, this.rate) : this.hz;
+    return hz > 0 ? Math.max(5 / hz, 0.1) : 1;
   }
 
   /** What is said to the server to have it. */
