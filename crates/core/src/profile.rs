@@ -90,7 +90,9 @@ impl Profile {
     }
 }
 
-fn same_name(a: &str, b: &str) -> bool {
+/// Whether two names of a parameter are one: case, spaces, hyphens and underscores do not matter.
+#[must_use]
+pub fn same_name(a: &str, b: &str) -> bool {
     fn plain(text: &str) -> impl Iterator<Item = u8> + '_ {
         let letters = text.bytes().filter(|c| !matches!(c, b' ' | b'_' | b'-'));
         letters.map(|c| c.to_ascii_lowercase())
@@ -264,6 +266,19 @@ pub enum Persistence {
     Always,
     /// Every write goes to flash unless the drive was told to keep writes in RAM.
     UnlessRam,
+}
+
+impl Persistence {
+    /// Its word, as profiles have it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Volatile => "volatile",
+            Self::Storable => "storable",
+            Self::Always => "always",
+            Self::UnlessRam => "unless-ram",
+        }
+    }
 }
 
 /// How sure a fact is.

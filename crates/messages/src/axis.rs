@@ -54,10 +54,14 @@ pub struct FaultTold {
     pub code: u32,
     /// Its name.
     pub name: String,
+    /// The manual's short name; as `name` where there is none.
+    pub symbol: String,
     /// What brings it about.
     pub cause: String,
     /// What to do about it.
     pub remedy: String,
+    /// The drive goes on.
+    pub warning: bool,
 }
 
 /// Who commands an axis.
@@ -112,6 +116,17 @@ pub struct ParameterInfo {
     pub moves: bool,
     /// Words for values; empty where it has none.
     pub words: Vec<String>,
+    /// The raw value of each word.
+    pub word_values: Vec<i64>,
+    /// Least raw value.
+    pub raw_min: i64,
+    /// Greatest raw value.
+    pub raw_max: i64,
+    /// Raw value from the factory, where known.
+    #[schema(required)]
+    pub raw_default: Option<i64>,
+    /// What a written value survives: `volatile`, `storable`, `always`, `unless-ram`.
+    pub persistence: String,
 }
 
 /// A parameter read just now: `GET /api/v1/axes/{id}/parameters/{name}`.
@@ -129,6 +144,8 @@ pub struct ParameterRead {
     /// The value's word, where it has one.
     #[schema(required)]
     pub word: Option<String>,
+    /// As people read it, with no more digits than the drive has.
+    pub text: String,
 }
 
 /// `POST /api/v1/axes/{id}/parameters`.
@@ -143,6 +160,9 @@ pub struct WriteParameters {
     /// Tell what would change, and write nothing: needs no lease.
     #[serde(default)]
     pub dry_run: bool,
+    /// Numbers are as they lie in the drive.
+    #[serde(default)]
+    pub raw: bool,
     /// Of the caller's lease.
     #[serde(default)]
     pub epoch: u64,
@@ -152,7 +172,7 @@ pub struct WriteParameters {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum Given {
-    /// In the parameter's unit.
+    /// In the parameter's unit; as it lies in the drive where [`WriteParameters::raw`] says so.
     Number(f64),
     /// With a unit (`1.2 A`), or a word.
     Text(String),

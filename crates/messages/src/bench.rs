@@ -93,6 +93,12 @@ pub struct AxisInfo {
     pub kind: String,
     /// What the drive does when its host falls silent, in a sentence.
     pub watchdog: String,
+    /// After how long it stops then by itself, ms; `null` where it does not, or a parameter says.
+    #[schema(required)]
+    pub watchdog_ms: Option<u32>,
+    /// The parameter that says after how long; `null` where none does.
+    #[schema(required)]
+    pub watchdog_parameter: Option<String>,
     /// What to check before the first motion; empty where there is nothing.
     pub caution: String,
     /// What it can be told.

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::fmt;
 
-use polepair::error::Exit;
+use polepair::error::{Exception, Exit};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -85,6 +85,21 @@ impl Refused {
                 429.. => Exit::Adapter,
                 _ => Exit::Usage,
             },
+        }
+    }
+
+    /// What the bindings raise for it.
+    #[must_use]
+    pub fn exception(&self) -> Exception {
+        match self.exit() {
+            // Who may not is refused, though the words were right.
+            Exit::Usage if matches!(self.status(), 401 | 403) => Exception::Refused,
+            Exit::Usage => Exception::Unsupported,
+            Exit::NoReply => Exception::NoReply,
+            Exit::Corrupt => Exception::ProtocolError,
+            Exit::Refused => Exception::Refused,
+            Exit::DriveFault => Exception::DriveFault,
+            _ => Exception::PolepairError,
         }
     }
 }

@@ -20,6 +20,7 @@ mod armed;
 mod bytes;
 mod fail;
 mod following;
+mod mode;
 mod mounted;
 mod program;
 mod running;

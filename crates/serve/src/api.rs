@@ -176,6 +176,7 @@ pub const ROUTES: &[Route] = &[
     route("GET", "/api/v1/openapi.json", READ, || get(record::openapi)),
     route("GET", "/metrics", READ, || get(record::metrics)),
     route("GET", "/api/v1/axes/{id}", READ, || get(axis::show)),
+    route("GET", "/api/v1/axes/{id}/signals/{words}", READ, || get(axis::signals)),
     route("GET", "/api/v1/axes/{id}/parameters", READ, || get(axis::parameters)),
     route("GET", "/api/v1/axes/{id}/parameters/{name}", READ, || get(axis::parameter)),
     route("POST", "/api/v1/axes/{id}/parameters", CONFIGURE, || post(axis::write)),

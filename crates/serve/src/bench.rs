@@ -19,6 +19,7 @@
 //! # Ok::<(), polepair_serve::message::Refused>(())
 //! ```
 
+mod asked;
 mod captures;
 mod clash;
 mod clock;

@@ -191,6 +191,7 @@ fn parameters_are_planned_written_under_a_lease_and_never_move() {
         values: [(name.to_owned(), Given::Text(text.into()))].into(),
         keep: false,
         dry_run: true,
+        raw: false,
         epoch: 0,
     };
     let infos = desk.bench.parameters(0).unwrap();

@@ -43,7 +43,7 @@ fn send(bench: &Bench, who: &Session, axis: u16) {
     for (name, raw) in settings {
         let values = [(format!("tpdo 1 {name}"), Given::Number(raw as f64))].into();
         let epoch = lease().epoch;
-        let write = WriteParameters { values, keep: false, dry_run: false, epoch };
+        let write = WriteParameters { values, keep: false, dry_run: false, raw: false, epoch };
         bench.apply(axis, who, write).wait().unwrap();
     }
     say("nmt start");

@@ -60,7 +60,7 @@ impl Set {
         for axis in &axes {
             let who = server.who(&axes, axis);
             let (values, dry_run) = (values.clone(), self.dry_run);
-            let write = WriteParameters { values, keep: self.store, dry_run, epoch: 0 };
+            let write = WriteParameters { values, keep: self.store, dry_run, raw: false, epoch: 0 };
             if self.dry_run {
                 let plan = server.gateway.write(axis.id, &write).map_err(joined::refused)?;
                 plan.iter().for_each(|change| out.line(&format!("{who}{}", planned(change))));

@@ -102,6 +102,7 @@ fn current(text: &str) -> WriteParameters {
         values: [("max current".to_owned(), Given::Text(text.to_owned()))].into(),
         keep: false,
         dry_run: true,
+        raw: false,
         epoch: 0,
     }
 }

@@ -5,8 +5,14 @@ use axum::extract::{Extension, Path, State};
 
 use super::input::{Input, number};
 use super::{Answer, Shared, by_lease};
-use crate::message::{AxisState, Change, ErrorBody, ParameterInfo, ParameterRead, WriteParameters};
+use crate::message::{
+    AxisState, Change, ErrorBody, ParameterInfo, ParameterRead, Refused, SignalValue,
+    WriteParameters,
+};
 use crate::session::Caller;
+
+/// Signals of one question.
+const SIGNALS_MAX: usize = 64;
 
 /// What is known of an axis
 ///
@@ -18,6 +24,26 @@ use crate::session::Caller;
 ))]
 pub(super) async fn show(State(gate): State<Shared>, Path(id): Path<String>) -> Answer<AxisState> {
     gate.bench.axis(number(&id)?).map(Json)
+}
+
+/// Read signals now
+///
+/// Words with commas between them: `position,velocity`. What is read stands in this order.
+#[utoipa::path(get, path = "/api/v1/axes/{id}/signals/{words}", tag = "axis",
+    params(("id" = u16, Path), ("words" = String, Path)), responses(
+    (status = 200, body = Vec<SignalValue>),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn signals(
+    State(gate): State<Shared>,
+    Path((id, words)): Path<(String, String)>,
+) -> Answer<Vec<SignalValue>> {
+    let words: Vec<&str> = words.split(',').take(SIGNALS_MAX + 1).collect();
+    if words.len() > SIGNALS_MAX {
+        let what = format!("at most {SIGNALS_MAX} signals are read at once");
+        return Err(Refused::new("gateway.request", what));
+    }
+    gate.bench.read_signals(number(&id)?, &words).await.map(Json)
 }
 
 /// Which parameters an axis has

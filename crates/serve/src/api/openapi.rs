@@ -20,6 +20,7 @@ use crate::message::{ClientMessage, ServerMessage};
         bench::act,
         bench::pace,
         axis::show,
+        axis::signals,
         axis::parameters,
         axis::parameter,
         axis::write,

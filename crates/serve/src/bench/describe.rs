@@ -51,6 +51,15 @@ pub(super) fn axis_info(id: u16, link: u16, axis: &Axis, drive: Option<&Drive>) 
         simulated: drive.is_some(),
         kind: kind.to_owned(),
         watchdog: watchdog(profile),
+        watchdog_ms: match profile.watchdog {
+            Watchdog::Fixed { after_ms } => Some(after_ms),
+            _ => None,
+        },
+        watchdog_parameter: match profile.watchdog {
+            Watchdog::Configurable { parameter } => profile.parameter(parameter),
+            _ => None,
+        }
+        .map(|parameter| parameter.name.to_owned()),
         caution: profile.caution.to_owned(),
         verbs: verbs(axis),
         limits: LIMITS.iter().filter_map(|limit| limited(axis, *limit)).collect(),
@@ -170,5 +179,10 @@ pub(super) fn parameter_info(axis: &Axis, id: ParameterId, parameter: &Parameter
         kept: parameter.persistence == Persistence::Always,
         moves: parameter.moves,
         words: parameter.values.iter().map(|(_, word)| (*word).to_owned()).collect(),
+        word_values: parameter.values.iter().map(|(raw, _)| *raw).collect(),
+        raw_min: parameter.min,
+        raw_max: parameter.max,
+        raw_default: parameter.default,
+        persistence: parameter.persistence.name().to_owned(),
     }
 }

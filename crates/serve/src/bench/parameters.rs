@@ -91,7 +91,15 @@ fn read(axis: &Axis, name: &str) -> Result<ParameterRead, Refused> {
         raw,
         unit: value.unit.symbol().to_owned(),
         word: value.word.map(str::to_owned),
+        text: value.to_string(),
     })
+}
+
+/// A raw value: no drive has one that a `f64` cannot hold.
+fn whole(number: f64) -> Result<i64, Refused> {
+    let is_whole = number.fract() == 0.0 && number.abs() <= 9e15;
+    let wrong = || Refused::new("E217", format!("{number} is no whole number"));
+    is_whole.then_some(number as i64).ok_or_else(wrong)
 }
 
 /// What writes the parameters of one request.
@@ -103,6 +111,8 @@ struct Writer {
     epoch: u64,
     values: BTreeMap<String, Given>,
     keep: bool,
+    /// Numbers are as they lie in the drive.
+    raw: bool,
     wire: std::sync::Arc<super::wire::Wire>,
     shared: std::sync::Arc<Shared>,
 }
@@ -116,10 +126,10 @@ impl Writer {
         session: &Session,
         write: WriteParameters,
     ) -> Self {
-        let WriteParameters { values, keep, epoch, .. } = write;
+        let WriteParameters { values, keep, raw, epoch, .. } = write;
         let (wire, shared) = (link.wire.clone(), bench.0.shared.clone());
         let (axis, session) = (link.wire.axes[place].1.clone(), session.clone());
-        Self { axis, id, place, session, epoch, values, keep, wire, shared }
+        Self { axis, id, place, session, epoch, values, keep, raw, wire, shared }
     }
 
     /// What would change, and the writes that make it so.
@@ -148,11 +158,11 @@ impl Writer {
         if parameter.access == Access::Read {
             return Err(Refused::new("E214", format!("`{}` can only be read", parameter.name)));
         }
-        let amount = match given {
-            Given::Number(number) => Amount::Number(*number),
-            Given::Text(text) => Amount::Text(text.clone()),
+        let raw = match given {
+            Given::Number(number) if self.raw => whole(*number)?,
+            Given::Number(number) => self.axis.raw_of(id, &Amount::Number(*number))?,
+            Given::Text(text) => self.axis.raw_of(id, &Amount::Text(text.clone()))?,
         };
-        let raw = self.axis.raw_of(id, &amount)?;
         if !(parameter.min..=parameter.max).contains(&raw) {
             let (min, max) =
                 (self.axis.value(id, parameter.min)?, self.axis.value(id, parameter.max)?);

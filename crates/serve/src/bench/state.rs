@@ -19,7 +19,7 @@ pub(super) fn axis_state(id: u16, axis: &Axis) -> AxisState {
     let known = |source: &SignalSource| signal_value(axis, &state, source, now);
     AxisState {
         id,
-        mode: mode(axis, &state),
+        mode: axis.mode(&state),
         enabled: flag(Signal::Enabled),
         armed: state.armed,
         moving: flag(Signal::Moving).or_else(|| axis.turns()),
@@ -30,7 +30,8 @@ pub(super) fn axis_state(id: u16, axis: &Axis) -> AxisState {
     }
 }
 
-fn signal_value(
+/// A signal's value, if it was ever read.
+pub(super) fn signal_value(
     axis: &Axis,
     state: &State,
     source: &SignalSource,
@@ -46,16 +47,6 @@ fn signal_value(
     })
 }
 
-fn mode(axis: &Axis, state: &State) -> Option<String> {
-    let source = axis.profile().signal(Signal::Mode)?;
-    let reading = state.reading(Signal::Mode);
-    reading.at?;
-    let own = axis.profile().parameter(source.parameter).map_or(&[][..], |p| p.values);
-    let names = if source.values.is_empty() { own } else { source.values };
-    let word = names.iter().find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
-    Some(word.map_or_else(|| reading.raw.to_string(), str::to_owned))
-}
-
 /// Faults and warnings that stand; a code that nobody knows is told as it is.
 fn faults(axis: &Axis, state: &State) -> Vec<FaultTold> {
     let reading = state.reading(Signal::Fault);
@@ -67,14 +58,17 @@ fn faults(axis: &Axis, state: &State) -> Vec<FaultTold> {
     if known.is_empty() {
         let name = format!("fault {raw:#x}");
         let remedy = "look it up in the drive's manual".to_owned();
-        return vec![FaultTold { code: raw, name, cause: String::new(), remedy }];
+        let (symbol, cause, warning) = (name.clone(), String::new(), false);
+        return vec![FaultTold { code: raw, name, symbol, cause, remedy, warning }];
     }
     let stands = known.into_iter().filter(|fault| fault.severity != Severity::Note);
     let told = stands.map(|fault| FaultTold {
         code: fault.code,
         name: if fault.text.is_empty() { fault.name } else { fault.text }.to_owned(),
+        symbol: fault.name.to_owned(),
         cause: fault.cause.to_owned(),
         remedy: fault.remedy.to_owned(),
+        warning: fault.severity != Severity::Fault,
     });
     told.collect()
 }
