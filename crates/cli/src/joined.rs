@@ -5,15 +5,13 @@
 //! own units are not the server's.
 
 mod motion;
-mod pick;
 
 use std::path::PathBuf;
 
 use clap::{Arg, Args, Command};
+pub use polepair_client::ALL;
 use polepair_client::message::{AxisInfo, BenchView};
-use polepair_client::{Gateway, Options, Refused};
-
-pub use pick::ALL;
+use polepair_client::{Gateway, Options, Refused, pick};
 
 pub use motion::{ANSWER_MAX, Order, argument, fresh, run, state};
 
@@ -80,7 +78,7 @@ impl Join {
             let axes = |url: Arg| {
                 let url =
                     url.value_name("AXES").help("Axes of the server: 1,3, a name, LINK#1, all");
-                if *all { url.required(false).default_value(pick::ALL) } else { url }
+                if *all { url.required(false).default_value(ALL) } else { url }
             };
             let dry = *verb != "set";
             let its = |arg: Arg| match arg.get_id().as_str() {
@@ -136,7 +134,7 @@ impl Joined {
 
     /// The axes that words mean.
     pub fn named(&self, words: &str) -> Result<Vec<AxisInfo>> {
-        pick::pick(&self.bench, words)
+        pick(&self.bench, words).map_err(refused)
     }
 
     /// `#1 ` before what concerns an axis, where there are several.

@@ -3,13 +3,17 @@
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::task::{Wake, Waker};
 
 use polepair_messages::{
-    AxisState, BenchView, Change, ParameterInfo, ParameterRead, StopOrder, Stopped, WriteParameters,
+    AxisState, BenchView, Change, Outcome, ParameterInfo, ParameterRead, RawOrder, SignalValue,
+    StopOrder, Stopped, WriteParameters,
 };
 use tokio::runtime::{Builder, Handle, Runtime};
+use tokio::sync::oneshot;
 
 use crate::address::Address;
+use crate::lease::Pending;
 use crate::live::Live;
 use crate::rest::Rest;
 use crate::wire::Wire;
@@ -48,6 +52,18 @@ struct Inner {
 impl fmt::Debug for Gateway {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Gateway").field("url", &self.0.url).finish_non_exhaustive()
+    }
+}
+
+struct Aside {
+    handle: Handle,
+    waker: Waker,
+}
+
+impl Wake for Aside {
+    fn wake(self: Arc<Self>) {
+        let waker = self.waker.clone();
+        self.handle.spawn_blocking(move || waker.wake());
     }
 }
 
@@ -101,6 +117,15 @@ impl Gateway {
         self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}")))
     }
 
+    /// Reads signals of an axis now, by their words.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn signals(&self, id: u16, words: &[&str]) -> Result<Vec<SignalValue>, Refused> {
+        let words: Vec<_> = words.iter().map(|word| escaped(word)).collect();
+        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}/signals/{}", words.join(","))))
+    }
+
     /// Which parameters an axis has, without values.
     ///
     /// # Errors
@@ -141,12 +166,35 @@ impl Gateway {
         })
     }
 
+    /// Sends a request in the protocol's own text. Sent once.
+    pub(crate) fn raw(&self, id: u16, order: &RawOrder) -> Result<Outcome, Refused> {
+        self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/raw"), order))
+    }
+
+    /// Has something of this done by a thread of its own, and returns without waiting for it.
+    pub fn start<T: Send + 'static>(
+        &self,
+        what: impl FnOnce(&Self) -> Result<T, Refused> + Send + 'static,
+    ) -> Pending<T> {
+        let (tell, told) = oneshot::channel();
+        let gateway = self.clone();
+        // Whoever waited may have gone.
+        self.0.handle.spawn_blocking(move || drop(tell.send(what(&gateway))));
+        Pending::new(told, self.clone())
+    }
+
     /// Stays: for leases and telemetry.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
     pub fn live(&self) -> Result<Live, Refused> {
         self.wait(Live::open(self.clone(), self.0.wire.clone()))
+    }
+
+    /// A waker that wakes another from a thread of its own: whoever is woken may take its time, and our
+    /// one thread renews leases.
+    pub(crate) fn aside(&self, waker: &Waker) -> Waker {
+        Waker::from(Arc::new(Aside { handle: self.0.handle.clone(), waker: waker.clone() }))
     }
 
     /// Waits for something, in the caller's thread.

@@ -5,7 +5,9 @@ use std::pin::Pin;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-use polepair_messages::{Arguments, AxisState, CommandOrder, LeaseAct, TTL_MS};
+use polepair_messages::{
+    Arguments, AxisState, CommandOrder, Ended, LeaseAct, Outcome, RawOrder, TTL_MS,
+};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
 
@@ -68,7 +70,7 @@ impl Lease {
         };
         let (tell, told) = oneshot::channel();
         self.live.ask(Ask::Command { axis: self.axis, order, tell })?;
-        Ok(Pending { told, ended: None, gateway: self.live.gateway().clone() })
+        Ok(Pending::new(told, self.live.gateway().clone()))
     }
 
     /// Says a command and waits for what comes of it.
@@ -76,18 +78,34 @@ impl Lease {
     /// # Errors
     /// As the drive or the gateway says; `E101` when nothing had come of it after `within`.
     pub fn run(&self, verb: &str, arguments: Arguments, within: Duration) -> Result<(), Refused> {
-        if self.start(verb, arguments)?.wait(within)? {
-            return Ok(());
-        }
-        let late = Refused::new("E101", format!("`{verb}` did not end in time"));
-        Err(Refused { executed: None, ..late })
+        self.start(verb, arguments)?.wait(within)?.ok_or_else(|| {
+            let late = Refused::new("E101", format!("`{verb}` did not end in time"));
+            Refused { executed: None, ..late }
+        })
+    }
+
+    /// Sends a request in the protocol's own text, once, and gives the value that was answered.
+    ///
+    /// # Errors
+    /// As the drive or the gateway says; `gateway.scope` where the token does not allow it.
+    pub fn raw(&self, text: &str) -> Result<i64, Refused> {
+        let order = RawOrder {
+            id: id()?,
+            issued_ms: self.live.known().now_ms(),
+            ttl_ms: TTL_MS,
+            epoch: self.epoch,
+            text: text.to_owned(),
+        };
+        let outcome = self.live.gateway().raw(self.axis, &order)?;
+        let value = outcome.value.unwrap_or_default();
+        ended(outcome).map(|()| value)
     }
 
     /// Gives it back, and waits until the server says so.
     ///
     /// # Errors
     /// When it was not ours any more, or the server is gone.
-    pub fn give_back(self) -> Result<(), Refused> {
+    pub fn give_back(&self) -> Result<(), Refused> {
         self.live.lease(self.axis, LeaseAct::Drop, self.epoch).map(drop)
     }
 }
@@ -98,34 +116,24 @@ impl Drop for Lease {
     }
 }
 
-/// A command under way. Dropped before its end, it goes on by itself.
+/// Something under way: a command, or what [`Gateway::start`] was given. Dropped before its end, it goes
+/// on by itself.
 #[derive(Debug)]
-pub struct Pending {
-    told: oneshot::Receiver<Result<(), Refused>>,
-    ended: Option<Result<(), Refused>>,
+pub struct Pending<T = ()> {
+    told: oneshot::Receiver<Result<T, Refused>>,
+    ended: Option<Result<T, Refused>>,
     gateway: Gateway,
 }
 
-impl Pending {
-    /// Waits for the end, at most so long; false when it goes on.
-    ///
-    /// # Errors
-    /// Why it was not done; [`Refused::executed`] is `None` where nobody knows whether it was.
-    pub fn wait(&mut self, within: Duration) -> Result<bool, Refused> {
-        if self.ended.is_none() {
-            let gateway = self.gateway.clone();
-            // Both the wait and its deadline are made where the runtime is.
-            let waited = async { timeout(within, poll_fn(|context| self.poll(context))).await };
-            if gateway.wait(waited).is_err() {
-                return Ok(false);
-            }
-        }
-        self.ended.clone().map_or(Ok(false), |ended| ended.map(|()| true))
+impl<T> Pending<T> {
+    pub(crate) const fn new(told: oneshot::Receiver<Result<T, Refused>>, gateway: Gateway) -> Self {
+        Self { told, ended: None, gateway }
     }
 
     /// True when it has ended; else `waker` is woken once it has.
     pub fn ended_or_wake(&mut self, waker: &Waker) -> bool {
-        self.ended.is_some() || self.poll(&mut Context::from_waker(waker)).is_ready()
+        let waker = self.gateway.aside(waker);
+        self.ended.is_some() || self.poll(&mut Context::from_waker(&waker)).is_ready()
     }
 
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
@@ -133,6 +141,36 @@ impl Pending {
         told.map(|told| {
             self.ended = Some(told.unwrap_or_else(|_| Err(lost("nothing came of a command"))));
         })
+    }
+}
+
+impl<T: Clone> Pending<T> {
+    /// Waits for the end, at most so long; `None` when it goes on.
+    ///
+    /// # Errors
+    /// Why it was not done; [`Refused::executed`] is `None` where nobody knows whether it was.
+    pub fn wait(&mut self, within: Duration) -> Result<Option<T>, Refused> {
+        if self.ended.is_none() {
+            let gateway = self.gateway.clone();
+            // Both the wait and its deadline are made where the runtime is.
+            let waited = async { timeout(within, poll_fn(|context| self.poll(context))).await };
+            if gateway.wait(waited).is_err() {
+                return Ok(None);
+            }
+        }
+        self.ended.clone().transpose()
+    }
+}
+
+/// What came of a command.
+pub(crate) fn ended(outcome: Outcome) -> Result<(), Refused> {
+    match (outcome.outcome, outcome.error) {
+        (Ended::Done, _) => Ok(()),
+        (_, Some(error)) => Err(error),
+        (Ended::NotDone, None) => Err(Refused::new("E601", "it was not done")),
+        (Ended::Unknown, None) => {
+            Err(Refused { executed: None, ..Refused::new("E401", "it may have been done") })
+        }
     }
 }
 

@@ -4,13 +4,16 @@ mod asked;
 mod known;
 mod socket;
 
+use std::future::poll_fn;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU16, Ordering};
+use std::task::{Poll, Waker};
 use std::time::Duration;
 
 use polepair_messages::telemetry::Sample;
 use polepair_messages::{AxisState, CommandOrder, FrameItem, LeaseAct, Source};
 use tokio::sync::{mpsc, oneshot};
+use tokio::time::timeout;
 
 use crate::lease::Lease;
 use crate::rest::lost;
@@ -80,6 +83,14 @@ impl Live {
     #[must_use]
     pub fn session(&self) -> &str {
         &self.0.known.session
+    }
+
+    /// Whether the server is still there.
+    ///
+    /// # Errors
+    /// Why it is gone.
+    pub fn check(&self) -> Result<(), Refused> {
+        self.known().here()
     }
 
     /// Takes an axis, if nobody else has it.
@@ -215,6 +226,27 @@ impl Watched {
     pub fn last(&self, within: Duration) -> Result<Option<Sample>, Refused> {
         self.live.known().linked(self.axis)?;
         Ok(self.feed.last(within))
+    }
+
+    /// True when there is a sample that was not drained, or the server or the axis' link is gone; else
+    /// `waker` is woken once there is.
+    pub fn ready_or_wake(&self, waker: &Waker) -> bool {
+        self.is_ready(&self.live.gateway().aside(waker))
+    }
+
+    fn is_ready(&self, waker: &Waker) -> bool {
+        // Whoever is noted first misses nothing that ends meanwhile.
+        self.feed.ready_or_wake(waker) || self.live.known().linked(self.axis).is_err()
+    }
+
+    /// Waits for a sample, at most so long.
+    pub fn wait(&self, within: Duration) {
+        let ready = poll_fn(|context| match self.is_ready(context.waker()) {
+            true => Poll::Ready(()),
+            false => Poll::Pending,
+        });
+        // Who waited in vain drains nothing.
+        let _ = self.live.gateway().wait(async { timeout(within, ready).await });
     }
 
     /// What came since it was asked last, and how many samples have been lost so far.

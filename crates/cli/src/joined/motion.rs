@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use polepair::quantity;
 use polepair_client::message::{Arguments, AxisInfo, AxisState, SignalValue};
-use polepair_client::{Lease, Live, Pending};
+use polepair_client::{Lease, Live, Pending, unit};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
@@ -56,23 +56,6 @@ pub fn argument(axis: &AxisInfo, verb: Verb, name: &str, text: &str) -> Result<f
             .hint(format!("{text}{}", unit.symbol())));
     }
     measure.si(unit).map_err(outcome::error)
-}
-
-/// What is measured in an SI unit.
-fn unit(si: &str) -> Unit {
-    match si {
-        "rad" => Unit::Radian,
-        "rad/s" => Unit::Rpm,
-        "rad/s²" => Unit::RpmPerSecond,
-        "m" => Unit::Millimetre,
-        "m/s" => Unit::MillimetrePerSecond,
-        "m/s²" => Unit::MillimetrePerSecondSquared,
-        "N·m" => Unit::NewtonMetre,
-        "A" => Unit::Ampere,
-        "V" => Unit::Volt,
-        "s" => Unit::Second,
-        _ => Unit::Percent,
-    }
 }
 
 /// An axis that is ours.
@@ -177,14 +160,14 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
             return Err(Problem::interrupted());
         }
         match pending.wait(LOOK) {
-            Ok(true) => return Ok(()),
-            Ok(false) if clock::now() >= deadline => {
+            Ok(Some(())) => return Ok(()),
+            Ok(None) if clock::now() >= deadline => {
                 let what = format!("{}: {} did not end in time.", taken.axis.label, verb.name());
                 return Err(Problem::new(Exit::Negative, "E101", what)
                     .why("The drive took the command, but what was waited for did not come.")
                     .hint("give it more time: --timeout"));
             }
-            Ok(false) => {}
+            Ok(None) => {}
             Err(error) => return Err(refused(error)),
         }
         taken.lease.check().map_err(refused)?;

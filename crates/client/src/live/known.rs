@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::task::Waker;
 use std::time::Duration;
 
 use polepair_core::time::Instant;
@@ -198,6 +199,8 @@ struct Samples {
     last: Option<(Sample, Instant)>,
     /// What the server lost on the way, and what was lost here.
     lost: (u64, u64),
+    /// Who waits for the next.
+    waits: Option<Waker>,
 }
 
 impl Feed {
@@ -212,6 +215,25 @@ impl Feed {
             feed.waiting.push_back(*sample);
             feed.last = Some((*sample, at));
         }
+        drop(feed);
+        self.wake();
+    }
+
+    /// True when there is something to drain; else the waker is woken once there is. The last who
+    /// waits is the one who is woken.
+    pub fn ready_or_wake(&self, waker: &Waker) -> bool {
+        let mut feed = self.lock();
+        let ready = !feed.waiting.is_empty();
+        if !ready {
+            feed.waits = Some(waker.clone());
+        }
+        ready
+    }
+
+    /// Wakes whoever waits.
+    pub fn wake(&self) {
+        let waits = self.lock().waits.take();
+        waits.into_iter().for_each(Waker::wake);
     }
 
     /// The last sample, if it came within so long.

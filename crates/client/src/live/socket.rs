@@ -9,7 +9,7 @@ use hyper::header::{AUTHORIZATION, HeaderValue, SEC_WEBSOCKET_PROTOCOL};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_messages::{
-    ClientMessage, Ended, ErrorBody, LeaseAct, Outcome, PROTOCOL, ServerMessage, telemetry,
+    ClientMessage, ErrorBody, LeaseAct, PROTOCOL, ServerMessage, telemetry,
 };
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval, timeout};
@@ -20,6 +20,7 @@ use tokio_tungstenite::{WebSocketStream, client_async};
 use super::asked::{Asked, One};
 use super::{Ask, Channel, Feed, Known, Passing, Tell};
 use crate::Refused;
+use crate::lease::ended;
 use crate::rest::{lost, nonsense};
 use crate::wire::{Stream, Wire, broken};
 
@@ -121,6 +122,7 @@ impl Task {
             }
         };
         self.known.set_lost(ended.clone());
+        self.wake();
         // Who waited has gone, or hears it; here and below.
         self.commands.into_values().for_each(|tell| drop(tell.send(Err(ended.clone()))));
         let leases = self.leases.into_values().flat_map(Asked::into_tells);
@@ -143,6 +145,11 @@ impl Task {
             self.say(&ClientMessage::Ping { client_ms: 0.0 }).await?;
         }
         self.unwatch().await
+    }
+
+    /// Has whoever watches look whether there is still something to see.
+    fn wake(&self) {
+        self.feeds.values().filter_map(Weak::upgrade).for_each(|feed| feed.wake());
     }
 
     /// Ends channels and frames that nobody watches any more.
@@ -239,7 +246,10 @@ impl Task {
                 }
                 self.known.set_state(state);
             }
-            ServerMessage::Bench(bench) => self.known.set_links(&bench),
+            ServerMessage::Bench(bench) => {
+                self.known.set_links(&bench);
+                self.wake();
+            }
             ServerMessage::Frames { items, lost } => {
                 if let Some(passing) = self.passing.as_ref().and_then(Weak::upgrade) {
                     passing.take(items, lost);
@@ -314,15 +324,4 @@ async fn say(socket: &mut Socket, text: String) -> Result<(), Refused> {
 fn over(error: &Refused) -> Refused {
     Refused::new("gateway.lease", format!("the lease ended: {}", error.message))
         .hint("somebody stopped the axis or took it over; the server's journal tells who")
-}
-
-fn ended(outcome: Outcome) -> Result<(), Refused> {
-    match (outcome.outcome, outcome.error) {
-        (Ended::Done, _) => Ok(()),
-        (_, Some(error)) => Err(error),
-        (Ended::NotDone, None) => Err(Refused::new("E601", "it was not done")),
-        (Ended::Unknown, None) => {
-            Err(Refused { executed: None, ..Refused::new("E401", "it may have been done") })
-        }
-    }
 }
