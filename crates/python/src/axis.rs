@@ -1,11 +1,12 @@
 //! One axis: its parameters, its verbs, what it tells.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use polepair::{Amount, Axis as Inner, Running, faults, start_together};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
-use polepair_core::profile::{self, Access, ParameterId, Persistence, Signal, Watchdog};
+use polepair_core::profile::{self, Access, ParameterId, Signal, Watchdog};
 use pyo3::prelude::*;
 use pyo3::pybacked::{PyBackedBytes, PyBackedStr};
 
@@ -13,6 +14,7 @@ use crate::errors::{raised, usage};
 use crate::events::Events;
 use crate::outside::Outside;
 use crate::request::{Request, SLICE};
+use crate::served;
 
 /// An axis of a link.
 #[pyclass(frozen, module = "polepair._polepair")]
@@ -30,51 +32,50 @@ impl From<Inner> for Axis {
 #[derive(Debug)]
 pub struct Parameter {
     /// The name that users type.
-    name: &'static str,
+    pub name: Cow<'static, str>,
     /// What the manual calls it.
-    symbol: &'static str,
+    pub symbol: Cow<'static, str>,
     /// What it does.
-    about: &'static str,
+    pub about: Cow<'static, str>,
     /// Its unit; empty for none.
-    unit: &'static str,
+    pub unit: Cow<'static, str>,
     /// Least and greatest raw value.
-    raw_range: (i64, i64),
+    pub raw_range: (i64, i64),
     /// Raw value from the factory.
-    raw_default: Option<i64>,
+    pub raw_default: Option<i64>,
     /// It can be read.
-    readable: bool,
+    pub readable: bool,
     /// It can be written.
-    writable: bool,
+    pub writable: bool,
     /// What a written value survives: volatile, storable, always, unless-ram.
-    persistence: &'static str,
+    pub persistence: Cow<'static, str>,
     /// Writing it may move the motor.
-    moves: bool,
+    pub moves: bool,
     /// Names of raw values.
-    words: Vec<(i64, &'static str)>,
+    pub words: Vec<(i64, Cow<'static, str>)>,
     /// Where it stands in the manual.
-    section: &'static str,
+    pub section: Cow<'static, str>,
 }
 
 impl From<&'static profile::Parameter> for Parameter {
     fn from(parameter: &'static profile::Parameter) -> Self {
         Self {
-            name: parameter.name,
-            symbol: parameter.symbol,
-            about: parameter.about,
-            unit: parameter.unit.symbol(),
+            name: parameter.name.into(),
+            symbol: parameter.symbol.into(),
+            about: parameter.about.into(),
+            unit: parameter.unit.symbol().into(),
             raw_range: (parameter.min, parameter.max),
             raw_default: parameter.default,
             readable: parameter.access != Access::Write,
             writable: parameter.access != Access::Read,
-            persistence: match parameter.persistence {
-                Persistence::Volatile => "volatile",
-                Persistence::Storable => "storable",
-                Persistence::Always => "always",
-                Persistence::UnlessRam => "unless-ram",
-            },
+            persistence: parameter.persistence.name().into(),
             moves: parameter.moves,
-            words: parameter.values.to_vec(),
-            section: parameter.section,
+            words: parameter
+                .values
+                .iter()
+                .map(|(raw, word)| (*raw, Cow::Borrowed(*word)))
+                .collect(),
+            section: parameter.section.into(),
         }
     }
 }
@@ -161,6 +162,15 @@ impl Axis {
             }
         }
     }
+
+    /// Whether its parameters are known without asking: always.
+    #[getter]
+    fn is_known(&self) -> bool {
+        true
+    }
+
+    /// Raises why motion is not its program's any more: on a link of one's own it always is.
+    fn check(&self) {}
 
     /// Every parameter.
     fn parameters(&self) -> Vec<Parameter> {
@@ -311,6 +321,25 @@ impl Axis {
         Ok(faults(self.0.profile(), code).into_iter().map(fault).collect())
     }
 
+    /// What is known without asking.
+    fn state(&self, py: Python<'_>) -> PyResult<Known> {
+        self.done(py, |axis| {
+            let (state, now) = (axis.state(), axis.connection().now());
+            let flag = |signal| {
+                let known = axis.profile().signal(signal).and(state.reading(signal).at);
+                known.map(|_| state.reading(signal).raw != 0)
+            };
+            let moving = flag(Signal::Moving).or_else(|| axis.turns());
+            let readings = axis.profile().signals.iter().filter_map(|source| {
+                let reading = state.reading(source.signal);
+                let age = now.since(reading.at?).as_secs_f64();
+                Some((source.signal.name().to_owned(), reading.value, age))
+            });
+            let (mode, enabled) = (axis.mode(&state), flag(Signal::Enabled));
+            Ok((mode, enabled, state.armed, moving, readings.collect(), None))
+        })
+    }
+
     /// Seconds on the link's own clock.
     #[getter]
     fn now(&self, py: Python<'_>) -> PyResult<f64> {
@@ -334,13 +363,21 @@ impl Axis {
     }
 }
 
+/// Mode, powered, armed, moving; signals with values and their age in seconds; who commands it.
+pub type Known =
+    (Option<String>, Option<bool>, bool, Option<bool>, Vec<(String, f64, f64)>, Option<String>);
+
 /// A move of one axis: verb, target, velocity, acceleration.
-type Move = (Py<Axis>, String, Option<Given>, Option<Given>, Option<Given>);
+type Move<'py> = (Bound<'py, PyAny>, String, Option<Given>, Option<Given>, Option<Given>);
 
 /// Starts moves of several axes of one wire at one signal on the bus.
 #[pyfunction]
-pub fn begin_together(py: Python<'_>, moves: Vec<Move>) -> PyResult<()> {
+pub fn begin_together(py: Python<'_>, moves: Vec<Move<'_>>) -> PyResult<()> {
     let moves = moves.into_iter().map(|(axis, verb, target, velocity, acceleration)| {
+        let Ok(axis) = axis.cast::<Axis>() else {
+            let hint = "sync=False starts one after the other; or open the link in this program";
+            return Err(served::cannot(py, "a start at one signal", hint));
+        };
         let axis = axis.get();
         let command = axis.command(py, &verb, [target, velocity, acceleration, None, None])?;
         Ok((axis.0.ours(py)?.clone(), command))

@@ -1,6 +1,7 @@
 //! The library's errors as Python's exceptions, which the Python half defines.
 
 use polepair::Error;
+use polepair_client::Refused;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
@@ -14,6 +15,19 @@ pub fn raised(py: Python<'_>, error: &Error) -> PyErr {
     let made = class(py, error.exception().name()).and_then(|class| {
         class.call1((error.to_string(), error.code(), error.executed(), error.hint()))
     });
+    made.map_or_else(|error| error, PyErr::from_value)
+}
+
+/// The exception for what a server refused, or what became of it: the same as for a link of one's own.
+pub fn told(py: Python<'_>, refused: &Refused) -> PyErr {
+    let what = match refused.executed {
+        None if !refused.message.contains("executed") => {
+            format!("{}; it may have been executed", refused.message)
+        }
+        _ => refused.message.clone(),
+    };
+    let made = class(py, refused.exception().name())
+        .and_then(|class| class.call1((what, &*refused.code, refused.executed, &*refused.hint)));
     made.map_or_else(|error| error, PyErr::from_value)
 }
 

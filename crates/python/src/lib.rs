@@ -23,6 +23,7 @@ mod layout;
 mod link;
 mod outside;
 mod request;
+mod served;
 mod simulation;
 mod wiretrace;
 
@@ -38,6 +39,12 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<request::Request>()?;
     module.add_class::<events::Events>()?;
     module.add_class::<bus::CanWire>()?;
+    module.add_class::<served::Link>()?;
+    module.add_class::<served::Axis>()?;
+    module.add_class::<served::Request>()?;
+    module.add_class::<served::Read>()?;
+    module.add_class::<served::Amount>()?;
+    module.add_class::<served::Watch>()?;
     module.add_class::<simulation::Simulation>()?;
     module.add_class::<simulation::Truth>()?;
     module.add_class::<capture::Decoder>()?;
@@ -48,6 +55,7 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<layout::Layout>()?;
     module.add_function(wrap_pyfunction!(link::connect, module)?)?;
     module.add_function(wrap_pyfunction!(link::connect_over, module)?)?;
+    module.add_function(wrap_pyfunction!(served::join, module)?)?;
     module.add_function(wrap_pyfunction!(link::scan, module)?)?;
     module.add_function(wrap_pyfunction!(link::profiles, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::rack_of_word, module)?)?;

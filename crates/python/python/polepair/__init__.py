@@ -15,9 +15,8 @@ from os import PathLike
 from typing import TYPE_CHECKING, NamedTuple
 
 from . import _polepair as _native
-from ._adapters import SerialPort, adapter
-from ._axis import Fault
-from ._link import Losses, Simulation
+from ._axis import Fault, Reading, State
+from ._link import Losses, Simulation, opened
 from ._polepair import Codec, Event, Layout, Parameter, Truth, __version__
 from ._sync import (
     Armed,
@@ -28,9 +27,8 @@ from ._sync import (
     Motion,
     Parameters,
     RawParameters,
+    Watch,
 )
-from .captures import Capture, decode
-from .columns import Arrays, Table, Tables
 from .errors import DriveFault, NoReply, PolepairError, ProtocolError, Refused, Unsupported
 from .quantity import Amount, Quantity
 
@@ -39,6 +37,9 @@ if TYPE_CHECKING:
 
     from . import aio as aio
     from . import events as events
+    from ._adapters import SerialPort
+    from .captures import Capture, decode
+    from .columns import Arrays, Table, Tables
     from .events import Events, Happening, Subscription
     from .explained import Explained, Meaning, Part, explain
     from .trace import StepResponse, Trace
@@ -72,8 +73,10 @@ __all__ = [
     "ProtocolError",
     "Quantity",
     "RawParameters",
+    "Reading",
     "Refused",
     "Simulation",
+    "State",
     "StepResponse",
     "Subscription",
     "Table",
@@ -81,6 +84,7 @@ __all__ = [
     "Trace",
     "Truth",
     "Unsupported",
+    "Watch",
     "__version__",
     "aio",
     "connect",
@@ -116,8 +120,14 @@ def connect(
     options: str = "",
     profile: str | PathLike[str] | None = None,
     trace: bool = False,
+    token_file: str | PathLike[str] | None = None,
+    certificate: str | PathLike[str] | None = None,
 ) -> Link:
     """Opens a link: `tmcl+serial:///dev/ttyUSB0:9600#1`, `canopen+socketcan://can0#2`, `sim:tmcl`.
+
+    Or joins a `polepair serve` that has it open: `ws://127.0.0.1:7365`, `wss://HOST:7365`. Its token
+    is the first of `token_file`, else `POLEPAIR_TOKEN`, else that of this account's own server;
+    `certificate` is the file or the SHA-256 of what an encrypted server must have, else its own.
 
     Or takes one that is open: any bus of python-can, any port as pyserial has them. Then `protocol`
     and `axes` say what the string would, and `options` its keys (`timeout=50&profile=tmcm-171`).
@@ -128,14 +138,15 @@ def connect(
     if isinstance(url, str):
         if protocol is not None or axes or options:
             raise TypeError("a connection string says protocol, axes and options itself")
-        return Link(_native.connect(url, profile, trace))
+        return Link(opened(url, profile, trace, token_file, certificate))
     if protocol is None:
         raise TypeError("an opened adapter does not say its protocol: name it, protocol='canopen'")
+    from ._adapters import adapter
+
     taken, name, can_bus = adapter(url)
-    opened = _native.connect_over(
-        taken, name, can_bus, protocol, list(axes), options, profile
+    return Link(
+        _native.connect_over(taken, name, can_bus, protocol, list(axes), options, profile)
     )
-    return Link(opened)
 
 
 def scan(
@@ -184,6 +195,8 @@ if hasattr(os, "register_at_fork"):
 
 # What takes long to import, and not every program uses.
 _LATER = {
+    "Arrays": "columns",
+    "Capture": "captures",
     "Events": "events",
     "Explained": "explained",
     "Happening": "events",
@@ -191,8 +204,11 @@ _LATER = {
     "Part": "explained",
     "StepResponse": "trace",
     "Subscription": "events",
+    "Table": "columns",
+    "Tables": "columns",
     "Trace": "trace",
     "aio": "aio",
+    "decode": "captures",
     "events": "events",
     "explain": "explained",
 }

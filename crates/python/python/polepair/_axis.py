@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from . import _polepair as native
 from ._steps import Call, Steps, Wait
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
 TIMEOUT = 60.0
 """Seconds that a move or a homing may take where the caller does not say."""
 
+
+ANSWER = 0.05
+"""Seconds that a server has to say at once whether a move has arrived."""
+
+Asked: TypeAlias = list[native.Request | native.ServedRequest]
+"""Whether a move has arrived, if that was asked and not answered yet."""
 
 ELSEWHERE = "what is open belongs to this process; pass the connection string, and connect there"
 """Why nothing that is open can be sent to another process."""
@@ -48,12 +55,38 @@ class Fault(NamedTuple):
         return f"{self.name}: {self.text}"
 
 
+class Reading(NamedTuple):
+    """A signal's last value."""
+
+    value: float
+    """SI; NaN while a setting that the scale depends on was never read."""
+    age: float
+    """Seconds since it was read."""
+
+
+class State(NamedTuple):
+    """What is known of an axis without asking its drive."""
+
+    mode: str | None
+    """Mode of operation in words; None while not known, here and below."""
+    enabled: bool | None
+    """The motor is powered."""
+    armed: bool
+    """Motion commands are let through."""
+    moving: bool | None
+    """It moves."""
+    readings: dict[str, Reading]
+    """Every signal that was read. A server reads them all the time, a link when it is asked."""
+    owner: str | None
+    """Who commands it, by the server's word; None for nobody, and on a link of one's own."""
+
+
 class AxisSteps:
     """An axis: the verbs as steps. `Axis` and `aio.Axis` are what callers use."""
 
     __slots__ = ("_native",)
 
-    def __init__(self, axis: native.Axis) -> None:
+    def __init__(self, axis: native.Axis | native.ServedAxis) -> None:
         self._native = axis
 
     @property
@@ -93,7 +126,7 @@ class AxisSteps:
 
     @property
     def signals(self) -> dict[str, str]:
-        """What it tells of itself, with the unit of the drive's own parameter."""
+        """What it tells of itself, with the unit of the drive's own parameter; of a server in SI."""
         return dict(self._native.signals())
 
     @property
@@ -124,7 +157,7 @@ class AxisSteps:
         started = yield from self._begin(verb, **arguments)
         yield Wait(started)
 
-    def _begin(self, verb: str, **arguments: float | str | None) -> Steps[native.Request]:
+    def _begin(self, verb: str, **arguments: float | str | None) -> Steps[native.Request | native.ServedRequest]:
         order = ("target", "velocity", "acceleration", "torque", "jerk_time")
         values = [arguments.get(name) for name in order]
         return (yield Call(self._native.start, verb, *values))  # type: ignore[no-any-return]
@@ -180,21 +213,36 @@ class AxisSteps:
 
     def _reached(self, timeout: float = TIMEOUT) -> Steps[bool]:
         """Waits until the last move has arrived, at most `timeout` seconds; False if it has not."""
-        started = yield from self._begin("reached")
+        return (yield from self._arrived([], timeout))
+
+    def _arrived(self, asked: Asked, timeout: float) -> Steps[bool]:
+        """The same. What is not answered by then is waited for again, and not asked again."""
+        # Other threads may ask as well.
+        going = next(iter(asked), None)
+        if going is None:
+            going = yield from self._begin("reached")
+            asked[:] = [going]
         try:
-            return (yield Wait(started, timeout)) is not None
-        except NoReply as error:
-            # The question was not answered, but the move it asks after had been sent.
-            error.executed = None
-            raise
+            if (yield Wait(going, timeout)) is None:
+                return False
+            asked.clear()
         except PolepairError as error:
-            if error.code == "E101":
+            asked.clear()
+            if isinstance(error, NoReply):
+                # The question was not answered, but the move it asks after had been sent.
+                error.executed = None
+            elif error.code == "E101":
                 return False
             raise
+        return True
 
-    def _arrive(self, timeout: float = TIMEOUT) -> Steps[None]:
+    def _done(self, asked: Asked) -> Steps[bool]:
+        """Whether it has arrived by now."""
+        return self._arrived(asked, ANSWER if isinstance(self._native, native.ServedAxis) else 0.0)
+
+    def _arrive(self, timeout: float = TIMEOUT, asked: Asked | None = None) -> Steps[None]:
         """Waits until the last move has arrived; raises `PolepairError` E101 if it has not."""
-        if not (yield from self._reached(timeout)):
+        if not (yield from self._arrived([] if asked is None else asked, timeout)):
             what = f"{self.label}: the move has not arrived within {timeout:g} s"
             hint = "look for a limit, a fault or a load; the axis goes on until it is stopped"
             raise PolepairError(what, "E101", False, hint)
@@ -266,21 +314,33 @@ class AxisSteps:
         rows = yield Call(self._native.faults)
         return [Fault(*row) for row in rows]
 
+    def _state(self) -> Steps[State]:
+        """What is known of it; nothing is asked of the drive, and every value has its age."""
+        mode, enabled, armed, moving, rows, owner = yield Call(self._native.state)
+        readings = {name: Reading(value, age) for name, value, age in rows}
+        return State(mode, enabled, armed, moving, readings, owner)
+
     def _raw(self, said: str | bytes, id: int | None = None) -> Steps[int]:
         """Sends a request in the protocol's own text or bytes, and gives the value answered."""
         return (yield Wait(self._native.start_raw(said, id)))  # type: ignore[no-any-return]
 
+    def _find(self, name: str) -> Steps[int]:
+        # A server is asked for its parameters once.
+        if self._native.is_known:
+            return self._native.find(name)
+        return (yield Call(self._native.find, name))  # type: ignore[no-any-return]
+
     def _get(self, name: str) -> Steps[Quantity]:
         """Reads a parameter by name, in its unit."""
-        at = self._native.find(name)
-        raw = yield Wait(self._native.start_read(at))
-        value, unit, word, text = yield Call(self._native.value, at, raw)
-        return Quantity(value, unit, raw=raw, word=word, text=text)
+        at = yield from self._find(name)
+        read = yield Wait(self._native.start_read(at))
+        value, unit, word, text = yield Call(self._native.value, at, read)
+        return Quantity(value, unit, raw=int(read), word=word, text=text)
 
     def _get_raw(self, name: str) -> Steps[int]:
         """Reads a parameter by name, as it lies in the drive."""
-        at = self._native.find(name)
-        return (yield Wait(self._native.start_read(at)))  # type: ignore[no-any-return]
+        at = yield from self._find(name)
+        return int((yield Wait(self._native.start_read(at))))
 
     def _set(self, name: str, amount: Amount, *, keep: bool = False) -> Steps[None]:
         """Writes a parameter by name: a number in its own unit, `"1200 mA"`, or one of its words.
@@ -288,26 +348,28 @@ class AxisSteps:
         Checked against its limits before a byte is sent. Permanent memory is left alone unless
         `keep` says otherwise.
         """
-        at = self._native.find(name)
+        at = yield from self._find(name)
         raw = yield Call(self._native.raw_of, at, given(amount))
         yield Wait(self._native.start_write(at, raw, keep))
 
     def _set_raw(self, name: str, raw: int, *, keep: bool = False) -> Steps[None]:
         """Writes a parameter by name, as it lies in the drive."""
-        yield Wait(self._native.start_write(self._native.find(name), raw, keep))
+        at = yield from self._find(name)
+        yield Wait(self._native.start_write(at, raw, keep))
 
     def _arm(self, watchdog: float | None) -> Steps[int | None]:
         """Arms and enables; gives the raw watchdog time that was there before, where it can be read.
 
         One that cannot be read stays as it was set here.
         """
-        before = yield from self._guard(watchdog)
-        self._native.arm(True)
+        yield Call(self._native.arm, True)
         try:
+            before = yield from self._guard(watchdog)
             if "enable" in self.verbs:
                 yield from self._enable()
         except BaseException:
-            self._native.arm(False)
+            with suppress(PolepairError):
+                self._native.arm(False)
             raise
         return before
 
@@ -321,21 +383,37 @@ class AxisSteps:
             what = f"{self.label} has no watchdog that stops it within {seconds:g} s"
             hint = "leave watchdog out, and have something else that stops the motor"
             raise Unsupported(what, "E218", False, hint)
-        info = self._native.parameters()[self._native.find(parameter)]
+        at = yield from self._find(parameter)
+        info = self._native.parameters()[at]
         before = (yield from self._get_raw(parameter)) if info.readable else None
         yield from self._set(parameter, f"{seconds!r} s")
         return before
 
+    def _is_ours(self) -> bool:
+        try:
+            self._native.check()
+        except PolepairError:
+            return False
+        return True
+
     def _release(self, before: int | None) -> Steps[None]:
         """Stops, disables and disarms; whatever fails, the rest is tried."""
         failed: BaseException | None = None
-        for verb in ("stop", "disable"):
+        try:
+            # What is ours no more was stopped by that, and may move for somebody else.
+            self._native.check()
+        except PolepairError as error:
+            failed = error
+        for verb in () if failed else ("stop", "disable"):
             if verb in self.verbs:
                 try:
                     yield from self._run(verb)
                 except PolepairError as error:
                     failed = failed or error
-        self._native.arm(False)
+        try:
+            yield Call(self._native.arm, False)
+        except PolepairError as error:
+            failed = failed or error
         if before is not None and failed is None:
             yield from self._set_raw(str(self._native.watchdog[2]), before)
         if failed is not None:

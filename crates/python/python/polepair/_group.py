@@ -80,12 +80,12 @@ class GroupSteps(Generic[A]):
 
     def _stop(self) -> Steps[None]:
         """Stops all of them: every stop is sent before the first is waited for."""
-        yield from self._each("stop")
+        yield from self._each("stop", self.axes)
 
-    def _each(self, verb: str) -> Steps[None]:
+    def _each(self, verb: str, axes: Iterable[A]) -> Steps[None]:
         """Tells all of them, whatever becomes of one; raises the first error."""
         begun, failed = [], None
-        for axis in self.axes:
+        for axis in axes:
             if verb in axis.verbs:
                 try:
                     begun.append((yield from axis._begin(verb)))
@@ -114,7 +114,9 @@ class GroupSteps(Generic[A]):
         tried."""
         failed: BaseException | None = None
         try:
-            yield from self._each("stop")
+            # The others were not armed here, or are ours no more: that has stopped them.
+            armed = self.axes[: len(before)]
+            yield from self._each("stop", [axis for axis in armed if axis._is_ours()])
         except PolepairError as error:
             failed = error
         for axis, watchdog in zip(self.axes, before, strict=False):

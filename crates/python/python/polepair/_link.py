@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from . import _polepair as native
@@ -12,8 +13,29 @@ from .errors import PolepairError
 if TYPE_CHECKING:
     from .events import AsyncEvents, Events, Happening, Subscription
 
+SERVERS = ("http://", "https://", "ws://", "wss://")
+"""What a server's URL begins with."""
+
 E = TypeVar("E", bound="Events | AsyncEvents")
 A = TypeVar("A", bound=AxisSteps)
+
+
+def opened(
+    url: str,
+    profile: str | PathLike[str] | None,
+    trace: bool,
+    token_file: str | PathLike[str] | None,
+    certificate: str | PathLike[str] | None,
+) -> native.Link | native.ServedLink:
+    """Opens a link, or joins the server of that URL."""
+    if url.startswith(SERVERS):
+        if profile is not None or trace:
+            raise TypeError("profile and trace are for who opens a link; a server has its own")
+        pinned = None if certificate is None else str(certificate)
+        return native.join(url, token_file, pinned)
+    if token_file is not None or certificate is not None:
+        raise TypeError(f"token_file and certificate are for a server's URL: {', '.join(SERVERS)}")
+    return native.connect(url, profile, trace)
 
 
 class Losses(NamedTuple):
@@ -36,12 +58,12 @@ class LinkOf(Generic[A]):
 
     __slots__ = ("_axes", "_listening", "_native")
 
-    def __init__(self, link: native.Link) -> None:
+    def __init__(self, link: native.Link | native.ServedLink) -> None:
         self._listening: list[Callable[[], Events | AsyncEvents | None]] = []
-        self._native: native.Link | None = link
+        self._native: native.Link | native.ServedLink | None = link
         self._axes = [self._axis(axis) for axis in link.axes()]
 
-    def _axis(self, axis: native.Axis) -> A:
+    def _axis(self, axis: native.Axis | native.ServedAxis) -> A:
         raise NotImplementedError
 
     @property
@@ -64,7 +86,8 @@ class LinkOf(Generic[A]):
         return Simulation(simulation)
 
     def axis(self, which: int | str) -> A:
-        """The axis of that number, or the one that a rack file calls so."""
+        """The axis of that number, or the one that a rack file calls so; `LINK#NUMBER` where a
+        server has several of a number."""
         link = self._open()
         return self._axis(link.axis(which) if isinstance(which, int) else link.named(which))
 
@@ -104,7 +127,7 @@ class LinkOf(Generic[A]):
         self._native = None
         self._axes = []
 
-    def _open(self) -> native.Link:
+    def _open(self) -> native.Link | native.ServedLink:
         if self._native is None:
             raise ValueError("this link is closed")
         return self._native

@@ -11,7 +11,7 @@ import functools
 from collections.abc import Callable, Generator
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from ._polepair import Events, Request
+from ._polepair import Events, Request, ServedRequest, ServedWatch
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -31,13 +31,25 @@ class Call:
 
 
 class Wait:
-    """The end of a request, or the next event; None when it did not come within `timeout` seconds."""
+    """The end of a request, or the next event or row; None when it did not come within `timeout`
+    seconds."""
 
     __slots__ = ("request", "timeout")
 
-    def __init__(self, request: Request | Events, timeout: float | None = None) -> None:
+    def __init__(
+        self,
+        request: Request | ServedRequest | Events | ServedWatch,
+        timeout: float | None = None,
+    ) -> None:
         self.request = request
         self.timeout = timeout
+
+
+def next_row(stream: ServedWatch) -> Steps[tuple[float, list[float]]]:
+    """The next row of what a server sends; others' samples may have to come first."""
+    while (row := (yield Wait(stream))) is None:
+        pass
+    return row  # type: ignore[no-any-return]
 
 
 def run(steps: Steps[R]) -> R:

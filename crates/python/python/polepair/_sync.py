@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Generator, Iterator, Mapping, MutableMapping
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from . import _polepair as native
-from ._axis import TIMEOUT, AxisSteps, Fault
+from ._axis import TIMEOUT, Asked, AxisSteps, Fault
 from ._group import GroupSteps, Targets
 from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
-from ._steps import Steps, blocking, run
+from ._steps import Steps, blocking, next_row, run
 from .errors import PolepairError
 from .quantity import Amount, Quantity
 
@@ -26,6 +26,7 @@ __all__ = [
     "Motion",
     "Parameters",
     "RawParameters",
+    "Watch",
 ]
 
 
@@ -59,6 +60,7 @@ class Axis(AxisSteps):
     reached = blocking(AxisSteps._reached)
     read = blocking(AxisSteps._read)
     capture = blocking(AxisSteps._capture)
+    state = blocking(AxisSteps._state)
     step = blocking(AxisSteps._step)
 
     def raw(self, said: str | bytes, *, id: int | None = None) -> int:
@@ -116,8 +118,19 @@ class Axis(AxisSteps):
 
     def watch(
         self, *signals: str, period: float = 0.1, seconds: float | None = None
-    ) -> Iterator[tuple[float, dict[str, float]]]:
-        """Reads signals again and again: seconds on the link's clock, and values in SI."""
+    ) -> Watch:
+        """Reads signals again and again: seconds since it began, and values in SI.
+
+        A server sends them as they come, and `lost` of what this returns counts what did not.
+        """
+        if isinstance(self._native, native.ServedAxis):
+            stream = self._native.watch(list(signals), period)
+            return Watch(_told(stream, signals, seconds), stream)
+        return Watch(self._polled(signals, period, seconds))
+
+    def _polled(
+        self, signals: tuple[str, ...], period: float, seconds: float | None
+    ) -> Generator[Row, None, None]:
         began = self._native.now
         while True:
             now = self._native.now
@@ -127,21 +140,61 @@ class Axis(AxisSteps):
             self._native.sleep(max(0.0, period - (self._native.now - now)))
 
 
+Row: TypeAlias = tuple[float, dict[str, float]]
+"""Seconds, and each signal's value."""
+
+
+class Watch(Iterator[Row]):
+    """Signals that are watched: rows of time and values, one after the other."""
+
+    __slots__ = ("_rows", "_stream")
+
+    def __init__(self, rows: Generator[Row, None, None], stream: native.ServedWatch | None = None) -> None:
+        self._rows = rows
+        self._stream = stream
+
+    def __next__(self) -> Row:
+        return next(self._rows)
+
+    @property
+    def lost(self) -> int:
+        """Samples that a server took and that did not come here, of the signal that lost most."""
+        return 0 if self._stream is None else self._stream.lost
+
+    def close(self) -> None:
+        """Ends it: nothing is watched any more."""
+        self._rows.close()
+        self._stream = None
+
+
+def _told(
+    stream: native.ServedWatch, signals: tuple[str, ...], seconds: float | None
+) -> Generator[Row, None, None]:
+    began: float | None = None
+    while True:
+        row = run(next_row(stream))
+        began = row[0] if began is None else began
+        if seconds is not None and row[0] - began >= seconds:
+            return
+        yield row[0] - began, dict(zip(signals, row[1], strict=True))
+
+
 class Motion:
     """A move under way."""
 
-    __slots__ = ("_axis",)
+    __slots__ = ("_asked", "_axis")
 
     def __init__(self, axis: Axis) -> None:
         self._axis = axis
+        self._asked: Asked = []
 
     def wait(self, timeout: float = TIMEOUT) -> None:
         """Waits until it has arrived; raises `PolepairError` E101 if it has not in time."""
-        run(self._axis._arrive(timeout))
+        run(self._axis._arrive(timeout, self._asked))
 
     def done(self) -> bool:
         """Whether it has arrived."""
-        return run(self._axis._reached(0.0))
+        return run(self._axis._done(self._asked))
 
     def cancel(self) -> None:
         """Stops the axis."""
@@ -317,7 +370,7 @@ class Link(LinkOf[Axis]):
 
     __slots__ = ()
 
-    def _axis(self, axis: native.Axis) -> Axis:
+    def _axis(self, axis: native.Axis | native.ServedAxis) -> Axis:
         return Axis(axis)
 
     def group(self, *which: int | str) -> Group:

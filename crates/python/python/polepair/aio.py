@@ -16,16 +16,17 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import AsyncIterator, Awaitable, Callable, Generator
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Generator
 from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from . import _polepair as native
-from ._axis import TIMEOUT, AxisSteps, Fault
+from ._axis import TIMEOUT, Asked, AxisSteps, Fault
 from ._group import GroupSteps, Targets
-from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
-from ._steps import Steps, Wait
+from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped, opened
+from ._steps import Steps, Wait, next_row
+from ._sync import Row
 from .errors import PolepairError
 from .quantity import Amount, Quantity
 
@@ -41,6 +42,7 @@ __all__ = [
     "Motion",
     "Opening",
     "Parameters",
+    "Watch",
     "connect",
 ]
 
@@ -109,7 +111,9 @@ class Axis(AxisSteps):
 
     __slots__ = ("_turns",)
 
-    def __init__(self, axis: native.Axis, turns: asyncio.Semaphore) -> None:
+    def __init__(
+        self, axis: native.Axis | native.ServedAxis, turns: asyncio.Semaphore
+    ) -> None:
         super().__init__(axis)
         self._turns = turns
 
@@ -132,6 +136,7 @@ class Axis(AxisSteps):
     home = awaitable(AxisSteps._home)
     reached = awaitable(AxisSteps._reached)
     capture = awaitable(AxisSteps._capture)
+    state = awaitable(AxisSteps._state)
     step = awaitable(AxisSteps._step)
 
     async def read(self, *signals: str) -> dict[str, float]:
@@ -181,10 +186,30 @@ class Axis(AxisSteps):
         """Lets it move within an `async with` block, whose end stops and disables it."""
         return Armed(self, watchdog)
 
-    async def watch(
-        self, *signals: str, period: float = 0.1
-    ) -> AsyncIterator[tuple[float, dict[str, float]]]:
-        """Reads signals again and again: seconds on the link's clock, and values in SI."""
+    def watch(self, *signals: str, period: float = 0.1) -> Watch:
+        """Reads signals again and again: seconds since it began, and values in SI.
+
+        A server sends them as they come, and `lost` of what this returns counts what did not.
+        """
+        if isinstance(self._native, native.ServedAxis):
+            return Watch(self._told(self._native, signals, period))
+        return Watch(self._polled(signals, period))
+
+    async def _told(
+        self, axis: native.ServedAxis, signals: tuple[str, ...], period: float
+    ) -> AsyncGenerator[Row | native.ServedWatch, None]:
+        loop = asyncio.get_running_loop()
+        stream = await loop.run_in_executor(None, axis.watch, list(signals), period)
+        yield stream
+        began: float | None = None
+        while True:
+            time, values = await arun(next_row(stream))
+            began = time if began is None else began
+            yield time - began, dict(zip(signals, values, strict=True))
+
+    async def _polled(
+        self, signals: tuple[str, ...], period: float
+    ) -> AsyncGenerator[Row, None]:
         began = self._native.now
         while True:
             now = self._native.now
@@ -192,17 +217,49 @@ class Axis(AxisSteps):
             await asyncio.sleep(max(0.0, period - (self._native.now - now)))
 
 
+class Watch(AsyncIterator[Row]):
+    """Signals that are watched: rows of time and values, one after the other."""
+
+    __slots__ = ("_rows", "_stream")
+
+    def __init__(self, rows: AsyncGenerator[Row | native.ServedWatch, None]) -> None:
+        self._rows = rows
+        self._stream: native.ServedWatch | None = None
+
+    async def __anext__(self) -> Row:
+        row = await anext(self._rows)
+        if isinstance(row, native.ServedWatch):
+            self._stream = row
+            return await self.__anext__()
+        return row
+
+    @property
+    def lost(self) -> int:
+        """Samples that a server took and that did not come here, of the signal that lost most."""
+        return 0 if self._stream is None else self._stream.lost
+
+    async def aclose(self) -> None:
+        """Ends it: nothing is watched any more."""
+        await self._rows.aclose()
+        self._stream = None
+
+
 class Motion:
     """A move under way; awaiting it waits until it has arrived."""
 
-    __slots__ = ("_axis",)
+    __slots__ = ("_asked", "_axis")
 
     def __init__(self, axis: Axis) -> None:
         self._axis = axis
+        self._asked: Asked = []
 
     async def wait(self, timeout: float = TIMEOUT) -> None:
         """Waits until it has arrived; raises `PolepairError` E101 if it has not in time."""
-        await arun(self._axis._arrive(timeout))
+        await arun(self._axis._arrive(timeout, self._asked))
+
+    async def done(self) -> bool:
+        """Whether it has arrived."""
+        return await arun(self._axis._done(self._asked))
 
     def __await__(self) -> Generator[None, None, None]:
         return self.wait().__await__()
@@ -355,11 +412,11 @@ class Link(LinkOf[Axis]):
 
     __slots__ = ("_turns",)
 
-    def __init__(self, link: native.Link) -> None:
+    def __init__(self, link: native.Link | native.ServedLink) -> None:
         self._turns = asyncio.Semaphore(TURNS)
         super().__init__(link)
 
-    def _axis(self, axis: native.Axis) -> Axis:
+    def _axis(self, axis: native.Axis | native.ServedAxis) -> Axis:
         return Axis(axis, self._turns)
 
     def group(self, *which: int | str) -> Group:
@@ -403,16 +460,15 @@ class Link(LinkOf[Axis]):
 class Opening:
     """A link on its way: awaited, or entered as it is."""
 
-    __slots__ = ("_link", "_profile", "_url")
+    __slots__ = ("_link", "_open_it")
 
-    def __init__(self, url: str, profile: str | PathLike[str] | None) -> None:
-        self._url = url
-        self._profile = profile
+    def __init__(self, open_it: Callable[[], native.Link | native.ServedLink]) -> None:
+        self._open_it = open_it
         self._link: Link | None = None
 
     async def _open(self) -> Link:
         loop = asyncio.get_running_loop()
-        return Link(await loop.run_in_executor(None, native.connect, self._url, self._profile))
+        return Link(await loop.run_in_executor(None, self._open_it))
 
     def __await__(self) -> Generator[Any, None, Link]:
         return self._open().__await__()
@@ -426,6 +482,12 @@ class Opening:
             self._link.close()
 
 
-def connect(url: str, *, profile: str | PathLike[str] | None = None) -> Opening:
-    """Opens a link, as `polepair.connect` does: `await` it, or `async with` it."""
-    return Opening(url, profile)
+def connect(
+    url: str,
+    *,
+    profile: str | PathLike[str] | None = None,
+    token_file: str | PathLike[str] | None = None,
+    certificate: str | PathLike[str] | None = None,
+) -> Opening:
+    """Opens a link or joins a server, as `polepair.connect` does: `await` it, or `async with` it."""
+    return Opening(functools.partial(opened, url, profile, False, token_file, certificate))

@@ -1,0 +1,473 @@
+//! One axis of a server, with the methods that a local one has.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+use std::time::Duration;
+
+use polepair::quantity;
+use polepair_client::message::{
+    ArgumentInfo, Arguments, AxisInfo, FaultTold, Given as Said, ParameterInfo, SignalValue,
+    WriteParameters,
+};
+use polepair_client::{Lease, Pending, Refused, unit};
+use polepair_core::profile::same_name;
+use polepair_core::time::Instant;
+use polepair_link::clock;
+use pyo3::prelude::*;
+
+use super::request::{Amount, Going, Read, Request, waited};
+use super::watch::Watch;
+use super::{ANSWER_MAX, Joined, cannot};
+use crate::axis::{Given, Known, Parameter};
+use crate::errors::{raised, told, usage};
+use crate::outside::Outside;
+use crate::request::SLICE;
+
+/// What a wait for an arrival may take that nobody bounds.
+const ARRIVE_MAX: Duration = Duration::from_secs(60);
+
+/// An axis of a server.
+#[pyclass(frozen, name = "ServedAxis", module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct Axis {
+    joined: Outside<Arc<Joined>>,
+    info: AxisInfo,
+}
+
+/// Code, name, text, cause, remedy, and whether it is a warning only.
+type Fault = (u32, String, String, String, String, bool);
+
+/// A raw value, or what the server is to make one of.
+#[derive(FromPyObject, Debug)]
+enum Wanted {
+    Amount(Py<Amount>),
+    Raw(i64),
+}
+
+impl From<&ParameterInfo> for Parameter {
+    fn from(info: &ParameterInfo) -> Self {
+        let owned = |text: &String| Cow::Owned(text.clone());
+        let words = info.word_values.iter().copied().zip(info.words.iter().map(owned));
+        Self {
+            name: owned(&info.name),
+            symbol: owned(&info.symbol),
+            about: owned(&info.about),
+            unit: owned(&info.unit),
+            raw_range: (info.raw_min, info.raw_max),
+            raw_default: info.raw_default,
+            readable: info.readable,
+            writable: info.writable,
+            persistence: owned(&info.persistence),
+            moves: info.moves,
+            words: words.collect(),
+            section: owned(&info.group),
+        }
+    }
+}
+
+#[pymethods]
+impl Axis {
+    #[getter]
+    fn number(&self) -> u32 {
+        self.info.number
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.info.name
+    }
+
+    #[getter]
+    fn label(&self) -> &str {
+        &self.info.label
+    }
+
+    #[getter]
+    fn protocol(&self) -> &str {
+        &self.info.protocol
+    }
+
+    /// The product's name and full title.
+    #[getter]
+    fn product(&self) -> (&str, &str) {
+        (&self.info.profile, &self.info.drive)
+    }
+
+    /// What to check before and after the first motion.
+    #[getter]
+    fn caution(&self) -> &str {
+        &self.info.caution
+    }
+
+    /// What the drive does when nobody talks to it: `none`, `fixed` with its seconds, or
+    /// `configurable` by a parameter.
+    #[getter]
+    fn watchdog(&self) -> (&'static str, Option<f64>, Option<&str>) {
+        match (self.info.watchdog_ms, self.info.watchdog_parameter.as_deref()) {
+            (Some(after_ms), _) => ("fixed", Some(f64::from(after_ms) / 1e3), None),
+            (None, Some(parameter)) => ("configurable", None, Some(parameter)),
+            (None, None) => ("none", None, None),
+        }
+    }
+
+    /// Whether its parameters are known without asking.
+    #[getter]
+    fn is_known(&self) -> bool {
+        self.joined.parameters[usize::from(self.info.id)].get().is_some()
+    }
+
+    /// Every parameter.
+    fn parameters(&self, py: Python<'_>) -> PyResult<Vec<Parameter>> {
+        let id = self.info.id;
+        self.done(py, |joined| Ok(joined.parameters(id)?.iter().map(Parameter::from).collect()))
+    }
+
+    /// The number of the parameter of that name.
+    fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
+        let id = self.info.id;
+        self.done(py, |joined| {
+            let has =
+                |its: &ParameterInfo| same_name(&its.name, name) || same_name(&its.symbol, name);
+            let at = joined.parameters(id)?.iter().position(has);
+            if let Some(at) = at.and_then(|at| u16::try_from(at).ok()) {
+                return Ok(at);
+            }
+            // The server knows the nearest name.
+            let unknown = || Refused::new("E213", format!("there is no parameter `{name}`"));
+            joined.gateway.parameter(id, name).and_then(|_| Err(unknown()))
+        })
+    }
+
+    /// Begins to read a parameter.
+    fn start_read(&self, py: Python<'_>, id: u16) -> PyResult<Request> {
+        let (axis, name) = (self.info.id, self.parameter_name(py, id)?);
+        let read =
+            self.joined.ours(py)?.gateway.start(move |gateway| gateway.parameter(axis, &name));
+        Ok(Request::new(Going::Read(read)))
+    }
+
+    /// Begins to write a parameter.
+    fn start_write(
+        &self,
+        py: Python<'_>,
+        id: u16,
+        wanted: Wanted,
+        keep: bool,
+    ) -> PyResult<Request> {
+        self.write(py, id, &wanted, keep).map(|written| Request::new(Going::Command(written)))
+    }
+
+    /// Begins a request in the protocol's own text.
+    #[pyo3(signature = (said, id=None))]
+    fn start_raw(
+        &self,
+        py: Python<'_>,
+        said: &Bound<'_, PyAny>,
+        id: Option<u32>,
+    ) -> PyResult<Request> {
+        self.say(py, said, id).map(|said| Request::new(Going::Number(said)))
+    }
+
+    /// Reads a parameter by name, raw.
+    fn read_raw(&self, py: Python<'_>, name: &str) -> PyResult<i64> {
+        let (axis, name) = (self.info.id, name.to_owned());
+        let joined = self.joined.ours(py)?;
+        let read = joined.gateway.start(move |gateway| gateway.parameter(axis, &name));
+        ended(py, read).map(|read| read.raw)
+    }
+
+    /// Writes a parameter by name, raw.
+    fn write_raw(&self, py: Python<'_>, name: &str, raw: i64) -> PyResult<()> {
+        let id = self.find(py, name)?;
+        let written = self.write(py, id, &Wanted::Raw(raw), false)?;
+        ended(py, written)
+    }
+
+    /// Sends a request in the protocol's own text, and waits for the answer.
+    #[pyo3(signature = (said, id=None))]
+    fn raw(&self, py: Python<'_>, said: &Bound<'_, PyAny>, id: Option<u32>) -> PyResult<i64> {
+        let said = self.say(py, said, id)?;
+        ended(py, said)
+    }
+
+    /// What the server is to make a raw value of.
+    #[expect(clippy::unused_self, reason = "a local axis looks into its profile")]
+    fn raw_of(&self, _id: u16, amount: Given) -> Amount {
+        Amount(match amount {
+            Given::Number(number) => Said::Number(number),
+            Given::Text(text) => Said::Text(text),
+        })
+    }
+
+    /// What was read as value, unit, word and text.
+    #[expect(clippy::unused_self, reason = "a local axis looks into its profile")]
+    fn value(&self, _id: u16, read: &Read) -> (f64, String, Option<String>, String) {
+        let read = &read.0;
+        let value = read.value.unwrap_or(f64::NAN);
+        (value, read.unit.clone(), read.word.clone(), read.text.clone())
+    }
+
+    /// Begins a verb. Arguments are SI numbers or text with a unit.
+    #[pyo3(signature = (verb, target=None, velocity=None, acceleration=None, torque=None, jerk_time=None))]
+    #[expect(clippy::too_many_arguments, reason = "they are a command's")]
+    fn start(
+        &self,
+        py: Python<'_>,
+        verb: &str,
+        target: Option<Given>,
+        velocity: Option<Given>,
+        acceleration: Option<Given>,
+        torque: Option<Given>,
+        jerk_time: Option<Given>,
+    ) -> PyResult<Request> {
+        let argument = |name, given: Option<Given>| {
+            given.map(|given| self.si(py, verb, name, &given)).transpose()
+        };
+        let arguments = Arguments {
+            target: argument("target", target)?,
+            velocity: argument("velocity", velocity)?,
+            acceleration: argument("acceleration", acceleration)?,
+            torque: argument("torque", torque)?,
+            jerk_time: argument("jerk_time", jerk_time)?,
+            period: None,
+        };
+        let started = self.done(py, |joined| self.begin(joined, verb, arguments))?;
+        Ok(Request::new(Going::Command(started)))
+    }
+
+    /// What an amount is in SI, as an argument of a verb: `target`, `velocity`, `torque`.
+    fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: Given) -> PyResult<f64> {
+        self.si(py, verb, argument, &amount)
+    }
+
+    /// Takes the axis and lets motion through, or no longer and gives it back.
+    fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
+        let id = self.info.id;
+        self.done(py, |joined| if armed { joined.arm(id) } else { joined.disarm(id) })
+    }
+
+    /// Whether motion commands of this program are let through.
+    #[getter]
+    fn is_armed(&self, py: Python<'_>) -> PyResult<bool> {
+        let id = self.info.id;
+        self.done(py, |joined| Ok(joined.armed(id).is_some_and(|lease| lease.check().is_ok())))
+    }
+
+    /// Raises why it is ours no more, if it was armed and is not.
+    fn check(&self, py: Python<'_>) -> PyResult<()> {
+        let id = self.info.id;
+        self.done(py, |joined| joined.armed(id).map_or(Ok(()), |lease| lease.check()))
+    }
+
+    fn events(&self, py: Python<'_>) -> PyResult<()> {
+        Err(cannot(
+            py,
+            "listening to events",
+            "watch signals, or ask `state()` and `faults()` again",
+        ))
+    }
+
+    /// Verbs that this drive has a plan for, and that a server lets through.
+    fn verbs(&self) -> Vec<&str> {
+        let verbs = self.info.verbs.iter().map(|info| &*info.verb);
+        verbs.filter(|verb| !["arm", "disarm"].contains(verb)).collect()
+    }
+
+    /// Signals that this drive tells, with their SI units.
+    fn signals(&self) -> Vec<(&str, &str)> {
+        self.info.signals.iter().map(|signal| (&*signal.signal, &*signal.unit)).collect()
+    }
+
+    /// Reads signals now, in SI.
+    fn read_signals(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<f64>> {
+        if names.is_empty() {
+            return Ok(Vec::new());
+        }
+        let axis = self.info.id;
+        let read = self.joined.ours(py)?.gateway.start(move |gateway| {
+            let words: Vec<String> = names.iter().map(|name| name.replace('_', " ")).collect();
+            gateway.signals(axis, &words.iter().map(String::as_str).collect::<Vec<_>>())
+        });
+        let read = ended(py, read)?;
+        Ok(read.into_iter().map(|read| read.value.unwrap_or(f64::NAN)).collect())
+    }
+
+    /// Faults that are there now: code, text, cause, remedy, and whether the drive goes on.
+    fn faults(&self, py: Python<'_>) -> PyResult<Vec<Fault>> {
+        let axis = self.info.id;
+        let asked = self.joined.ours(py)?.gateway.start(move |gateway| {
+            gateway.signals(axis, &["fault"])?;
+            Ok(gateway.axis(axis)?.faults)
+        });
+        let fault = |told: FaultTold| {
+            (told.code, told.symbol, told.name, told.cause, told.remedy, told.warning)
+        };
+        Ok(ended(py, asked)?.into_iter().map(fault).collect())
+    }
+
+    /// What the server knows of it.
+    fn state(&self, py: Python<'_>) -> PyResult<Known> {
+        let axis = self.info.id;
+        let asked = self.joined.ours(py)?.gateway.start(move |gateway| gateway.axis(axis));
+        let state = ended(py, asked)?;
+        let reading =
+            |read: SignalValue| (read.signal, read.value.unwrap_or(f64::NAN), read.age_ms / 1e3);
+        let readings = state.signals.into_iter().map(reading).collect();
+        let owner = state.lease.map(|lease| lease.owner);
+        Ok((state.mode, state.enabled, state.armed, state.moving, readings, owner))
+    }
+
+    /// Watches signals, one row each `period` seconds; they come by themselves.
+    fn watch(&self, py: Python<'_>, names: Vec<String>, period: f64) -> PyResult<Watch> {
+        let axis = self.info.id;
+        let words: Vec<String> = names.iter().map(|name| name.replace('_', " ")).collect();
+        let asked = self.done(py, |joined| {
+            let live = joined.live()?;
+            let watched = words.iter().map(|word| live.watch(axis, Some(word), None, 1.0 / period));
+            watched.collect::<Result<Vec<_>, _>>()
+        })?;
+        Ok(Watch::new(asked))
+    }
+
+    /// Seconds on this process' clock.
+    #[getter]
+    #[expect(clippy::unused_self, reason = "a local axis has its link's clock")]
+    fn now(&self) -> f64 {
+        clock::now().since(Instant::ZERO).as_secs_f64()
+    }
+
+    /// Waits.
+    #[expect(clippy::unused_self, reason = "a local axis has its link's clock")]
+    fn sleep(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+        let span = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
+        let end = clock::now() + span;
+        while clock::now() < end {
+            py.detach(|| clock::sleep_until(end.min(clock::now() + SLICE)));
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+}
+
+impl Axis {
+    pub(super) fn new(joined: &Arc<Joined>, info: AxisInfo) -> Self {
+        Self { joined: Arc::clone(joined).into(), info }
+    }
+
+    /// Does what may block, while other threads go on.
+    fn done<T: Send>(
+        &self,
+        py: Python<'_>,
+        what: impl Send + FnOnce(&Arc<Joined>) -> Result<T, Refused>,
+    ) -> PyResult<T> {
+        let joined = self.joined.ours(py)?;
+        py.detach(|| what(joined)).map_err(|refused| told(py, &refused))
+    }
+
+    /// Says a verb: by the lease that is held; what moves nothing goes without one.
+    fn begin(
+        &self,
+        joined: &Arc<Joined>,
+        verb: &str,
+        arguments: Arguments,
+    ) -> Result<Pending, Refused> {
+        let Some(info) = self.info.verbs.iter().find(|info| info.verb == verb) else {
+            let what = format!("{}: {} cannot {verb}", self.info.label, self.info.profile);
+            return Err(Refused::new("E218", what).hint(format!("it can {:?}", self.verbs())));
+        };
+        let id = self.info.id;
+        let held = joined.armed(id);
+        if ["stop", "quick-stop"].contains(&verb) {
+            return match held.filter(|lease| lease.check().is_ok()) {
+                Some(lease) => lease.start(verb, arguments),
+                None => Ok(joined.gateway.start(move |gateway| Joined::stop(gateway, vec![id]))),
+            };
+        }
+        if let Some(lease) = held {
+            lease.check()?;
+            return lease.start(verb, arguments);
+        }
+        if info.moves {
+            let what = format!("{}: {verb}: the axis is not armed", self.info.label);
+            let hint = "arm it first: motion needs an armed axis";
+            return Err(Refused::new("E219", what).hint(hint));
+        }
+        let (joined, verb) = (Arc::clone(joined), verb.to_owned());
+        let within = if verb == "reached" { ARRIVE_MAX } else { ANSWER_MAX };
+        let run = move |lease: &Lease| lease.run(&verb, arguments, within);
+        Ok(joined.gateway.clone().start(move |_| joined.with_lease(id, run)))
+    }
+
+    fn si(&self, py: Python<'_>, verb: &str, name: &str, given: &Given) -> PyResult<f64> {
+        let text = match given {
+            Given::Number(number) if number.is_finite() => return Ok(*number),
+            Given::Number(number) => {
+                return Err(usage(py, "E217", &format!("{number} is no finite number"), ""));
+            }
+            Given::Text(text) => text,
+        };
+        let info = self.info.verbs.iter().find(|info| info.verb == verb);
+        let is = |argument: &&ArgumentInfo| argument.name == name;
+        let argument = info.and_then(|info| info.arguments.iter().find(is));
+        let measure = quantity::parse(text);
+        let si = measure.and_then(|measure| match argument {
+            Some(argument) => measure.si(unit(&argument.unit)),
+            None => Ok(measure.si),
+        });
+        si.map_err(|error| raised(py, &error))
+    }
+
+    fn parameter_name(&self, py: Python<'_>, id: u16) -> PyResult<String> {
+        let axis = self.info.id;
+        self.done(py, |joined| {
+            let parameter = joined.parameters(axis)?.get(usize::from(id));
+            let none = || Refused::new("E213", format!("there is no parameter {id}"));
+            parameter.map(|parameter| parameter.name.clone()).ok_or_else(none)
+        })
+    }
+
+    fn write(&self, py: Python<'_>, id: u16, wanted: &Wanted, keep: bool) -> PyResult<Pending> {
+        let (axis, name) = (self.info.id, self.parameter_name(py, id)?);
+        let (given, raw) = match wanted {
+            Wanted::Amount(amount) => (amount.get().0.clone(), false),
+            // Every raw value of a drive is a whole number that a double has.
+            Wanted::Raw(raw) => (Said::Number(*raw as f64), true),
+        };
+        let joined = Arc::clone(self.joined.ours(py)?);
+        let write =
+            WriteParameters { values: [(name, given)].into(), keep, dry_run: false, raw, epoch: 0 };
+        Ok(joined.gateway.clone().start(move |gateway| {
+            joined.with_lease(axis, |lease| {
+                let write = WriteParameters { epoch: lease.epoch(), ..write };
+                gateway.write(axis, &write).map(drop)
+            })
+        }))
+    }
+
+    fn say(
+        &self,
+        py: Python<'_>,
+        said: &Bound<'_, PyAny>,
+        id: Option<u32>,
+    ) -> PyResult<Pending<i64>> {
+        let Ok(text) = said.extract::<String>() else {
+            return Err(cannot(py, "sending bytes", "say it in the protocol's own text"));
+        };
+        if id.is_some() {
+            return Err(cannot(
+                py,
+                "an identifier of one's own",
+                "say it in the protocol's own text",
+            ));
+        }
+        let (axis, joined) = (self.info.id, Arc::clone(self.joined.ours(py)?));
+        let say = move |lease: &Lease| lease.raw(&text);
+        Ok(joined.gateway.clone().start(move |_| joined.with_lease(axis, say)))
+    }
+}
+
+/// Waits for the end, however long that takes.
+fn ended<T: Clone + Send>(py: Python<'_>, mut pending: Pending<T>) -> PyResult<T> {
+    let came = waited(py, None, |slice| pending.wait(slice))?;
+    came.ok_or_else(|| usage(py, "E299", "nothing came of it", ""))
+}

@@ -1,0 +1,109 @@
+//! Signals of a server's axis as they come: rows of samples that belong together.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::Waker;
+
+use polepair_client::message::telemetry::Sample;
+use polepair_client::{Refused, Watched};
+use pyo3::prelude::*;
+
+use super::request::waited;
+use crate::outside::Outside;
+use crate::request::Call;
+
+/// Signals that are watched, until this goes.
+#[pyclass(frozen, name = "ServedWatch", module = "polepair._polepair")]
+#[derive(Debug)]
+pub struct Watch(Outside<Mutex<Rows>>);
+
+/// Samples of each signal that wait for those of the others.
+#[derive(Debug)]
+struct Rows {
+    watched: Vec<(Watched, VecDeque<Sample>)>,
+    /// Samples of each that were lost on the way.
+    lost: Vec<u64>,
+}
+
+/// Seconds since the server's start, and a value of each signal.
+type Row = (f64, Vec<f64>);
+
+impl Watch {
+    pub(super) fn new(watched: Vec<Watched>) -> Self {
+        let lost = vec![0; watched.len()];
+        let watched = watched.into_iter().map(|watched| (watched, VecDeque::new())).collect();
+        Self(Mutex::new(Rows { watched, lost }).into())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Rows> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Rows {
+    /// The next row, if all of it is there: of each signal the last sample that is no later than the
+    /// latest of the first ones. Nothing is interpolated.
+    fn next(&mut self) -> Result<Option<Row>, Refused> {
+        for ((watched, waiting), lost) in self.watched.iter_mut().zip(&mut self.lost) {
+            if waiting.is_empty() {
+                let (samples, lost_so_far) = watched.drain()?;
+                waiting.extend(samples);
+                *lost = lost_so_far;
+            }
+        }
+        let firsts = self.watched.iter().map(|(_, waiting)| waiting.front().map(|s| s.t_us));
+        let Some(at) = firsts.collect::<Option<Vec<_>>>().and_then(|all| all.into_iter().max())
+        else {
+            return Ok(None);
+        };
+        let values = self.watched.iter_mut().map(|(_, waiting)| {
+            while waiting.get(1).is_some_and(|sample| sample.t_us <= at) {
+                waiting.pop_front();
+            }
+            waiting.pop_front().map_or(f64::NAN, |sample| sample.value)
+        });
+        Ok(Some((at as f64 / 1e6, values.collect())))
+    }
+
+    /// What is waited for: the first signal that has nothing.
+    fn missing(&self) -> Option<&Watched> {
+        self.watched.iter().find(|(_, waiting)| waiting.is_empty()).map(|(watched, _)| watched)
+    }
+}
+
+#[pymethods]
+impl Watch {
+    /// Waits for the next row, at most `timeout` seconds.
+    #[pyo3(signature = (timeout=None))]
+    fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<Row>> {
+        self.0.ours(py)?;
+        waited(py, timeout, |slice| {
+            let mut rows = self.lock();
+            let row = rows.next()?;
+            if row.is_some() || slice.is_zero() {
+                return Ok(row);
+            }
+            if let Some(missing) = rows.missing() {
+                missing.wait(slice);
+            }
+            rows.next()
+        })
+    }
+
+    /// Calls `wake` from some thread once there may be a row; true when there may be one already.
+    fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
+        self.0.ours(py)?;
+        let waker = Waker::from(Arc::new(Call(wake)));
+        Ok(py.detach(|| {
+            let rows = self.lock();
+            rows.missing().is_none_or(|missing| missing.ready_or_wake(&waker))
+        }))
+    }
+
+    /// Samples that were lost on the way so far, of the signal that lost most.
+    #[getter]
+    fn lost(&self, py: Python<'_>) -> PyResult<u64> {
+        self.0.ours(py)?;
+        Ok(py.detach(|| self.lock().lost.iter().copied().max().unwrap_or_default()))
+    }
+}
