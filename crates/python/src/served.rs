@@ -56,14 +56,17 @@ struct Place {
 
 /// Joins a server.
 #[pyfunction]
-#[pyo3(signature = (url, token_file=None, certificate=None))]
+#[pyo3(signature = (url, token_file=None, certificate=None, client_cert=None, client_key=None))]
 pub fn join(
     py: Python<'_>,
     url: String,
     token_file: Option<PathBuf>,
     certificate: Option<String>,
+    client_cert: Option<PathBuf>,
+    client_key: Option<PathBuf>,
 ) -> PyResult<Link> {
-    let joined = py.detach(|| Joined::new(&Options { url, token_file, certificate }));
+    let options = Options { url, token_file, certificate, client_cert, client_key };
+    let joined = py.detach(|| Joined::new(&options));
     Ok(Link(Arc::new(joined.map_err(|refused| told(py, &refused))?).into()))
 }
 

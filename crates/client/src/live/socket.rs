@@ -8,9 +8,7 @@ use futures_util::{SinkExt as _, StreamExt as _};
 use hyper::header::{AUTHORIZATION, HeaderValue, SEC_WEBSOCKET_PROTOCOL};
 use polepair_core::time::Instant;
 use polepair_link::clock;
-use polepair_messages::{
-    ClientMessage, ErrorBody, LeaseAct, PROTOCOL, ServerMessage, telemetry,
-};
+use polepair_messages::{ClientMessage, ErrorBody, LeaseAct, PROTOCOL, ServerMessage, telemetry};
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval, timeout};
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;

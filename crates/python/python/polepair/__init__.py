@@ -122,12 +122,15 @@ def connect(
     trace: bool = False,
     token_file: str | PathLike[str] | None = None,
     certificate: str | PathLike[str] | None = None,
+    client_cert: str | PathLike[str] | None = None,
+    client_key: str | PathLike[str] | None = None,
 ) -> Link:
     """Opens a link: `tmcl+serial:///dev/ttyUSB0:9600#1`, `canopen+socketcan://can0#2`, `sim:tmcl`.
 
     Or joins a `polepair serve` that has it open: `ws://127.0.0.1:7365`, `wss://HOST:7365`. Its token
-    is the first of `token_file`, else `POLEPAIR_TOKEN`, else that of this account's own server;
-    `certificate` is the file or the SHA-256 of what an encrypted server must have, else its own.
+    is the first of `token_file`, else `POLEPAIR_TOKEN`, else that of this account's own server on
+    this machine; `certificate` is the file or the SHA-256 of what an encrypted server must have, else
+    its own; `client_cert` with `client_key` is what a server is shown that wants one.
 
     Or takes one that is open: any bus of python-can, any port as pyserial has them. Then `protocol`
     and `axes` say what the string would, and `options` its keys (`timeout=50&profile=tmcm-171`).
@@ -138,7 +141,9 @@ def connect(
     if isinstance(url, str):
         if protocol is not None or axes or options:
             raise TypeError("a connection string says protocol, axes and options itself")
-        return Link(opened(url, profile, trace, token_file, certificate))
+        return Link(
+            opened(url, profile, trace, token_file, certificate, client_cert, client_key)
+        )
     if protocol is None:
         raise TypeError("an opened adapter does not say its protocol: name it, protocol='canopen'")
     from ._adapters import adapter

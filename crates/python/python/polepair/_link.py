@@ -26,15 +26,17 @@ def opened(
     trace: bool,
     token_file: str | PathLike[str] | None,
     certificate: str | PathLike[str] | None,
+    client_cert: str | PathLike[str] | None,
+    client_key: str | PathLike[str] | None,
 ) -> native.Link | native.ServedLink:
     """Opens a link, or joins the server of that URL."""
     if url.startswith(SERVERS):
         if profile is not None or trace:
             raise TypeError("profile and trace are for who opens a link; a server has its own")
         pinned = None if certificate is None else str(certificate)
-        return native.join(url, token_file, pinned)
-    if token_file is not None or certificate is not None:
-        raise TypeError(f"token_file and certificate are for a server's URL: {', '.join(SERVERS)}")
+        return native.join(url, token_file, pinned, client_cert, client_key)
+    if any(one is not None for one in (token_file, certificate, client_cert, client_key)):
+        raise TypeError(f"tokens and certificates are for a server's URL: {', '.join(SERVERS)}")
     return native.connect(url, profile, trace)
 
 

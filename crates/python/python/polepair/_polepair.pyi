@@ -13,6 +13,8 @@ def join(
     url: str,
     token_file: str | PathLike[str] | None = None,
     certificate: str | None = None,
+    client_cert: str | PathLike[str] | None = None,
+    client_key: str | PathLike[str] | None = None,
 ) -> ServedLink: ...
 def connect_over(
     adapter: object,

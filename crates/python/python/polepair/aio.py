@@ -488,6 +488,9 @@ def connect(
     profile: str | PathLike[str] | None = None,
     token_file: str | PathLike[str] | None = None,
     certificate: str | PathLike[str] | None = None,
+    client_cert: str | PathLike[str] | None = None,
+    client_key: str | PathLike[str] | None = None,
 ) -> Opening:
     """Opens a link or joins a server, as `polepair.connect` does: `await` it, or `async with` it."""
-    return Opening(functools.partial(opened, url, profile, False, token_file, certificate))
+    pinned = (token_file, certificate, client_cert, client_key)
+    return Opening(functools.partial(opened, url, profile, False, *pinned))
