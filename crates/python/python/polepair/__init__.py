@@ -12,12 +12,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from os import PathLike
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from . import _polepair as _native
-from ._axis import Fault, Reading, State
-from ._link import Losses, Simulation, opened
+from ._link import Simulation, opened
 from ._polepair import Codec, Event, Layout, Parameter, Truth, __version__
+from ._records import Fault, Found, Losses, Reading, State
 from ._sync import (
     Armed,
     Axis,
@@ -95,21 +95,6 @@ __all__ = [
     "profiles",
     "scan",
 ]
-
-
-class Found(NamedTuple):
-    """A drive that answered a scan."""
-
-    number: int
-    """Its address."""
-    product: str
-    """The product's name, as profiles have it."""
-    title: str
-    """The product's full name."""
-    known: str
-    """How that is known."""
-    clash: str | None
-    """Set when two drives may have this address."""
 
 
 def connect(

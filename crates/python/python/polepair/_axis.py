@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from . import _polepair as native
+from ._records import Fault, Reading, State
 from ._steps import Call, Steps, Wait
 from .errors import NoReply, PolepairError, Unsupported
 from .quantity import Amount, Quantity, given
@@ -33,52 +34,6 @@ STEPS = {
     "torque": ("torque", "torque"),
 }
 """What a step can be of: the verb that tells it, and which of its arguments."""
-
-
-class Fault(NamedTuple):
-    """A fault or a warning that a drive reports, in the words of its profile."""
-
-    code: int
-    """The drive's code, or the bit in its flag word."""
-    name: str
-    """The manual's short name."""
-    text: str
-    """What happened."""
-    cause: str
-    """Why it usually happens."""
-    remedy: str
-    """What to do."""
-    warning: bool
-    """The drive goes on."""
-
-    def __str__(self) -> str:
-        return f"{self.name}: {self.text}"
-
-
-class Reading(NamedTuple):
-    """A signal's last value."""
-
-    value: float
-    """SI; NaN while a setting that the scale depends on was never read."""
-    age: float
-    """Seconds since it was read."""
-
-
-class State(NamedTuple):
-    """What is known of an axis without asking its drive."""
-
-    mode: str | None
-    """Mode of operation in words; None while not known, here and below."""
-    enabled: bool | None
-    """The motor is powered."""
-    armed: bool
-    """Motion commands are let through."""
-    moving: bool | None
-    """It moves."""
-    readings: dict[str, Reading]
-    """Every signal that was read. A server reads them all the time, a link when it is asked."""
-    owner: str | None
-    """Who commands it, by the server's word; None for nobody, and on a link of one's own."""
 
 
 class AxisSteps:

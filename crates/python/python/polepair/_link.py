@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from . import _polepair as native
 from ._axis import ELSEWHERE, AxisSteps
+from ._records import Losses
 from .errors import PolepairError
 
 if TYPE_CHECKING:
@@ -38,21 +39,6 @@ def opened(
     if any(one is not None for one in (token_file, certificate, client_cert, client_key)):
         raise TypeError(f"tokens and certificates are for a server's URL: {', '.join(SERVERS)}")
     return native.connect(url, profile, trace)
-
-
-class Losses(NamedTuple):
-    """What a wire noticed and could not hand on, since it was opened."""
-
-    wire: str
-    """Its name."""
-    overrun: int
-    """Frames or bytes that arrived and were thrown away because nobody took them in time."""
-    malformed: int
-    """What arrived and was no frame."""
-    errors: int
-    """Errors on the wire that a CAN controller reported."""
-    refused: int
-    """What the adapter would not send."""
 
 
 class LinkOf(Generic[A]):

@@ -7,9 +7,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, TypeAlias
 
 from . import _polepair as native
-from ._axis import TIMEOUT, Asked, AxisSteps, Fault
+from ._axis import TIMEOUT, Asked, AxisSteps
 from ._group import GroupSteps, Targets
 from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
+from ._records import Fault
 from ._steps import Steps, blocking, next_row, run
 from .errors import PolepairError
 from .quantity import Amount, Quantity

@@ -22,9 +22,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from . import _polepair as native
-from ._axis import TIMEOUT, Asked, AxisSteps, Fault
+from ._axis import TIMEOUT, Asked, AxisSteps
 from ._group import GroupSteps, Targets
 from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped, opened
+from ._records import Fault
 from ._steps import Steps, Wait, next_row
 from ._sync import Row
 from .errors import PolepairError

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from typing import Any, Union
 
 from . import _polepair as native
-from ._axis import ELSEWHERE, Fault
+from ._axis import ELSEWHERE
+from ._records import Fault
 from ._steps import Call, Steps, Wait, run
 
 __all__ = [

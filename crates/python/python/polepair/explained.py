@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from . import _polepair as native
-from ._axis import Fault
+from ._records import Fault
 
 __all__ = ["CanFrame", "Explained", "Meaning", "Part", "explain"]
 
