@@ -112,7 +112,9 @@ class AxisSteps:
         started = yield from self._begin(verb, **arguments)
         yield Wait(started)
 
-    def _begin(self, verb: str, **arguments: float | str | None) -> Steps[native.Request | native.ServedRequest]:
+    def _begin(
+        self, verb: str, **arguments: float | str | None
+    ) -> Steps[native.Request | native.ServedRequest]:
         order = ("target", "velocity", "acceleration", "torque", "jerk_time")
         values = [arguments.get(name) for name in order]
         return (yield Call(self._native.start, verb, *values))  # type: ignore[no-any-return]

@@ -1,6 +1,7 @@
 """What is told as a row of named values.
 
-Annotations are evaluated here, not kept as text: `typing` would compile each text anew at every import.
+Annotations are evaluated here, not kept as text: `typing` would compile each text anew whenever the
+package is imported.
 """
 
 from typing import NamedTuple

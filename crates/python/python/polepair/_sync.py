@@ -150,7 +150,9 @@ class Watch(Iterator[Row]):
 
     __slots__ = ("_rows", "_stream")
 
-    def __init__(self, rows: Generator[Row, None, None], stream: native.ServedWatch | None = None) -> None:
+    def __init__(
+        self, rows: Generator[Row, None, None], stream: native.ServedWatch | None = None
+    ) -> None:
         self._rows = rows
         self._stream = stream
 
