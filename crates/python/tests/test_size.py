@@ -31,3 +31,19 @@ def test_nothing_is_imported_that_is_not_needed() -> None:
     program = f"import sys, polepair; print([name for name in {heavy} if name in sys.modules])"
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "[]"
+
+
+def test_no_annotation_is_compiled() -> None:
+    program = """
+import builtins, typing
+compiled, own = [], builtins.compile
+def compile(source, filename, *rest, **more):
+    if filename == "<string>":
+        compiled.append(source)
+    return own(source, filename, *rest, **more)
+builtins.compile = compile
+import polepair
+print(compiled)
+"""
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"

@@ -14,10 +14,12 @@ from .errors import PolepairError
 if TYPE_CHECKING:
     from .events import AsyncEvents, Events, Happening, Subscription
 
+    # A bound that is text is compiled, and the first text that is makes every class of `ast`.
+    _E = TypeVar("_E", bound=Events | AsyncEvents)
+
 SERVERS = ("http://", "https://", "ws://", "wss://")
 """What a server's URL begins with."""
 
-E = TypeVar("E", bound="Events | AsyncEvents")
 A = TypeVar("A", bound=AxisSteps)
 
 
@@ -95,7 +97,7 @@ class LinkOf(Generic[A]):
     def _chosen(self, which: tuple[int | str, ...]) -> list[A]:
         return [self.axis(one) for one in which] if which else self.axes
 
-    def _heard(self, events: E) -> E:
+    def _heard(self, events: _E) -> _E:
         from weakref import ref
 
         self._listening = [one for one in self._listening if one() is not None]
