@@ -78,6 +78,7 @@ pub use lease::Session;
 pub use reply::Reply;
 pub use shared::{Event, Journal, NoJournal, Note};
 pub use telemetry::{Channel, Gap};
+pub(crate) use wire::overtaken;
 
 /// How long a lease lasts that is not renewed.
 pub const LEASE: Duration = Duration::from_millis(1500);
@@ -453,7 +454,7 @@ impl Bench {
             if !places.is_empty() {
                 let (who, reason) = (session.clone(), order.reason.clone());
                 let report = Some(Arc::clone(&report));
-                link.wire.stop(StopThese { axes: places, who, reason, since, report });
+                link.wire.stop(StopThese { axes: places, who, reason, since, report, said: 0 });
             }
         }
         Reply::of(told, Ok(()))

@@ -1,29 +1,37 @@
 //! The WebSocket: one for each viewer, with a reader that never waits for drives and a writer that puts
 //! what was asked before what is merely shown.
 //!
-//! What is the same for all viewers is made once, by the [`Board`]. Telemetry and frames are taken from
+//! A stop goes before whatever its own viewer said before it and is not done yet ([`said`]). What is the
+//! same for all viewers is made once, by the [`Board`]. Telemetry and frames are taken from
 //! the bench by each viewer's writer when nothing else is to be said ([`watched`]). Writers have a
-//! runtime of their own: however many there are, who reads commands does not wait for them. A viewer
+//! runtime of their own, whose threads stand back, and share no lock with who reads commands
+//! ([`socket`]): however many there are, no stop waits for them. A viewer
 //! that takes nothing for five seconds is closed: it is asked each second whether it is there. Its
 //! leases end with it, and nothing is watched for it any more.
 
 mod board;
+mod said;
+mod socket;
 mod watched;
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::Bytes;
-use axum::extract::ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade};
-use axum::extract::{Extension, State};
+use axum::body::{Body, Bytes};
+use axum::extract::{Extension, Request, State};
+use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
-use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt as _, StreamExt as _};
-use polepair_core::time::Instant;
+use hyper::upgrade::Upgraded;
 use polepair_link::clock;
+use tokio::runtime::Handle;
 use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::mpsc::Permit;
 use tokio::sync::{Semaphore, broadcast, mpsc};
-use tokio::time::{MissedTickBehavior, interval, timeout};
+use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tokio_tungstenite::WebSocketStream;
+use tokio_tungstenite::tungstenite::handshake::server::create_response_with_body;
+use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 
 use crate::api::{self, COMMAND, Needs, Shared};
 use crate::bench::Session;
@@ -34,7 +42,9 @@ use crate::message::{
 use crate::scope::Scope;
 use crate::session::Caller;
 use board::News;
-use watched::{Round, Watched};
+use said::{Pace, Waiting};
+use socket::{Ends, Hears, Tells};
+use watched::{Look, Round, Watched};
 
 pub(crate) use board::Board;
 
@@ -42,13 +52,11 @@ pub(crate) use board::Board;
 pub const MESSAGE_MAX: usize = 64 * 1024;
 /// Answers that wait for one viewer.
 const ANSWERS_MAX: usize = 256;
+/// Changes of what it watches that wait.
+const LOOKS_MAX: usize = 64;
 /// Commands of one viewer that are under way; as many orders about leases have places of their own,
 /// so that long motions keep no lease from being renewed.
 const COMMANDS_MAX: usize = 64;
-/// Messages of a viewer in each [`SPAN`]; what is more waits in its socket.
-const MESSAGES_MAX: u32 = 200;
-/// A tenth of a second.
-const SPAN: Duration = Duration::from_millis(100);
 /// How long a viewer may take nothing.
 const SILENT_MAX: Duration = Duration::from_secs(5);
 /// How often it is asked whether it is there.
@@ -65,30 +73,41 @@ const ASK: Duration = Duration::from_secs(1);
 pub(crate) async fn upgrade(
     State(gate): State<Shared>,
     Extension(caller): Extension<Caller>,
-    upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
+    mut request: Request,
 ) -> Response {
     let wrong = |what: String| Refused::new("gateway.request", what).into_response();
-    let upgrade = match upgrade {
-        Ok(upgrade) => upgrade.protocols([PROTOCOL]),
-        Err(error) => return wrong(error.body_text()),
+    let mut answer = match create_response_with_body(&request, Body::empty) {
+        Ok(answer) => answer,
+        Err(error) => return wrong(error.to_string()),
     };
-    if upgrade.selected_protocol().is_none() {
+    if !speaks(request.headers()) {
         return wrong(format!("this is for the sub-protocol {PROTOCOL}"));
     }
+    let name = HeaderValue::from_static(PROTOCOL);
+    answer.headers_mut().insert(header::SEC_WEBSOCKET_PROTOCOL, name);
     let Ok(place) = Arc::clone(&gate.board.places).try_acquire_owned() else {
         return Refused::new("gateway.busy", "as many watch as can").into_response();
     };
-    let upgrade = upgrade.max_message_size(MESSAGE_MAX).max_frame_size(MESSAGE_MAX);
-    upgrade.on_upgrade(move |socket| async move {
+    let upgrading = hyper::upgrade::on(&mut request);
+    tokio::spawn(async move {
+        // Whoever is gone by now does not watch.
+        let Ok(upgraded) = upgrading.await else { return };
         gate.metrics.viewers.inc();
         let session = gate.session(&caller);
         tracing::info!(%session, "a viewer came");
-        Viewer::watch(&gate, caller, &session, socket).await;
+        Viewer::watch(&gate, caller, &session, upgraded).await;
         tracing::info!(%session, "a viewer went");
-        gate.bench.gone(&session);
         gate.metrics.viewers.dec();
         drop(place);
-    })
+    });
+    answer
+}
+
+/// Whether the sub-protocol is among those that are offered.
+fn speaks(headers: &HeaderMap) -> bool {
+    let offers = headers.get_all(header::SEC_WEBSOCKET_PROTOCOL).into_iter();
+    let mut words = offers.flat_map(|offer| offer.as_bytes().split(|byte| *byte == b','));
+    words.any(|word| word.trim_ascii() == PROTOCOL.as_bytes())
 }
 
 /// One viewer.
@@ -96,77 +115,136 @@ struct Viewer {
     gate: Shared,
     caller: Caller,
     session: Session,
-    answers: mpsc::Sender<Utf8Bytes>,
+    answers: mpsc::Sender<Message>,
+    looks: mpsc::Sender<Look>,
     under_way: Arc<Semaphore>,
     leasing: Arc<Semaphore>,
-    watched: Arc<Watched>,
 }
 
 impl Viewer {
-    async fn watch(gate: &Shared, caller: Caller, session: &Session, socket: WebSocket) {
-        let (to, from) = socket.split();
+    async fn watch(gate: &Shared, caller: Caller, session: &Session, upgraded: Upgraded) {
+        let Ends { hears, tells, apart } = socket::ends(upgraded).await;
         let (answers, waiting) = mpsc::channel(ANSWERS_MAX);
-        let watched = Arc::<Watched>::default();
+        let (looks, looked) = mpsc::channel(LOOKS_MAX);
         let shown = Shown {
             gate: Arc::clone(gate),
             caller: caller.clone(),
             waiting,
             news: gate.board.news.subscribe(),
             states: gate.board.states.subscribe(),
-            watched: Arc::clone(&watched),
+            looked,
+            watched: Watched::default(),
         };
         let places = || Arc::new(Semaphore::new(COMMANDS_MAX));
         let (under_way, leasing) = (places(), places());
         let (gate, session) = (Arc::clone(gate), session.clone());
-        let viewer = Self { gate, caller, session, answers, under_way, leasing, watched };
-        let mut writing = viewer.gate.shows.spawn(shown.write(to, viewer.welcome()));
-        tokio::select! {
-            _ = &mut writing => {}
-            () = viewer.read(from) => {
-                writing.abort();
-                // What was watched is free once that has ended, as it was told to.
-                let _ = writing.await;
-            }
+        let viewer = Self { gate, caller, session, answers, looks, under_way, leasing };
+        // Where both ends share something, no thread that stands back may have it.
+        let shows = if apart { viewer.gate.shows.clone() } else { Handle::current() };
+        let mut writing = shows.spawn(shown.write(tells, viewer.first()));
+        let told_to_end = tokio::select! {
+            _ = &mut writing => false,
+            () = viewer.read(hears) => true,
+        };
+        // What it set in motion stops before anything else is tidied up.
+        viewer.gate.bench.gone(&viewer.session);
+        if told_to_end {
+            writing.abort();
+            // What was watched is free once that has ended.
+            let _ = writing.await;
         }
     }
 
-    /// What is said first.
-    fn welcome(&self) -> Utf8Bytes {
+    /// What is said first: who it is, the bench, and every axis.
+    fn first(&self) -> Vec<Message> {
         let bench = &self.gate.bench;
-        text(&ServerMessage::Welcome(Welcome {
+        let welcome = ServerMessage::Welcome(Welcome {
             server_ms: bench.now_ms(),
             t0_ms: bench.t0_ms(),
             session: self.session.to_string(),
             scopes: self.caller.scopes.iter().collect(),
             lease_ms: u32::try_from(bench.lease_lasts().as_millis()).unwrap_or(u32::MAX),
-        }))
+        });
+        let view = ServerMessage::Bench(api::bench_of(&self.gate, &self.caller));
+        let states = (0..=u16::MAX).map_while(|id| bench.axis(id).ok()).map(ServerMessage::Axis);
+        [welcome, view].into_iter().chain(states).map(|told| Message::Text(text(&told))).collect()
     }
 
-    async fn read(&self, mut from: SplitStream<WebSocket>) {
-        let mut pace = Pace::default();
-        // It says at least that it is there, unless it takes nothing.
-        while let Ok(Some(Ok(message))) = timeout(SILENT_MAX, from.next()).await {
-            pace.keep().await;
-            let told = match message {
-                Message::Text(text) => self.hear(&text),
-                Message::Binary(_) => Some(error("a message is a text", None, None)),
-                Message::Close(_) => return,
-                Message::Ping(_) | Message::Pong(_) => None,
-            };
-            if let Some(told) = told
-                && self.answers.send(text(&told)).await.is_err()
-            {
-                return;
+    /// Hears what is said, and does it: a stop at once, all else in its turn.
+    async fn read(&self, mut from: WebSocketStream<Hears>) {
+        let (mut pace, mut waiting) = (Pace::default(), Waiting::default());
+        let mut silent = clock::now() + SILENT_MAX;
+        loop {
+            tokio::select! {
+                biased;
+                message = from.next(), if waiting.has_room() => {
+                    let Some(Ok(message)) = message else { return };
+                    silent = clock::now() + SILENT_MAX;
+                    match message {
+                        Message::Text(said) => self.hear(&said, &mut pace, &mut waiting),
+                        Message::Binary(_) => {
+                            waiting.push(Err(Box::new(error("a message is a text", None, None))), 1);
+                        }
+                        Message::Close(_) => return,
+                        // Where its answers are not taken, it need not be told that we are here.
+                        Message::Ping(its) => drop(self.answers.try_send(Message::Pong(its))),
+                        Message::Pong(_) | Message::Frame(_) => {}
+                    }
+                }
+                place = self.turn(&mut pace), if !waiting.is_empty() => {
+                    let Some((answer, look)) = place else { return };
+                    pace.count();
+                    let told = match waiting.pop() {
+                        Some(Ok(message)) => self.obey(message, Some(look)),
+                        Some(Err(told)) => Some(*told),
+                        None => None,
+                    };
+                    if let Some(told) = told {
+                        answer.send(Message::Text(text(&told)));
+                    }
+                }
+                // It says at least that it is there, unless it takes nothing.
+                () = sleep(silent.since(clock::now())) => return,
             }
         }
     }
 
-    /// Takes a message. What cannot be answered at once is answered later.
-    fn hear(&self, said: &str) -> Option<ServerMessage> {
+    /// Waits until one more message may be done, and what comes of it has a place.
+    async fn turn(&self, pace: &mut Pace) -> Option<(Permit<'_, Message>, Permit<'_, Look>)> {
+        pace.keep().await;
+        Some((self.answers.reserve().await.ok()?, self.looks.reserve().await.ok()?))
+    }
+
+    /// Takes what was said. A stop is done now, whatever was said before it.
+    fn hear(&self, said: &str, pace: &mut Pace, waiting: &mut Waiting) {
         let message = match serde_json::from_str::<ClientMessage>(said) {
             Ok(message) => message,
-            Err(wrong) => return Some(error(&wrong.to_string(), None, None)),
+            Err(wrong) => {
+                let told = Box::new(error(&wrong.to_string(), None, None));
+                return waiting.push(Err(told), said.len());
+            }
         };
+        let may = about(&message).1.met_by(self.caller.scopes);
+        let ClientMessage::Stop { axes, .. } = &message else {
+            return waiting.push(Ok(message), said.len());
+        };
+        if !may || !pace.stop() {
+            return waiting.push(Ok(message), said.len());
+        }
+        waiting.stopped(axes.as_deref(), |message, refused| {
+            self.refused(message, about(message).0, refused)
+        });
+        if let Some(told) = self.obey(message, None) {
+            waiting.push(Err(Box::new(told)), said.len());
+        }
+    }
+
+    /// Does what was said. What cannot be answered at once is answered later.
+    fn obey(
+        &self,
+        message: ClientMessage,
+        look: Option<Permit<'_, Look>>,
+    ) -> Option<ServerMessage> {
         let (about, needs) = about(&message);
         if !needs.met_by(self.caller.scopes) {
             let grants = self.caller.scopes;
@@ -187,37 +265,35 @@ impl Viewer {
             }
             ClientMessage::Command { axis, command } => return self.command(axis, command),
             ClientMessage::Lease { axis, act, epoch } => return self.lease(axis, act, epoch),
-            shown => return self.show(shown),
+            shown => return self.show(shown, look),
         }
         None
     }
 
-    /// What only looks. What is watched is told by the writer.
-    fn show(&self, message: ClientMessage) -> Option<ServerMessage> {
-        let (bench, watched) = (&self.gate.bench, &self.watched);
+    /// What only looks is the writer's to do, but for what asks an axis.
+    fn show(
+        &self,
+        message: ClientMessage,
+        look: Option<Permit<'_, Look>>,
+    ) -> Option<ServerMessage> {
         let (about, _) = about(&message);
-        let (shown, subject) = match message {
+        let wanted = match message {
             ClientMessage::Subscribe { channel, axis, signal, parameter, hz } => {
-                let subscribed = bench.subscribe(axis, signal.as_deref(), parameter.as_deref(), hz);
-                (subscribed.and_then(|its| watched.subscribe(channel, its)), Some(channel))
+                let (signal, parameter) = (signal.as_deref(), parameter.as_deref());
+                match self.gate.bench.subscribe(axis, signal, parameter, hz) {
+                    Ok(its) => Look::Subscribe(channel, its),
+                    Err(refused) => return Some(told(refused, Some(about), Some(channel))),
+                }
             }
-            ClientMessage::Unsubscribe { channel } => {
-                watched.unsubscribe(channel);
-                return None;
-            }
-            ClientMessage::Frames { on: true, filter } => {
-                (watched.frames(bench, filter.as_deref()), None)
-            }
-            ClientMessage::Explain { n } => match bench.explain(n) {
-                Ok(fields) => return Some(ServerMessage::Explained { n, fields }),
-                Err(refused) => (Err(refused), None),
-            },
-            _ => {
-                watched.no_frames();
-                return None;
-            }
+            ClientMessage::Unsubscribe { channel } => Look::Unsubscribe(channel),
+            ClientMessage::Frames { on: true, filter } => Look::Frames(filter),
+            ClientMessage::Explain { n } => Look::Explain(n),
+            _ => Look::NoFrames,
         };
-        shown.err().map(|refused| told(refused, Some(about), subject))
+        if let Some(look) = look {
+            look.send(wanted);
+        }
+        None
     }
 
     fn refused(&self, message: &ClientMessage, about: &str, refused: Refused) -> ServerMessage {
@@ -259,7 +335,7 @@ impl Viewer {
             };
             gate.metrics.commands.observe(clock::now().since(since).as_secs_f64());
             // It has gone: what it commanded ends with its leases.
-            let _ = answers.send(text(&told)).await;
+            let _ = answers.send(Message::Text(text(&told))).await;
             drop(place);
         });
         None
@@ -280,33 +356,10 @@ impl Viewer {
                 },
                 Err(refused) => told(refused, Some("lease"), Some(axis)),
             };
-            let _ = answers.send(text(&said)).await;
+            let _ = answers.send(Message::Text(text(&said))).await;
             drop(place);
         });
         None
-    }
-}
-
-/// Keeps whoever floods us from taking a processor that others need.
-struct Pace {
-    since: Instant,
-    count: u32,
-}
-
-impl Default for Pace {
-    fn default() -> Self {
-        Self { since: clock::now(), count: 0 }
-    }
-}
-
-impl Pace {
-    /// Counts a message; waits until the span is over in which there were too many.
-    async fn keep(&mut self) {
-        self.count += 1;
-        if self.count > MESSAGES_MAX {
-            tokio::time::sleep((self.since + SPAN).since(clock::now())).await;
-            *self = Self::default();
-        }
     }
 }
 
@@ -314,19 +367,18 @@ impl Pace {
 struct Shown {
     gate: Shared,
     caller: Caller,
-    waiting: mpsc::Receiver<Utf8Bytes>,
+    waiting: mpsc::Receiver<Message>,
     news: broadcast::Receiver<News>,
     states: broadcast::Receiver<Utf8Bytes>,
-    watched: Arc<Watched>,
+    looked: mpsc::Receiver<Look>,
+    watched: Watched,
 }
 
 impl Shown {
     /// Writes until the viewer is gone, or takes nothing.
-    async fn write(mut self, mut to: SplitSink<WebSocket, Message>, welcome: Utf8Bytes) {
+    async fn write(mut self, mut to: WebSocketStream<Tells>, mut messages: Vec<Message>) {
         let (mut asks, mut round) = (interval(ASK), Round::default());
         asks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut messages = vec![Message::Text(welcome)];
-        messages.extend(self.whole());
         loop {
             for message in messages.drain(..) {
                 let sent = timeout(SILENT_MAX, to.send(message)).await;
@@ -334,16 +386,24 @@ impl Shown {
                     return;
                 }
             }
-            // What was asked comes before what happens, and that before what is merely shown.
+            // What is wanted no more is not sent behind the answers to what was said later. What was
+            // asked comes before what happens, and that before what is merely shown.
             tokio::select! {
                 biased;
-                text = self.waiting.recv() => match text {
-                    Some(text) => messages.push(Message::Text(text)),
+                look = self.looked.recv() => match look {
+                    Some(look) => {
+                        let told = self.watched.look(&self.gate.bench, look);
+                        messages.extend(told.map(|told| Message::Text(text(&told))));
+                    }
+                    None => return,
+                },
+                answer = self.waiting.recv() => match answer {
+                    Some(answer) => messages.push(answer),
                     None => return,
                 },
                 news = self.news.recv() => match news {
                     Ok(News::Text(text)) => messages.push(Message::Text(text)),
-                    Ok(News::Bench) => messages.push(self.bench().0),
+                    Ok(News::Bench) => messages.extend(self.bench()),
                     Ok(News::Whole) | Err(RecvError::Lagged(_)) => messages.extend(self.whole()),
                     Err(RecvError::Closed) => return,
                 },
@@ -353,24 +413,22 @@ impl Shown {
                     Err(RecvError::Lagged(lost)) => drop(self.gate.metrics.dropped.inc_by(lost)),
                     Err(RecvError::Closed) => return,
                 },
-                message = round.message(&self.watched, &self.gate.metrics) => messages.push(message),
+                message = round.message(&mut self.watched, &self.gate.metrics) => messages.push(message),
             }
         }
     }
 
-    /// The bench, and how many axes it has.
-    fn bench(&self) -> (Message, u16) {
-        let bench = api::bench_of(&self.gate, &self.caller);
-        let axes = u16::try_from(bench.axes.len()).unwrap_or(u16::MAX);
-        (Message::Text(text(&ServerMessage::Bench(bench))), axes)
+    /// The bench, as the board has it.
+    fn bench(&self) -> Option<Message> {
+        let mut bench = self.gate.board.bench()?;
+        bench.scopes = self.caller.scopes.iter().collect();
+        Some(Message::Text(text(&ServerMessage::Bench(bench))))
     }
 
     /// The bench and every axis.
     fn whole(&self) -> Vec<Message> {
-        let (bench, axes) = self.bench();
-        let states = (0..axes).filter_map(|id| self.gate.bench.axis(id).ok());
-        let states = states.map(|state| Message::Text(text(&ServerMessage::Axis(state))));
-        std::iter::once(bench).chain(states).collect()
+        let states = self.gate.board.axes().into_iter().map(Message::Text);
+        self.bench().into_iter().chain(states).collect()
     }
 }
 

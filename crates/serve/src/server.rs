@@ -5,6 +5,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use axum::Router;
@@ -50,6 +51,7 @@ const JOURNAL: &str = "journal.jsonl";
 pub struct Server {
     /// What takes requests and commands, and what shows.
     runtimes: Option<(Runtime, Runtime)>,
+    board: Option<JoinHandle<()>>,
     gate: Shared,
     address: SocketAddr,
     url: String,
@@ -114,11 +116,12 @@ impl Server {
         let gate = Arc::new(Gate::new(bench, door, hosts, journal, shows.handle().clone()));
         let fingerprint = tls.as_ref().map(|tls| tls.fingerprint.clone());
         let (end, ended) = watch::channel(false);
-        shows.spawn(Board::look_after(Arc::clone(&gate)));
+        let board = Some(Board::start(Arc::clone(&gate), ended.clone())?);
         runtime.spawn(accept(listener, Arc::clone(&gate), tls, ended));
         let shown = SocketAddr::new(shown(address), address.port());
         let url = format!("{}://{shown}/?once={once}", options.scheme());
-        Ok(Self { runtimes: Some((runtime, shows)), gate, address, url, fingerprint, cut, end })
+        let runtimes = Some((runtime, shows));
+        Ok(Self { runtimes, board, gate, address, url, fingerprint, cut, end })
     }
 
     /// Where it listens.
@@ -170,6 +173,10 @@ impl Server {
     fn close(&mut self) {
         let Some((runtime, shows)) = self.runtimes.take() else { return };
         self.end.send_replace(true);
+        if let Some(board) = self.board.take() {
+            // One that panicked is over as well.
+            let _ = board.join();
+        }
         self.gate.bench.shutdown();
         if let Err(error) = self.gate.journal.write("server", Deed::Ended, None, &json!({})) {
             tracing::error!(%error, "the journal does not keep its end");

@@ -258,6 +258,10 @@ fn measure(
         }
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         std::thread::sleep(Duration::from_micros(1000 + (random >> 48) / 4));
+        if own_before > 0 {
+            // A burst, and not a flood without end, which waits in its own socket.
+            std::thread::sleep(Duration::from_millis(150));
+        }
         // The last exchange before it may be needed.
         let mut passed = bench.logs[axis].take();
         passed.drain(..passed.len().saturating_sub(4));

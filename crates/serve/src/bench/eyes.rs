@@ -175,7 +175,7 @@ impl Eyes {
         };
         let (axes, since, report) = (vec![self.turn], self.shared.now(), None);
         let who = super::shared::SERVER.into();
-        self.wire.stop(StopThese { axes, who, reason, since, report });
+        self.wire.stop(StopThese { axes, who, reason, since, report, said: 0 });
     }
 }
 

@@ -166,13 +166,18 @@ impl Traffic {
         if self.watching.load(Ordering::Relaxed) == 0 {
             return;
         }
-        let mut heard = held(&self.heard);
-        if heard.units.len() == HEARD_MAX {
-            heard.units.pop_front();
-            heard.lost += 1;
-        }
-        heard.units.push_back(Unit { wire, at, direction, what: what() });
-        if heard.units.len() == 1 {
+        // This is on the way to the wire: nothing is made, and nobody woken, under the lock.
+        let unit = Unit { wire, at, direction, what: what() };
+        let first = {
+            let mut heard = held(&self.heard);
+            if heard.units.len() == HEARD_MAX {
+                heard.units.pop_front();
+                heard.lost += 1;
+            }
+            heard.units.push_back(unit);
+            heard.units.len() == 1
+        };
+        if first {
             self.called.notify_one();
         }
     }

@@ -14,7 +14,7 @@ use super::desk::Desk;
 use super::halt::{Halt, Report};
 use super::lease::{Holder, Lost, Seat, Session};
 use super::shared::{Event, SERVER, Shared};
-use super::wire::{AskLease, Commanded, Do, Order, StopThese, Tell, Wire};
+use super::wire::{AskLease, Commanded, Do, Order, StopThese, Tell, Wire, overtaken};
 use crate::message::{Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, Refused};
 
 /// A command said so far ahead of the server's clock is no better than one that is too old, ms.
@@ -50,6 +50,8 @@ struct Watched {
     halt: Option<Halt>,
     /// It moved when its link was lost.
     owed: bool,
+    /// What was said before the stop of that number, and would have it moved, comes too late.
+    stopped: u64,
 }
 
 /// A command under way.
@@ -70,6 +72,7 @@ impl Hand {
             seat: Seat::after(shared.last_epoch),
             halt: None,
             owed: false,
+            stopped: 0,
         };
         let axes = wire.axes.iter().map(watched).collect();
         let begun = shared.now();
@@ -100,8 +103,8 @@ impl Hand {
         self.look_at_link();
         self.expire();
         for _ in 0..ORDERS_AT_ONCE_MAX {
-            let Some(order) = self.wire.next_order() else { break };
-            self.obey(order);
+            let Some((said, order)) = self.wire.next_order() else { break };
+            self.obey(said, order);
             self.take_stops();
         }
         if self.shared.is_closing() && !self.closed {
@@ -124,11 +127,18 @@ impl Hand {
         ends.map(|until| until.since(now)).min().map_or(look, |left| left.min(look))
     }
 
+    /// Sends what stops; what there is to write about it comes when all of them are on the wire.
     fn take_stops(&mut self) {
-        while let Some(StopThese { axes, who, reason, since, report }) = self.wire.next_stop() {
+        while let Some(StopThese { axes, who, reason, since, report, said }) = self.wire.next_stop()
+        {
+            let mut ended = Vec::with_capacity(axes.len());
             for &axis in &axes {
+                self.axes[axis].stopped = said;
                 let lost = self.axes[axis].seat.end();
                 self.halt(axis, since, report.clone());
+                ended.push((axis, lost));
+            }
+            for (axis, lost) in ended {
                 if let Some(Lost { holder, .. }) = lost {
                     self.ended(axis, &holder, "stopped");
                 }
@@ -235,8 +245,16 @@ impl Hand {
         }
     }
 
-    fn obey(&mut self, order: Order) {
+    fn obey(&mut self, said: u64, order: Order) {
+        let late = |axis: usize| said < self.axes[axis].stopped;
         match order {
+            Order::Lease(ask) if ask.takes() && late(ask.axis) => {
+                // Who has gone does not want to know.
+                let _ = ask.tell.send(Err(overtaken()));
+            }
+            Order::Command(commanded) if late(commanded.axis) => {
+                self.tell(*commanded, Some(overtaken()));
+            }
             Order::Lease(ask) => self.lease(ask),
             Order::Command(commanded) => self.command(*commanded),
             Order::Write { axis, session, epoch, go } => go(self.may(axis, &session, epoch, false)),

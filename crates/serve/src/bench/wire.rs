@@ -1,7 +1,7 @@
 //! What is asked of a wire, and what everybody may see of it: the hand takes orders from here.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::Thread;
 
@@ -27,7 +27,8 @@ pub(super) struct Wire {
     pub axes: Vec<(u16, Axis)>,
     /// When the bench's time began, on its clock.
     pub zero: OnceLock<Instant>,
-    orders: Mutex<VecDeque<Order>>,
+    /// With their numbers in the order in which they were said.
+    orders: Mutex<VecDeque<(u64, Order)>>,
     stops: Mutex<VecDeque<StopThese>>,
     hand: OnceLock<Thread>,
     leases: Mutex<Vec<Option<LeaseTold>>>,
@@ -35,6 +36,8 @@ pub(super) struct Wire {
     clash: Mutex<Option<String>>,
     /// Orders came since the hand last looked.
     called: AtomicBool,
+    /// Orders and stops so far.
+    said: AtomicU64,
 }
 
 /// What a hand is told.
@@ -121,11 +124,28 @@ pub(super) struct StopThese {
     pub reason: String,
     pub since: Instant,
     pub report: Option<Arc<Report>>,
+    /// Its number among the wire's orders and stops, which the wire gives it.
+    pub said: u64,
+}
+
+impl AskLease {
+    /// Whether somebody is to have it who has not.
+    pub fn takes(&self) -> bool {
+        use crate::message::LeaseAct::{Take, TakeOver};
+        matches!(self.act, Take | TakeOver)
+    }
+}
+
+/// What is said before a stop and comes behind it is not done: it might move what was stopped.
+pub(crate) fn overtaken() -> Refused {
+    Refused::new("gateway.expired", "a stop was said after this")
+        .hint("say it again, if it still holds")
 }
 
 impl StopThese {
-    fn add(&mut self, axes: Vec<usize>) {
-        for axis in axes {
+    fn add(&mut self, other: Self) {
+        self.said = other.said;
+        for axis in other.axes {
             if !self.axes.contains(&axis) {
                 self.axes.push(axis);
             }
@@ -145,6 +165,7 @@ impl Wire {
             lost: Mutex::default(),
             clash: Mutex::default(),
             called: AtomicBool::new(false),
+            said: AtomicU64::new(0),
         }
     }
 
@@ -167,26 +188,31 @@ impl Wire {
                 let what = "too many commands wait for this link";
                 return Err(Refused::new("gateway.busy", what).hint("ask less often"));
             }
-            orders.push_back(order);
+            orders.push_back((self.number(), order));
         }
         self.call();
         Ok(())
     }
 
-    /// Gives an order that had its place already.
+    /// Gives an order that had its place already; its lease tells whether a stop came between.
     pub fn order_next(&self, order: Order) {
-        held(&self.orders).push_front(order);
+        held(&self.orders).push_front((u64::MAX, order));
         self.call();
     }
 
+    fn number(&self) -> u64 {
+        self.said.fetch_add(1, Ordering::SeqCst)
+    }
+
     /// Orders a stop: there is always room for one.
-    pub fn stop(&self, stop: StopThese) {
+    pub fn stop(&self, mut stop: StopThese) {
         {
+            stop.said = self.number();
             let mut stops = held(&self.stops);
             let stops_full = stops.len() == STOPS_MAX;
             match stops.back_mut().filter(|_| stops_full) {
                 // The stop itself is not lost, only the word of how far it came.
-                Some(last) => last.add(stop.axes),
+                Some(last) => last.add(stop),
                 None => stops.push_back(stop),
             }
         }
@@ -199,7 +225,7 @@ impl Wire {
     }
 
     /// The next order.
-    pub fn next_order(&self) -> Option<Order> {
+    pub fn next_order(&self) -> Option<(u64, Order)> {
         held(&self.orders).pop_front()
     }
 

@@ -1,17 +1,25 @@
 //! Where all viewers read what is the same for each of them: it is made once, however many they are.
+//!
+//! It has a thread of its own, as important as any other, which alone looks at links and axes for
+//! viewers: their writers stand back, and a lock that one of those has is had for as long as the
+//! machine is busy. They find here what was looked at, behind a lock that nobody needs who moves or
+//! stops anything.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
-use axum::extract::ws::Utf8Bytes;
+use tokio::runtime::Builder;
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::{Semaphore, broadcast};
+use tokio::sync::{Semaphore, broadcast, watch};
 use tokio::time::{MissedTickBehavior, interval};
+use tokio_tungstenite::tungstenite::Utf8Bytes;
 
 use super::text;
 use crate::api::Shared;
 use crate::bench::Event;
-use crate::message::{AxisState, ServerMessage, Stopped};
+use crate::message::{AxisState, BenchView, ServerMessage, Stopped};
+use crate::refusal::Refusal;
 
 /// Viewers at once.
 pub const VIEWERS_MAX: usize = 2048;
@@ -32,6 +40,25 @@ pub(crate) struct Board {
     /// What happened.
     pub(super) news: broadcast::Sender<News>,
     pub(super) places: Arc<Semaphore>,
+    known: Arc<Mutex<Known>>,
+}
+
+/// What was last looked at, while somebody watches.
+#[derive(Debug, Default)]
+struct Known {
+    /// Scopes are each viewer's own.
+    bench: Option<BenchView>,
+    axes: Vec<PutUp>,
+}
+
+/// A state as it was last put up.
+#[derive(Debug)]
+struct PutUp {
+    /// Without ages.
+    state: AxisState,
+    text: Utf8Bytes,
+    /// Looks since.
+    looks: u8,
 }
 
 /// Something that happened.
@@ -49,59 +76,115 @@ impl Default for Board {
         let places = Arc::new(Semaphore::new(VIEWERS_MAX));
         let (states, news) =
             (broadcast::Sender::new(STATES_MAX), broadcast::Sender::new(EVENTS_MAX));
-        Self { states, news, places }
+        Self { states, news, places, known: Arc::default() }
     }
 }
 
 impl Board {
-    /// Looks after it as long as there is a gate.
-    pub async fn look_after(gate: Shared) {
+    /// Has a thread look after it until that ends.
+    pub fn start(gate: Shared, mut end: watch::Receiver<bool>) -> Result<JoinHandle<()>, Refusal> {
+        let refused = |error: std::io::Error| {
+            Refusal::adapter("E318", "no threads can be started").why(error.to_string())
+        };
+        let runtime = Builder::new_current_thread().enable_time().build().map_err(refused)?;
+        let looks = move || {
+            runtime.block_on(async {
+                tokio::select! {
+                    () = Self::look_after(gate) => {}
+                    // Who could say so may be gone as well.
+                    _ = end.wait_for(|end| *end) => {}
+                }
+            });
+        };
+        std::thread::Builder::new().name("gateway-board".into()).spawn(looks).map_err(refused)
+    }
+
+    async fn look_after(gate: Shared) {
         let mut events = gate.bench.events();
         let mut looks = interval(LOOK);
         looks.set_missed_tick_behavior(MissedTickBehavior::Skip);
-        let mut shown: Vec<(AxisState, u8)> = Vec::new();
         loop {
             tokio::select! {
                 biased;
                 event = events.recv() => match event {
                     Ok(event) => gate.board.tell(&gate, event),
-                    Err(RecvError::Lagged(_)) => drop(gate.board.news.send(News::Whole)),
+                    Err(RecvError::Lagged(_)) => gate.board.whole(&gate),
                     Err(RecvError::Closed) => return,
                 },
-                _ = looks.tick() => gate.board.look(&gate, &mut shown),
+                _ = looks.tick() => gate.board.look(&gate),
             }
         }
     }
 
-    fn look(&self, gate: &Shared, shown: &mut Vec<(AxisState, u8)>) {
+    /// The bench as it was last looked at.
+    pub(super) fn bench(&self) -> Option<BenchView> {
+        self.known().bench.clone()
+    }
+
+    /// The axes' states as they were last put up.
+    pub(super) fn axes(&self) -> Vec<Utf8Bytes> {
+        self.known().axes.iter().map(|shown| shown.text.clone()).collect()
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn look_at_bench(&self, gate: &Shared) {
+        let bench = gate.bench.snapshot();
+        self.known().bench = Some(bench);
+    }
+
+    fn look(&self, gate: &Shared) {
         if self.states.receiver_count() == 0 {
-            return shown.clear();
+            return *self.known() = Known::default();
+        }
+        if self.known().bench.is_none() {
+            self.look_at_bench(gate);
         }
         for id in 0..=u16::MAX {
             let Ok(state) = gate.bench.axis(id) else { break };
-            self.show(state, shown);
+            self.show(state);
         }
     }
 
+    /// Tells everybody everything anew.
+    fn whole(&self, gate: &Shared) {
+        *self.known() = Known::default();
+        self.look(gate);
+        // The last one may just have gone.
+        let _ = self.news.send(News::Whole);
+    }
+
     /// Puts up a state that has changed, or was not put up for a while.
-    fn show(&self, state: AxisState, shown: &mut Vec<(AxisState, u8)>) {
-        let at = usize::from(state.id);
-        let ageless = ageless(&state);
-        match shown.get_mut(at) {
-            Some((before, looks)) if *before == ageless && *looks < LOOKS_MAX => {
-                *looks += 1;
-                return;
+    fn show(&self, state: AxisState) {
+        let (at, ageless) = (usize::from(state.id), ageless(&state));
+        if let Some(before) = self.known().axes.get_mut(at)
+            && before.state == ageless
+            && before.looks < LOOKS_MAX
+        {
+            before.looks += 1;
+            return;
+        }
+        let text = text(&ServerMessage::Axis(state));
+        let shown = PutUp { state: ageless, text: text.clone(), looks: 0 };
+        {
+            let mut known = self.known();
+            match known.axes.get_mut(at) {
+                Some(before) => *before = shown,
+                None => known.axes.push(shown),
             }
-            Some(before) => *before = (ageless, 0),
-            None => shown.push((ageless, 0)),
         }
         // Nobody may look any more.
-        let _ = self.states.send(text(&ServerMessage::Axis(state)));
+        let _ = self.states.send(text);
     }
 
     fn tell(&self, gate: &Shared, event: Event) {
         if self.news.receiver_count() == 0 {
             return;
+        }
+        if matches!(event, Event::Locked(_) | Event::Unlocked | Event::Bench) {
+            self.look_at_bench(gate);
         }
         let message = match event {
             Event::Lease { axis, .. } => match gate.bench.axis(axis) {

@@ -1,16 +1,14 @@
-//! What one viewer watches: channels of telemetry, and frames. Its reader changes it, its writer takes
-//! from it, one message at a time. What waits, waits in the bench's bounded queues: who is too slow
+//! What one viewer watches: channels of telemetry, and frames. It is the writer's alone, which takes
+//! from it one message at a time. What waits, waits in the bench's bounded queues: who is too slow
 //! loses the oldest there, and is told.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use axum::extract::ws::Message;
-use tokio::sync::Notify;
 use tokio::time::{Interval, MissedTickBehavior, interval};
+use tokio_tungstenite::tungstenite::Message;
 
-use super::text;
+use super::{text, told};
 use crate::bench::{Bench, Channel, Frames, Gap};
 use crate::message::telemetry::{Sample, encode};
 use crate::message::{Refused, ServerMessage, Source};
@@ -25,15 +23,20 @@ const BATCHES_MAX: usize = 8;
 /// How often what came is sent.
 const ROUND: Duration = Duration::from_millis(33);
 
+/// What a viewer wants to see, or no longer.
+pub(super) enum Look {
+    Subscribe(u16, Channel),
+    Unsubscribe(u16),
+    /// That a filter wants.
+    Frames(Option<String>),
+    NoFrames,
+    /// The fields of a frame.
+    Explain(u64),
+}
+
 /// What a viewer watches. Dropped, nothing of it is watched any more.
 #[derive(Debug, Default)]
 pub(super) struct Watched {
-    kept: Mutex<Kept>,
-    begun: Notify,
-}
-
-#[derive(Debug, Default)]
-struct Kept {
     channels: BTreeMap<u16, Told>,
     frames: Option<Frames>,
 }
@@ -46,45 +49,48 @@ struct Told {
 }
 
 impl Watched {
+    /// Changes what is watched, and tells what there is to be told of that.
+    pub fn look(&mut self, bench: &Bench, look: Look) -> Option<ServerMessage> {
+        let (done, about, subject) = match look {
+            Look::Subscribe(number, channel) => {
+                (self.subscribe(number, channel), "subscribe", Some(number))
+            }
+            Look::Unsubscribe(number) => {
+                self.channels.remove(&number);
+                return None;
+            }
+            Look::Frames(filter) => (self.frames(bench, filter.as_deref()), "frames", None),
+            Look::NoFrames => {
+                self.frames = None;
+                return None;
+            }
+            Look::Explain(n) => match bench.explain(n) {
+                Ok(fields) => return Some(ServerMessage::Explained { n, fields }),
+                Err(refused) => (Err(refused), "explain", None),
+            },
+        };
+        done.err().map(|refused| told(refused, Some(about), subject))
+    }
+
     /// Sends a channel from now on, instead of what had its number.
-    pub fn subscribe(&self, number: u16, channel: Channel) -> Result<(), Refused> {
-        let mut kept = self.kept();
-        if kept.channels.len() >= CHANNELS_MAX && !kept.channels.contains_key(&number) {
+    fn subscribe(&mut self, number: u16, channel: Channel) -> Result<(), Refused> {
+        if self.channels.len() >= CHANNELS_MAX && !self.channels.contains_key(&number) {
             let what = format!("a viewer has at most {CHANNELS_MAX} channels");
             return Err(Refused::new("gateway.limit", what).hint("unsubscribe from one"));
         }
-        kept.channels.insert(number, Told { channel, source: None });
-        self.begun.notify_one();
+        self.channels.insert(number, Told { channel, source: None });
         Ok(())
-    }
-
-    /// Sends a channel no more.
-    pub fn unsubscribe(&self, number: u16) {
-        self.kept().channels.remove(&number);
     }
 
     /// Sends frames that a filter wants; no others, where some were sent before.
-    pub fn frames(&self, bench: &Bench, filter: Option<&str>) -> Result<(), Refused> {
-        let mut kept = self.kept();
-        match &mut kept.frames {
+    fn frames(&mut self, bench: &Bench, filter: Option<&str>) -> Result<(), Refused> {
+        match &mut self.frames {
             Some(frames) => frames.choose(filter)?,
             none => *none = Some(bench.frames(filter)?),
         }
-        self.begun.notify_one();
         Ok(())
     }
 
-    /// Sends frames no more.
-    pub fn no_frames(&self) {
-        self.kept().frames = None;
-    }
-
-    fn kept(&self) -> MutexGuard<'_, Kept> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Kept {
     fn is_empty(&self) -> bool {
         self.channels.is_empty() && self.frames.is_none()
     }
@@ -112,7 +118,7 @@ impl Default for Round {
 
 impl Round {
     /// The next message. Where it is waited for no longer, nothing is lost.
-    pub async fn message(&mut self, watched: &Watched, metrics: &Metrics) -> Message {
+    pub async fn message(&mut self, watched: &mut Watched, metrics: &Metrics) -> Message {
         loop {
             if let Some(message) = self.ready.pop_front() {
                 return message;
@@ -120,8 +126,9 @@ impl Round {
             if self.channel(watched, metrics) || self.frames(watched, metrics) {
                 continue;
             }
-            if watched.kept().is_empty() {
-                watched.begun.notified().await;
+            if watched.is_empty() {
+                // Until that changes there is nothing to say.
+                std::future::pending::<()>().await;
             }
             self.next.tick().await;
             (self.channel, self.batches) = (Some(0), BATCHES_MAX);
@@ -129,10 +136,9 @@ impl Round {
     }
 
     /// Makes the messages of the next channel. False when all had their turn.
-    fn channel(&mut self, watched: &Watched, metrics: &Metrics) -> bool {
+    fn channel(&mut self, watched: &mut Watched, metrics: &Metrics) -> bool {
         let Some(from) = self.channel.take() else { return false };
-        let mut kept = watched.kept();
-        let Some((number, told)) = kept.channels.range_mut(from..).next() else { return false };
+        let Some((number, told)) = watched.channels.range_mut(from..).next() else { return false };
         self.channel = number.checked_add(1);
         let lost = told.say(*number, &mut self.samples, &mut self.ready);
         metrics.dropped.inc_by(lost);
@@ -140,12 +146,12 @@ impl Round {
     }
 
     /// Makes a message of frames. False when none are left, or too many.
-    fn frames(&mut self, watched: &Watched, metrics: &Metrics) -> bool {
+    fn frames(&mut self, watched: &mut Watched, metrics: &Metrics) -> bool {
         if self.batches == 0 {
             return false;
         }
         self.batches -= 1;
-        let taken = watched.kept().frames.as_mut().map(|frames| frames.take(FRAMES_MAX));
+        let taken = watched.frames.as_mut().map(|frames| frames.take(FRAMES_MAX));
         let Some((items, lost)) = taken.filter(|(items, lost)| !items.is_empty() || *lost > 0)
         else {
             return false;

@@ -91,6 +91,36 @@ fn frames_arrive_filtered_and_are_taken_apart() {
 }
 
 #[test]
+fn a_stop_goes_before_what_its_viewer_said_before_it() {
+    let site = Site::new();
+    let mut ann = site.live_as("operator");
+    next(&mut ann, "welcome");
+    // More than is done at once; all of it is sent together, the stop behind it.
+    let pings = (0..250).map(|n| json!({ "type": "ping", "client_ms": n }));
+    let before = [
+        json!({ "type": "lease", "axis": 0, "act": "take" }),
+        json!({ "type": "release" }),
+        json!({ "type": "stop", "reason": "enough" }),
+    ];
+    for said in pings.chain(before) {
+        ann.write(Message::text(said.to_string())).unwrap();
+    }
+    ann.flush().unwrap();
+    for about in ["lease", "release"] {
+        let refused = next(&mut ann, "error");
+        assert_eq!(
+            (&refused["about"], &refused["error"]["code"]),
+            (&json!(about), &json!("gateway.expired"))
+        );
+    }
+    let bench = site.get("/api/v1/bench", &site.bearer("viewer")).json();
+    assert_eq!(bench["lock"]["reason"], "enough", "what was said before it does not release it");
+    tell(&mut ann, &json!({ "type": "release" }));
+    next(&mut ann, "unlocked");
+    site.end();
+}
+
+#[test]
 fn who_takes_nothing_is_closed_and_another_goes_on() {
     let site = Site::new();
     let (mut deaf, mut ann) = (site.live_as("viewer"), site.live_as("viewer"));
