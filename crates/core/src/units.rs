@@ -158,6 +158,27 @@ impl Unit {
             _ => 1.0,
         }
     }
+
+    /// The SI unit of what is stated in it, as people write it; empty for none. Temperatures stay in
+    /// degrees Celsius.
+    #[must_use]
+    pub const fn si_symbol(self) -> &'static str {
+        match self {
+            Self::None | Self::Percent => "",
+            Self::Degree | Self::Turn | Self::Radian => "rad",
+            Self::Rpm => "rad/s",
+            Self::RpmPerSecond => "rad/s²",
+            Self::Millimetre => "m",
+            Self::MillimetrePerSecond => "m/s",
+            Self::MillimetrePerSecondSquared => "m/s²",
+            Self::NewtonMetre => "N·m",
+            Self::Ampere => "A",
+            Self::Volt => "V",
+            Self::Celsius => "°C",
+            Self::Millisecond | Self::Second => "s",
+            Self::Baud => "bit/s",
+        }
+    }
 }
 
 /// `value` to the nearest whole number, halves away from zero. What lies beyond the ends of the

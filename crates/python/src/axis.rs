@@ -299,16 +299,15 @@ impl Axis {
         self.0.profile().signals.iter().map(|s| (s.signal.name(), unit(s))).collect()
     }
 
+    /// The units in which signals are read, SI as people write it; empty for none.
+    fn signal_units(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<&'static str>> {
+        let unit = |name: &String| Ok(self.0.signal_unit(signal(py, name)?));
+        names.iter().map(unit).collect()
+    }
+
     /// Reads signals now, in SI.
     fn read_signals(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<f64>> {
-        let known = |name: &String| {
-            let plain = name.replace('_', " ");
-            Signal::ALL.into_iter().find(|signal| signal.name() == plain).ok_or_else(|| {
-                let all: Vec<_> = Signal::ALL.iter().map(|signal| signal.name()).collect();
-                let what = format!("there is no signal `{name}`");
-                usage(py, "E213", &what, &format!("signals are {}", all.join(", ")))
-            })
-        };
+        let known = |name: &String| signal(py, name);
         let signals: Vec<Signal> = names.iter().map(known).collect::<PyResult<_>>()?;
         let readings = self.done(py, |axis| axis.signals(&signals))?;
         Ok(readings.into_iter().map(|reading| reading.value).collect())
@@ -451,4 +450,14 @@ impl Axis {
     ) -> PyResult<Request> {
         self.done(py, what).map(Request::new)
     }
+}
+
+/// The signal of that name.
+fn signal(py: Python<'_>, name: &str) -> PyResult<Signal> {
+    let plain = name.replace('_', " ");
+    Signal::ALL.into_iter().find(|signal| signal.name() == plain).ok_or_else(|| {
+        let all: Vec<_> = Signal::ALL.iter().map(|signal| signal.name()).collect();
+        let what = format!("there is no signal `{name}`");
+        usage(py, "E213", &what, &format!("signals are {}", all.join(", ")))
+    })
 }

@@ -95,6 +95,8 @@ def test_an_axis_takes_a_step(axis: polepair.Axis, link: polepair.Link) -> None:
     assert abs(step.error) < 0.05 * step.target
     assert 0 < step.rise < 1.0 and 0 < step.delay < 1.0
     assert "rise" in str(step) and "<svg" in step._repr_html_()
+    assert step.unit == "rad/s" and str(step).endswith(" rad/s")
+    assert "velocity [rad/s]" in step._repr_html_()
     with pytest.raises(polepair.Unsupported):
         axis.step("supply voltage", 1)
 
@@ -105,8 +107,12 @@ def test_a_step_is_drawn(tmp_path: Path) -> None:
     matplotlib.use("Agg")
     times = [at / 1000 for at in range(-20, 1500)]
     values = [100 * response(0.3, 20.0, time) for time in times]
-    step = polepair.Trace("axis 1", times, {"velocity": values}).step("velocity", 100.0, at=0.0)
+    trace = polepair.Trace("axis 1", times, {"velocity": values}, {"velocity": "rad/s"})
+    step = trace.step("velocity", 100.0, at=0.0)
     drawn = step.plot()
+    assert drawn.get_ylabel() == "velocity [rad/s]"
+    legend = trace.plot().get_legend().get_texts()
+    assert [text.get_text() for text in legend] == ["velocity [rad/s]"]
     labels = [text.get_text() for text in drawn.get_legend().get_texts()]
     assert any(label.startswith("rise ") for label in labels)
     assert "overshoot 37.2%" in labels

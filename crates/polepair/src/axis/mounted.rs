@@ -27,6 +27,14 @@ impl Axis {
         role.map_or(unit, |(mounted, role)| mounted.unit(role, unit))
     }
 
+    /// The SI unit in which a signal is read, as people write it: `rad/s`, or `m/s` of an axis that
+    /// goes along a line. Empty for flags and codes, and for what the drive does not tell.
+    #[must_use]
+    pub fn signal_unit(&self, signal: Signal) -> &'static str {
+        let source = self.profile.signal(signal).filter(|_| signal.is_measured());
+        source.map_or("", |source| self.unit(source.parameter).si_symbol())
+    }
+
     /// Whether a file says how far it may go.
     #[must_use]
     pub fn has_ends(&self) -> bool {

@@ -233,7 +233,8 @@ class AxisSteps:
             yield Call(self._native.sleep, max(0.0, 1.0 / rate - (answered - asked)))
         from .trace import Trace
 
-        return Trace(self.label, times, columns)
+        units = dict(zip(signals, self._native.signal_units(list(signals)), strict=True))
+        return Trace(self.label, times, columns, units)
 
     def _step(
         self,
@@ -264,7 +265,8 @@ class AxisSteps:
         times, values = [0.0, *trace.times], [before[signal], *trace[signal]]
         from .trace import Trace
 
-        return Trace(trace.axis, times, {signal: values}).step(signal, goal, band=band)
+        whole = Trace(trace.axis, times, {signal: values}, trace.units)
+        return whole.step(signal, goal, band=band)
 
     def _faults(self) -> Steps[list[Fault]]:
         """The faults and warnings that are there now."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from .columns import extra
@@ -58,11 +58,14 @@ class StepResponse:
     """When it was read, from the step on."""
     values: tuple[float, ...]
     """What was read."""
+    unit: str = ""
+    """The unit of target, values, peak and error; empty where nobody says."""
 
     def __str__(self) -> str:
+        error = f"{self.error:.4g} {self.unit}".rstrip()
         return (
             f"{self.signal}: rise {self.rise * 1e3:.4g} ms, overshoot {self.overshoot:.1%}, "
-            f"settling ({self.band:.0%}) {self.settling * 1e3:.4g} ms, error {self.error:.4g}"
+            f"settling ({self.band:.0%}) {self.settling * 1e3:.4g} ms, error {error}"
         )
 
     def __repr__(self) -> str:
@@ -71,14 +74,17 @@ class StepResponse:
     def _repr_html_(self) -> str:
         from ._html import curves, table
 
+        units = dict.fromkeys(("target", "final", "error", "peak"), self.unit)
+        units |= dict.fromkeys(("rise", "delay", "peak_time", "settling"), "s")
         rows = [
-            (name, f"{getattr(self, name):.6g}")
+            (name, f"{getattr(self, name):.6g} {units.get(name, '')}".rstrip())
             for name in (
                 "target", "final", "error", "rise", "delay", "overshoot", "peak", "peak_time",
                 "settling",
             )
         ]
-        return curves(self.times, {self.signal: self.values}) + table(["", self.signal], rows)
+        called = _called(self.signal, self.unit)
+        return curves(self.times, {called: self.values}) + table(["", self.signal], rows)
 
     def plot(self, axes: Any = None) -> Any:
         """Draws it with its target, band, rise and peak; needs `polepair[plot]`."""
@@ -100,7 +106,7 @@ class StepResponse:
             drawn.axvline(self.settling, color="tab:green", linewidth=1,
                           label=f"settled {self.settling * 1e3:.3g} ms")
         drawn.set_xlabel("time since the step [s]")
-        drawn.set_ylabel(self.signal)
+        drawn.set_ylabel(_called(self.signal, self.unit))
         drawn.set_title(f"Step response: {self.signal}")
         drawn.grid(alpha=0.3)
         drawn.legend(loc="lower right")
@@ -120,6 +126,8 @@ class Trace:
     """When each row was read; 0 is when reading began, or when a step was told."""
     columns: dict[str, list[float]]
     """Every signal's values, a row each."""
+    units: dict[str, str] = field(default_factory=dict)
+    """The signals' units, as people write them; what is not named has none that anybody knows."""
 
     def __len__(self) -> int:
         return len(self.times)
@@ -134,7 +142,8 @@ class Trace:
     def _repr_html_(self) -> str:
         from ._html import curves
 
-        return curves(self.times, self.columns, self.axis)
+        called = {_called(name, self.units.get(name, "")): v for name, v in self.columns.items()}
+        return curves(self.times, called, self.axis)
 
     def step(
         self,
@@ -184,6 +193,7 @@ class Trace:
             band=band,
             times=tuple(times),
             values=tuple(values),
+            unit=self.units.get(signal, ""),
         )
 
     def _table(self) -> dict[str, list[float]]:
@@ -214,12 +224,17 @@ class Trace:
         pyplot = extra("matplotlib.pyplot", "polepair[plot]")
         drawn = axes if axes is not None else pyplot.subplots(layout="constrained")[1]
         for name, values in self.columns.items():
-            drawn.plot(self.times, values, label=name)
+            drawn.plot(self.times, values, label=_called(name, self.units.get(name, "")))
         drawn.set_xlabel("time [s]")
         drawn.set_title(self.axis)
         drawn.grid(alpha=0.3)
         drawn.legend()
         return drawn
+
+
+def _called(signal: str, unit: str) -> str:
+    """A signal as axes and legends name it: `velocity [rad/s]`."""
+    return f"{signal} [{unit}]" if unit else signal
 
 
 def _at(times: Sequence[float], values: Sequence[float], when: float) -> float:

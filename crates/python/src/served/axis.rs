@@ -278,6 +278,16 @@ impl Axis {
         self.info.signals.iter().map(|signal| (&*signal.signal, &*signal.unit)).collect()
     }
 
+    /// The units in which signals are read, SI as people write it; empty for none.
+    fn signal_units(&self, names: Vec<String>) -> Vec<&str> {
+        let unit = |name: String| {
+            let plain = name.replace('_', " ");
+            let told = self.info.signals.iter().find(|signal| signal.signal == plain);
+            told.map_or("", |signal| &signal.unit)
+        };
+        names.into_iter().map(unit).collect()
+    }
+
     /// Reads signals now, in SI.
     fn read_signals(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<f64>> {
         if names.is_empty() {

@@ -4,9 +4,8 @@ use polepair::Axis;
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Parameter, ParameterId, Persistence, Profile, Signal, SignalSource, Watchdog,
+    Access, AxisKind, Parameter, ParameterId, Persistence, Profile, SignalSource, Watchdog,
 };
-use polepair_core::units::Unit;
 
 use super::simulated::Drive;
 use crate::message::{ArgumentInfo, AxisInfo, LimitInfo, ParameterInfo, SignalInfo, VerbInfo};
@@ -104,7 +103,7 @@ fn argument(axis: &Axis, verb: Verb, (which, name): (Argument, &str)) -> Option<
     if !verb.takes(which) {
         return None;
     }
-    let unit = si(axis.unit_of(verb, which)?).to_owned();
+    let unit = axis.unit_of(verb, which)?.si_symbol().to_owned();
     let steps = axis.profile().plan(verb)?.steps;
     let needs = |operand: &Operand| *operand == Operand::Argument(which);
     let required = steps.iter().any(|step| match step {
@@ -120,40 +119,14 @@ fn limited(axis: &Axis, (verb, which, name): (Verb, Argument, &str)) -> Option<L
     let unit = axis.unit(id);
     let si_of = |raw| Some(axis.value(id, raw).ok()?.value * unit.si()).filter(|v| v.is_finite());
     let (min, max) = (si_of(parameter.min), si_of(parameter.max));
-    Some(LimitInfo { name: name.to_owned(), unit: si(unit).to_owned(), min, max })
+    Some(LimitInfo { name: name.to_owned(), unit: unit.si_symbol().to_owned(), min, max })
 }
 
 fn signal(axis: &Axis, source: &SignalSource) -> SignalInfo {
     SignalInfo {
         signal: source.signal.name().to_owned(),
-        unit: signal_unit(axis, source).to_owned(),
+        unit: axis.signal_unit(source.signal).to_owned(),
         pushed: false,
-    }
-}
-
-/// The SI unit of a signal: none of flags, codes and modes.
-pub(super) fn signal_unit(axis: &Axis, source: &SignalSource) -> &'static str {
-    use Signal::{Enabled, Fault, Mode, Moving, Reached};
-    let plain = matches!(source.signal, Enabled | Fault | Mode | Moving | Reached);
-    if plain { "" } else { si(axis.unit(source.parameter)) }
-}
-
-/// The SI unit of what is shown in a unit.
-pub(super) const fn si(unit: Unit) -> &'static str {
-    match unit {
-        Unit::Degree | Unit::Turn | Unit::Radian => "rad",
-        Unit::Rpm => "rad/s",
-        Unit::RpmPerSecond => "rad/s²",
-        Unit::Millimetre => "m",
-        Unit::MillimetrePerSecond => "m/s",
-        Unit::MillimetrePerSecondSquared => "m/s²",
-        Unit::NewtonMetre => "N·m",
-        Unit::Ampere => "A",
-        Unit::Volt => "V",
-        Unit::Celsius => "°C",
-        Unit::Millisecond | Unit::Second => "s",
-        Unit::Baud => "bit/s",
-        _ => "",
     }
 }
 

@@ -5,7 +5,6 @@ use polepair_core::axis::State;
 use polepair_core::profile::{Severity, Signal, SignalSource};
 use polepair_core::time::Instant;
 
-use super::describe::signal_unit;
 use crate::message::{AxisState, FaultTold, SignalValue};
 
 /// All but lease and panel.
@@ -42,7 +41,7 @@ pub(super) fn signal_value(
     Some(SignalValue {
         signal: source.signal.name().to_owned(),
         value: Some(reading.value).filter(|value| value.is_finite()),
-        unit: signal_unit(axis, source).to_owned(),
+        unit: axis.signal_unit(source.signal).to_owned(),
         age_ms: now.since(at).as_secs_f64() * 1e3,
     })
 }

@@ -10,7 +10,6 @@ use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
 use super::Bench;
-use super::describe::signal_unit;
 use super::shared::held;
 use crate::message::telemetry::Sample;
 use crate::message::{Refused, Source as From};
@@ -131,7 +130,7 @@ impl Bench {
                     Refused::new("E213", format!("{} does not tell `{word}`", its.label()))
                         .hint("the bench's list has what each axis can tell")
                 })?;
-                (What::Signal(source.signal), signal_unit(its, source))
+                (What::Signal(source.signal), its.signal_unit(source.signal))
             }
             (None, Some(name)) => {
                 let id = its.find(name)?;
