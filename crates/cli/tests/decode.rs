@@ -297,3 +297,39 @@ fn any_number_of_threads_decodes_the_same() {
     assert!(refused.code == 2 && refused.err.contains("--jobs"), "{}", refused.err);
     std::fs::remove_dir_all(&folder).expect("removed");
 }
+
+/// What OUT ends in is the format, unless one is stated; an ending that is none gives lines of text.
+#[test]
+fn the_format_is_what_the_output_ends_in() {
+    let folder = std::env::temp_dir().join(format!("polepair-ending-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let capture = folder.join("bus.log");
+    let asked = "601#4064600000000000\n(1.1) can0 581#4364600001020304\n";
+    let log = format!("(1.0) can0 {asked}(1.2) can0 {asked}(1.3) can0 581#4364600001020304\n");
+    std::fs::write(&capture, log).expect("a capture");
+    let decoded = |out: &str, stated: &[&str]| {
+        let out = folder.join(out);
+        let words = ["decode", &capture.display().to_string(), "--as", "canopen", "-o"];
+        let ran = polepair(&[&words[..], &[&out.display().to_string()], stated].concat());
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        out
+    };
+    let begins = |path: std::path::PathBuf, with: &[u8]| {
+        let bytes = std::fs::read(&path).expect("written");
+        assert!(bytes.starts_with(with), "{}: {bytes:?}", path.display());
+    };
+    begins(decoded("a.parquet", &[]).join("signals.parquet"), b"PAR1");
+    begins(decoded("a.PARQUET", &[]).join("frames.parquet"), b"PAR1");
+    begins(decoded("a.arrow", &[]).join("frames.arrow"), b"ARROW1");
+    begins(decoded("a.jsonl", &[]), b"{");
+    for out in ["a.txt", "a.csv", "a"] {
+        let lines = std::fs::read_to_string(decoded(out, &[])).expect("text");
+        assert!(!lines.starts_with('{') && lines.lines().count() >= 5, "{lines}");
+    }
+    begins(decoded("b.parquet", &["--format", "jsonl"]), b"{");
+    begins(decoded("b.jsonl", &["--format", "arrow"]).join("events.arrow"), b"ARROW1");
+    // A drawing has its own formats.
+    let drawn = decoded("c.parquet", &["--plot", "*/Actual/Position"]);
+    assert!(!drawn.is_dir(), "{}", drawn.display());
+    std::fs::remove_dir_all(&folder).expect("removed");
+}

@@ -48,6 +48,7 @@ Examples:
   polepair decode bus.log --plot '*/Actual/Position' -o position.svg
   polepair decode bus.log --as canopen@2,thruster@11 --profile syntron-ts-canopen
   polepair decode capture.log --format parquet --tables frames,signals -o columns
+  polepair decode capture.log -o columns.parquet             # the same, a folder of all tables
   polepair decode captures --site plant-2 -o dataset
   polepair decode capture.log --expect good.jsonl --within 5ms   # a capture as a test
   tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
@@ -60,7 +61,7 @@ pub struct Decode {
     /// Only frames of which this is true: 'axis = 2 and not ok', 'odd', 'signal Actual/* > 5'
     #[arg(long, value_name = "EXPR")]
     filter: Option<String>,
-    /// How frames are written [default: text, or jsonl if OUT ends so]
+    /// How frames are written [default: what OUT ends in, .jsonl, .parquet or .arrow; else text]
     #[arg(long, value_enum)]
     format: Option<Format>,
     /// What is told below the frames: nothing, what is odd, faults and states, or values too
@@ -241,10 +242,12 @@ impl Decode {
         Style { marks: self.changes, notices, ..Style::default() }
     }
 
+    /// The one that is stated, else what OUT ends in; lines of text where that is no format. A drawing
+    /// has its own.
     fn format(&self) -> Format {
-        let jsonl = |out: &PathBuf| out.extension().is_some_and(|end| end == "jsonl");
-        let by_name = self.out.as_ref().filter(|out| jsonl(out)).map(|_| Format::Jsonl);
-        self.format.or(by_name).unwrap_or(Format::Text)
+        let ending = self.out.as_deref().and_then(Path::extension).and_then(|end| end.to_str());
+        let named = ending.and_then(|end| Format::from_str(end, true).ok());
+        self.format.or(named.filter(|_| self.plot.is_empty())).unwrap_or(Format::Text)
     }
 }
 
