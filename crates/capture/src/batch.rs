@@ -26,21 +26,23 @@ const VOICES_MAX: usize = 1 << 12;
 #[derive(Debug, Default)]
 pub struct Batch {
     pub(crate) head: Head,
-    items: Vec<Decoded>,
+    /// Frames that change nothing, in order.
+    plain: Vec<Plain>,
     voices: Vec<Voice>,
     kept: Vec<Kept>,
-    used: usize,
+    /// Of each event that is kept: how many plain frames come before it.
+    places: Vec<usize>,
     size: usize,
     stopped: bool,
 }
 
-/// One frame.
+/// Frames that stand one behind the other.
 #[derive(Clone, Copy, Debug)]
-pub enum Decoded {
-    /// One that changes nothing.
-    Plain(Plain),
+pub enum Decoded<'a> {
+    /// Some that change nothing.
+    Plain(&'a [Plain]),
     /// Any other; which one.
-    Told(u32),
+    Told(usize),
 }
 
 /// A frame that changes nothing.
@@ -141,9 +143,10 @@ impl Batch {
     /// Forgets everything; `head` is how far lines have come.
     pub(crate) fn begin(&mut self, head: Head) {
         self.head = head;
-        self.items.clear();
+        self.plain.clear();
         self.voices.clear();
-        (self.used, self.size) = (0, 0);
+        self.places.clear();
+        self.size = 0;
     }
 
     /// No more of the piece under way is wanted.
@@ -165,18 +168,33 @@ impl Batch {
     /// True without a frame.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
-        self.items.is_empty()
+        self.len() == 0
+    }
+
+    /// How many frames it has.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.plain.len() + self.places.len()
     }
 
     /// It has as many frames as it should.
     pub(crate) const fn is_full(&self) -> bool {
-        self.items.len() >= FRAMES_MAX || self.size >= KEPT_MAX
+        self.len() >= FRAMES_MAX || self.size >= KEPT_MAX
     }
 
     /// Its frames in order.
-    #[must_use]
-    pub fn decoded(&self) -> &[Decoded] {
-        &self.items
+    pub fn decoded(&self) -> impl Iterator<Item = Decoded<'_>> {
+        let (mut from, mut told) = (0, 0);
+        core::iter::from_fn(move || {
+            let place = self.places.get(told).copied();
+            let run = &self.plain[from..place.unwrap_or(self.plain.len())];
+            if !run.is_empty() {
+                from += run.len();
+                return Some(Decoded::Plain(run));
+            }
+            told += 1;
+            place.map(|_| Decoded::Told(told - 1))
+        })
     }
 
     /// Who says its frames that change nothing.
@@ -186,8 +204,8 @@ impl Batch {
     }
 
     /// Gives a frame that is not plain.
-    pub fn told(&self, at: u32, each: impl FnOnce(&Event<'_>)) {
-        if let Some(kept) = self.kept.get(at as usize) {
+    pub fn told(&self, at: usize, each: impl FnOnce(&Event<'_>)) {
+        if let Some(kept) = self.kept.get(at) {
             each(&kept.event());
         }
     }
@@ -195,26 +213,26 @@ impl Batch {
     /// Gives every frame as a decoder does that keeps none.
     pub fn each(&self, each: &mut dyn FnMut(&Event<'_>)) {
         let mut buffers = Buffers::default();
-        for item in &self.items {
-            match item {
-                Decoded::Plain(plain) => {
+        for decoded in self.decoded() {
+            match decoded {
+                Decoded::Plain(run) => run.iter().for_each(|plain| {
                     self.voices[usize::from(plain.voice)].event(plain, &mut buffers, each);
-                }
-                Decoded::Told(at) => self.told(*at, &mut *each),
+                }),
+                Decoded::Told(at) => self.told(at, &mut *each),
             }
         }
     }
 
     /// Keeps an event.
     pub(crate) fn keep(&mut self, event: &Event<'_>) {
-        if self.used == self.kept.len() {
+        let used = self.places.len();
+        if used == self.kept.len() {
             self.kept.push(Kept::default());
         }
-        let kept = &mut self.kept[self.used];
+        let kept = &mut self.kept[used];
         kept.take(event);
         self.size += kept.size();
-        self.items.push(Decoded::Told(self.used as u32));
-        self.used += 1;
+        self.places.push(self.plain.len());
     }
 
     /// Adds a frame that changes nothing. `voice` is where their voice may be, and is; false if
@@ -244,7 +262,7 @@ impl Batch {
             self.voices.push(Voice { said, link, protocol, direction, id, len });
         }
         let (voice, data) = (*voice, u64::from_le_bytes(frame.data));
-        self.items.push(Decoded::Plain(Plain { voice, data, number, time, at: record.at }));
+        self.plain.push(Plain { voice, data, number, time, at: record.at });
         true
     }
 }

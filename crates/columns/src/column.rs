@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use arrow_array::types::{ArrowPrimitiveType, Int32Type};
 use arrow_array::{
-    ArrayRef, BinaryArray, DictionaryArray, Int32Array, PrimitiveArray, StringArray,
+    Array as _, ArrayRef, BinaryArray, DictionaryArray, Int32Array, PrimitiveArray, StringArray,
 };
-use arrow_buffer::{Buffer, NullBuffer, NullBufferBuilder, OffsetBuffer, ScalarBuffer};
+use arrow_buffer::{Buffer, NullBuffer, NullBufferBuilder, OffsetBuffer};
 use arrow_schema::ArrowError;
 
 /// Different words of one column; a capture with more of them is hostile.
@@ -77,6 +77,44 @@ impl<T: ArrowPrimitiveType> Numbers<T> {
         }
     }
 
+    /// Makes room for so many rows more. A column that begins gets no more than that: fresh memory
+    /// costs more than what is done with it.
+    pub fn reserve(&mut self, rows: usize) {
+        room(&mut self.values, rows);
+    }
+
+    /// Rows that all have a number.
+    #[inline]
+    pub fn extend(&mut self, rows: impl ExactSizeIterator<Item = T::Native>) {
+        self.note_all(true, rows.len());
+        self.values.extend(rows);
+    }
+
+    /// The same again and again.
+    pub fn repeat(&mut self, value: Option<T::Native>, rows: usize) {
+        self.note_all(value.is_some(), rows);
+        self.values.resize(self.values.len() + rows, value.unwrap_or_default());
+    }
+
+    /// Makes rows that all have a number, and gives them to be filled in.
+    pub fn rows(&mut self, rows: usize) -> &mut [T::Native] {
+        let before = self.values.len();
+        self.repeat(Some(T::Native::default()), rows);
+        &mut self.values[before..]
+    }
+
+    fn note_all(&mut self, is: bool, rows: usize) {
+        if rows > 0 {
+            self.note(is);
+            if let There::Some(builder) = &mut self.there {
+                match is {
+                    true => builder.append_n_non_nulls(rows - 1),
+                    false => builder.append_n_nulls(rows - 1),
+                }
+            }
+        }
+    }
+
     pub fn len(&self) -> usize {
         self.values.len()
     }
@@ -84,7 +122,7 @@ impl<T: ArrowPrimitiveType> Numbers<T> {
     /// What was gathered; the column begins anew.
     pub fn take(&mut self) -> PrimitiveArray<T> {
         let rows = self.values.len();
-        let values = core::mem::replace(&mut self.values, Vec::with_capacity(rows));
+        let values = core::mem::take(&mut self.values);
         let nulls = match core::mem::replace(&mut self.there, There::All) {
             There::All => None,
             There::None => Some(NullBuffer::new_null(rows)),
@@ -208,10 +246,9 @@ impl Words {
         self.keys.push_maybe(word.map(|word| self.dictionary.number_of(word)));
     }
 
-    /// A word by its number in the dictionary.
-    #[inline]
-    pub fn push_number(&mut self, number: i32) {
-        self.keys.push(number);
+    /// Words by their numbers in the dictionary.
+    pub const fn keys(&mut self) -> &mut Numbers<Int32Type> {
+        &mut self.keys
     }
 
     pub fn take(&mut self) -> Result<ArrayRef, ArrowError> {
@@ -227,7 +264,8 @@ fn dictionary(keys: Int32Array, words: &Dictionary) -> Result<ArrayRef, ArrowErr
 #[derive(Debug, Default)]
 pub(crate) struct Same {
     word: String,
-    zeros: Buffer,
+    /// As many rows as were wanted at most; fewer are the beginning of these.
+    most: Option<DictionaryArray<Int32Type>>,
 }
 
 impl Same {
@@ -236,12 +274,15 @@ impl Same {
     }
 
     pub fn rows(&mut self, rows: usize) -> Result<ArrayRef, ArrowError> {
-        if self.zeros.len() < rows * size_of::<i32>() {
-            self.zeros = Buffer::from_vec(vec![0i32; rows]);
+        if let Some(most) = self.most.as_ref().filter(|most| most.len() >= rows) {
+            return Ok(Arc::new(most.slice(0, rows)));
         }
-        let keys = Int32Array::new(ScalarBuffer::new(self.zeros.clone(), 0, rows), None);
+        let keys = Int32Array::from_value(0, rows.next_power_of_two());
         let values: ArrayRef = Arc::new(StringArray::from_iter_values([&self.word]));
-        Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, values)?))
+        let most = DictionaryArray::<Int32Type>::try_new(keys, values)?;
+        let made = Arc::new(most.slice(0, rows));
+        self.most = Some(most);
+        Ok(made)
     }
 }
 
@@ -265,13 +306,26 @@ impl Bytes {
         self.ends.push(self.bytes.len() as i32);
     }
 
-    /// The first `len` of eight bytes.
+    /// Of each eight bytes the first so many.
     #[inline]
-    pub fn push_some(&mut self, bytes: [u8; 8], len: u8) {
-        let end = self.bytes.len() + usize::from(len);
-        self.bytes.extend_from_slice(&bytes);
+    pub fn extend(&mut self, rows: impl ExactSizeIterator<Item = ([u8; 8], u8)>) {
+        let mut end = self.bytes.len();
+        self.bytes.resize(end + 8 * rows.len(), 0);
+        let bytes = &mut self.bytes[..];
+        self.ends.extend(rows.map(|(row, len)| {
+            if let Some(place) = bytes[end..].first_chunk_mut() {
+                *place = row;
+            }
+            end += usize::from(len);
+            end as i32
+        }));
         self.bytes.truncate(end);
-        self.ends.push(end as i32);
+    }
+
+    /// Makes room for so many rows more, of eight bytes at most.
+    pub fn reserve(&mut self, rows: usize) {
+        room(&mut self.bytes, 8 * rows);
+        room(&mut self.ends, rows);
     }
 
     /// Bytes of all rows together.
@@ -281,8 +335,6 @@ impl Bytes {
 
     fn parts(&mut self) -> (OffsetBuffer<i32>, Buffer) {
         let Self { ends, bytes } = core::mem::take(self);
-        self.bytes.reserve(bytes.len());
-        self.ends.reserve(ends.len());
         (OffsetBuffer::new(ends.into()), bytes.into())
     }
 
@@ -295,6 +347,14 @@ impl Bytes {
     pub fn take_text(&mut self) -> Result<ArrayRef, ArrowError> {
         let (ends, bytes) = self.parts();
         Ok(Arc::new(StringArray::try_new(ends, bytes, None)?))
+    }
+}
+
+/// Makes room for so many more: exactly, where there are none yet.
+fn room<T>(values: &mut Vec<T>, more: usize) {
+    match values.len() {
+        0 | 1 => values.reserve_exact(more),
+        _ => values.reserve(more),
     }
 }
 

@@ -49,10 +49,10 @@ fn renumbered(
     let own = column.values().as_string::<i32>();
     let numbers: Vec<i32> = own.iter().map(|word| words.number(word.unwrap_or(""))).collect();
     let same = numbers.iter().zip(0..).all(|(number, own)| *number == own);
-    let keys = match same {
-        true => column.keys().clone(),
-        // What is missing has a number that need not be one.
-        false => column.keys().unary(|key| numbers.get(key as usize).copied().unwrap_or(0)),
-    };
+    if same {
+        return Ok(Arc::new(column.with_values(words.values())));
+    }
+    // What is missing has a number that need not be one.
+    let keys = column.keys().unary(|key| numbers.get(key as usize).copied().unwrap_or(0));
     Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, words.values())?))
 }

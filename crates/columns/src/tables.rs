@@ -5,11 +5,13 @@ mod frames;
 mod signals;
 mod transactions;
 
+use arrow_array::types::Int64Type;
 use arrow_array::{RecordBatch, UInt32Array};
 use arrow_schema::ArrowError;
 use polepair_capture::session::Notice;
-use polepair_capture::{Batch, Decoded, Event, Stamp, Voice};
+use polepair_capture::{Batch, Decoded, Event, Plain, Stamp};
 
+use crate::column::Numbers;
 use crate::schema::Table;
 
 /// Rows of one batch. Small enough that what is written stays in the processor's cache.
@@ -67,24 +69,28 @@ impl Tables {
         self.notices(at, event.notices);
     }
 
-    /// Takes the frames of a batch.
+    /// Takes the frames of a batch. Those that change nothing go into one column after the other.
     pub fn take_batch(&mut self, batch: &Batch) {
-        let Self { frames, signals, .. } = self;
-        let spoken = |voice: &Voice| (frames.spoken(voice), signals.spoken(voice));
-        let voices: Vec<_> = batch.voices().iter().map(spoken).collect();
-        let (frames, signals) = (self.wants(Table::Frames), self.wants(Table::Signals));
+        let frames = self.wants(Table::Frames).then(|| {
+            self.frames.reserve(batch.len());
+            self.frames.spoken(batch.voices())
+        });
+        let signals = self.wants(Table::Signals).then(|| {
+            let spoken = self.signals.spoken(batch.voices());
+            let rows = |it| match it {
+                Decoded::Plain(run) => spoken.rows(run),
+                Decoded::Told(_) => 1,
+            };
+            self.signals.reserve(batch.decoded().map(rows).sum());
+            spoken
+        });
         for decoded in batch.decoded() {
             match decoded {
-                Decoded::Plain(plain) => {
-                    let (frame, values) = &voices[usize::from(plain.voice)];
-                    if frames {
-                        self.frames.plain(plain, frame);
-                    }
-                    if signals {
-                        self.signals.plain(plain, values);
-                    }
+                Decoded::Plain(run) => {
+                    frames.iter().for_each(|spoken| self.frames.plain(run, spoken));
+                    signals.iter().for_each(|spoken| self.signals.plain(run, spoken));
                 }
-                Decoded::Told(at) => batch.told(*at, |event| self.take(event)),
+                Decoded::Told(at) => batch.told(at, |event| self.take(event)),
             }
         }
     }
@@ -151,6 +157,20 @@ impl Tables {
 /// The time of a row in nanoseconds.
 pub(crate) fn ns(time: Option<Stamp>) -> Option<i64> {
     time.and_then(|time| i64::try_from(time.0).ok())
+}
+
+/// Puts the times of frames down.
+pub(crate) fn times(column: &mut Numbers<Int64Type>, run: &[Plain]) {
+    match run.iter().all(|plain| i64::try_from(plain.time.0).is_ok()) {
+        true => column.extend(run.iter().map(|plain| plain.time.0.cast_signed())),
+        false => run.iter().for_each(|plain| column.push_maybe(ns(Some(plain.time)))),
+    }
+}
+
+/// The one that all are; none where they differ, or there are none.
+pub(crate) fn only<T: PartialEq>(mut all: impl Iterator<Item = T>) -> Option<T> {
+    let first = all.next()?;
+    all.all(|other| other == first).then_some(first)
 }
 
 /// A number of a frame as columns have it.

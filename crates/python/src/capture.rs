@@ -207,6 +207,11 @@ impl Decoder {
     }
 }
 
+/// Threads that are of use.
+pub fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from).min(JOBS_MAX)
+}
+
 /// Tables on their way.
 struct Made {
     /// One for each thread.
@@ -218,10 +223,9 @@ struct Made {
 impl Made {
     fn new(path: &Path, wanted: &[Table]) -> Self {
         let origin = Origin { source: String::new(), file: path.display().to_string() };
-        let threads = std::thread::available_parallelism().map_or(1, usize::from).min(JOBS_MAX);
         let builder = |_| Builder::new(Tables::new(wanted, &origin));
         let batches = wanted.iter().map(|table| (*table, Vec::new())).collect();
-        let builders = (0..threads).map(builder).collect();
+        let builders = (0..threads()).map(builder).collect();
         Self { builders, batches, numbering: Numbering::default() }
     }
 

@@ -14,7 +14,8 @@ use arrow_array::types::{
 use arrow_array::{
     Array, ArrayRef, BinaryArray, DictionaryArray, RecordBatch, RecordBatchIterator,
 };
-use arrow_buffer::{Buffer, NullBuffer};
+use arrow_buffer::Buffer;
+use arrow_data::ArrayData;
 use arrow_schema::ffi::FFI_ArrowSchema;
 use arrow_schema::{ArrowError, DataType, TimeUnit};
 use polepair_columns::Table;
@@ -110,33 +111,46 @@ impl Columns {
 
     /// A column of numbers, times or words.
     fn lend(&self, py: Python<'_>, column: &str) -> PyResult<Lending> {
-        let array = self.column(py, column)?;
-        let valid = array.nulls().map(mask);
-        let (array, words) = match array.as_dictionary_opt::<Int32Type>() {
-            Some(numbered) => (Arc::new(numbered.keys().clone()) as _, Some(words(numbered))),
-            None => (array, None),
+        let pieces = self.pieces(column)?;
+        let numbered = pieces.last().and_then(|last| last.as_dictionary_opt::<Int32Type>());
+        let words = numbered.map(words);
+        let values = |piece: &ArrayRef| match piece.as_dictionary_opt::<Int32Type>() {
+            Some(numbered) => numbered.keys().to_data(),
+            None => piece.to_data(),
         };
-        let kind = kind(array.data_type()).ok_or_else(|| PyKeyError::new_err(column.to_owned()))?;
-        let data = array.to_data();
-        let width = data.data_type().primitive_width().unwrap_or(1);
-        let buffer = data.buffers()[0].slice_with_length(data.offset() * width, data.len() * width);
-        Ok((Lent { buffer, kind, shape: (data.len(), None) }, valid, words))
+        let values: Vec<ArrayData> = pieces.iter().map(values).collect();
+        let kind = values.first().and_then(|values| kind(values.data_type()));
+        let kind = kind.ok_or_else(|| PyKeyError::new_err(column.to_owned()))?;
+        let missing = values.iter().any(|values| values.null_count() > 0);
+        let valid = missing.then(|| mask(&values));
+        let rows = values.iter().map(ArrayData::len).sum();
+        let buffer = match &values[..] {
+            [one] => bytes_of(one),
+            all => py.detach(|| joined(all)),
+        };
+        Ok((Lent { buffer, kind, shape: (rows, None) }, valid, words))
     }
 
     /// A column of byte strings as one row each, filled up with zeros, and how long each is.
     fn lend_bytes(&self, py: Python<'_>, column: &str) -> PyResult<(Lent, Lent)> {
-        let array = self.column(py, column)?;
-        let bytes = bytes(&array, column)?;
-        let lengths: Vec<i32> = bytes.value_offsets().windows(2).map(|at| at[1] - at[0]).collect();
-        let width = lengths.iter().copied().max().unwrap_or(0) as usize;
-        if width.saturating_mul(bytes.len()) > FILLED_MAX {
-            let (rows, max) = (bytes.len(), FILLED_MAX >> 30);
+        let pieces = self.pieces(column)?;
+        let pieces: Vec<&BinaryArray> =
+            pieces.iter().map(|piece| bytes(piece, column)).collect::<PyResult<_>>()?;
+        let places = pieces.iter().flat_map(|piece| piece.value_offsets().windows(2));
+        let lengths: Vec<i32> = places.map(|place| place[1] - place[0]).collect();
+        let (rows, width) = (lengths.len(), lengths.iter().copied().max().unwrap_or(0) as usize);
+        if width.saturating_mul(rows) > FILLED_MAX {
+            let max = FILLED_MAX >> 30;
             let what =
                 format!("{rows} rows as long as the longest, {width} bytes, are over {max} GiB");
             return Err(PyMemoryError::new_err(format!("{what}: take to_arrow() or to_polars()")));
         }
-        let filled = py.detach(|| filled(bytes, &lengths, width));
-        let rows = bytes.len();
+        let filled = py.detach(|| {
+            let mut whole = vec![0; width * rows];
+            let len = |piece: &&BinaryArray| width * piece.len();
+            side_by_side(&pieces, len, &mut whole, |piece, into| fill(piece, width, into));
+            whole
+        });
         let filled =
             Lent { buffer: Buffer::from_vec(filled), kind: "|u1", shape: (rows, Some(width)) };
         let lengths = Lent { buffer: Buffer::from_vec(lengths), kind: "<i4", shape: (rows, None) };
@@ -178,25 +192,84 @@ impl Columns {
         let mut columns: Vec<Vec<ArrayRef>> = (0..width)
             .map(|at| batches.iter().map(|batch| batch.column(at).clone()).collect())
             .collect();
-        for column in &mut columns {
-            share_words(column)?;
-        }
+        columns.iter_mut().for_each(|column| share_words(column));
         let rows = |at: usize| columns.iter().map(|column| column[at].clone()).collect();
         let batches = (0..batches.len()).map(|at| RecordBatch::try_new(table.schema(), rows(at)));
         Ok(Self { table, batches: batches.collect::<Result<_, _>>()? })
     }
 
-    /// A whole column: where it lies if it came in one piece, else put together.
-    fn column(&self, py: Python<'_>, name: &str) -> PyResult<ArrayRef> {
+    /// A column in the pieces that it came in; an empty one where there are none.
+    fn pieces(&self, name: &str) -> PyResult<Vec<ArrayRef>> {
         let schema = self.table.schema();
         let at = schema.index_of(name).map_err(|_| PyKeyError::new_err(name.to_owned()))?;
-        let pieces: Vec<&dyn Array> = self.batches.iter().map(|b| b.column(at).as_ref()).collect();
-        match self.batches.as_slice() {
-            [] => Ok(arrow_array::new_empty_array(schema.field(at).data_type())),
-            [one] => Ok(one.column(at).clone()),
-            _ => py.detach(|| arrow_select::concat::concat(&pieces)).map_err(broken),
+        if self.batches.is_empty() {
+            return Ok(vec![arrow_array::new_empty_array(schema.field(at).data_type())]);
         }
+        Ok(self.batches.iter().map(|batch| batch.column(at).clone()).collect())
     }
+
+    /// A whole column: where it lies if it came in one piece, else put together.
+    fn column(&self, py: Python<'_>, name: &str) -> PyResult<ArrayRef> {
+        let pieces = self.pieces(name)?;
+        if let [one] = &pieces[..] {
+            return Ok(one.clone());
+        }
+        let pieces: Vec<&dyn Array> = pieces.iter().map(AsRef::as_ref).collect();
+        py.detach(|| arrow_select::concat::concat(&pieces)).map_err(broken)
+    }
+}
+
+/// Where the values of a piece lie.
+fn bytes_of(values: &ArrayData) -> Buffer {
+    let width = values.data_type().primitive_width().unwrap_or(1);
+    values.buffers()[0].slice_with_length(values.offset() * width, values.len() * width)
+}
+
+/// The values of pieces one behind the other.
+fn joined(pieces: &[ArrayData]) -> Buffer {
+    let pieces: Vec<Buffer> = pieces.iter().map(bytes_of).collect();
+    let mut whole = vec![0; pieces.iter().map(Buffer::len).sum()];
+    side_by_side(&pieces, Buffer::len, &mut whole, |piece, into| into.copy_from_slice(piece));
+    Buffer::from_vec(whole)
+}
+
+/// Puts pieces one behind the other, each in its part of `whole`, which is so many bytes: on several
+/// threads, for fresh memory costs more than what is put there.
+fn side_by_side<T: Sync>(
+    pieces: &[T],
+    len: impl Fn(&T) -> usize,
+    whole: &mut [u8],
+    put: impl Fn(&T, &mut [u8]) + Sync,
+) {
+    /// Bytes that are worth a thread.
+    const BYTES_MIN: usize = 1 << 20;
+    let threads = whole.len().div_ceil(BYTES_MIN).clamp(1, crate::capture::threads());
+    let share = whole.len().div_ceil(threads);
+    let (mut pieces, mut whole, put) = (pieces, whole, &put);
+    std::thread::scope(|scope| {
+        while !pieces.is_empty() {
+            let (mut count, mut bytes) = (0, 0);
+            while count < pieces.len() && (count == 0 || bytes < share) {
+                bytes += len(&pieces[count]);
+                count += 1;
+            }
+            let (mine, mut part);
+            (mine, pieces) = pieces.split_at(count);
+            (part, whole) = core::mem::take(&mut whole).split_at_mut(bytes);
+            let lens: Vec<usize> = mine.iter().map(&len).collect();
+            let work = move || {
+                for (piece, len) in mine.iter().zip(lens) {
+                    let into;
+                    (into, part) = core::mem::take(&mut part).split_at_mut(len);
+                    put(piece, into);
+                }
+            };
+            match pieces.is_empty() {
+                true => work(),
+                false => drop(scope.spawn(work)),
+            }
+        }
+    });
 }
 
 /// Columns are made of what was decoded; that they cannot be is nobody's mistake but ours.
@@ -247,8 +320,14 @@ fn kind(of: &DataType) -> Option<&'static str> {
 }
 
 /// Which values are there, a byte each.
-fn mask(nulls: &NullBuffer) -> Lent {
-    let there: Vec<u8> = nulls.iter().map(u8::from).collect();
+fn mask(pieces: &[ArrayData]) -> Lent {
+    let mut there = Vec::with_capacity(pieces.iter().map(ArrayData::len).sum());
+    for piece in pieces {
+        match piece.nulls() {
+            Some(nulls) => there.extend(nulls.iter().map(u8::from)),
+            None => there.resize(there.len() + piece.len(), 1),
+        }
+    }
     let shape = (there.len(), None);
     Lent { buffer: Buffer::from_vec(there), kind: "|b1", shape }
 }
@@ -262,25 +341,22 @@ fn bytes<'a>(array: &'a ArrayRef, column: &str) -> PyResult<&'a BinaryArray> {
     array.as_binary_opt::<i32>().ok_or_else(|| PyKeyError::new_err(column.to_owned()))
 }
 
-/// Rows of one width, filled up with zeros.
-fn filled(rows: &BinaryArray, lengths: &[i32], width: usize) -> Vec<u8> {
-    let mut filled = vec![0; width * rows.len()];
-    let (all, starts) = (rows.value_data(), rows.value_offsets());
-    for ((into, start), len) in filled.chunks_exact_mut(width.max(1)).zip(starts).zip(lengths) {
-        let (start, len) = (*start as usize, *len as usize);
-        into[..len].copy_from_slice(&all[start..start + len]);
+/// Rows of one width, into zeros that fill them up.
+fn fill(rows: &BinaryArray, width: usize, into: &mut [u8]) {
+    let all = rows.value_data();
+    let places = rows.value_offsets().windows(2);
+    for (into, place) in into.chunks_exact_mut(width.max(1)).zip(places) {
+        let row = &all[place[0] as usize..place[1] as usize];
+        into[..row.len()].copy_from_slice(row);
     }
-    filled
 }
 
 /// Gives the pieces of a column of words one dictionary: that of the last, of which each before it
 /// has the beginning.
-fn share_words(pieces: &mut [ArrayRef]) -> Result<(), ArrowError> {
+fn share_words(pieces: &mut [ArrayRef]) {
     let last = pieces.last().and_then(|last| last.as_dictionary_opt::<Int32Type>());
-    let Some(words) = last.map(|last| last.values().clone()) else { return Ok(()) };
+    let Some(words) = last.map(|last| last.values().clone()) else { return };
     for piece in pieces {
-        let keys = piece.as_dictionary::<Int32Type>().keys().clone();
-        *piece = Arc::new(DictionaryArray::<Int32Type>::try_new(keys, words.clone())?);
+        *piece = Arc::new(piece.as_dictionary::<Int32Type>().with_values(words.clone()));
     }
-    Ok(())
 }

@@ -18,7 +18,7 @@ impl Decoder {
     pub fn gather(&mut self, piece: &[u8], batch: &mut Batch, full: Full<'_>) {
         batch.piece(self.head);
         let mut reader = core::mem::take(&mut self.reader);
-        reader.feed(piece, &mut |record| self.put(record, batch, full));
+        reader.feed(piece, &mut |record| self.put(record, self.known(record), batch, full));
         self.reader = reader;
     }
 
@@ -32,20 +32,27 @@ impl Decoder {
         let before = reader.came();
         // What a line behind another is does not hang on that one: the reader is told of them later.
         let (mut from, mut at, mut lines) = (0, 0, 0);
+        // Where each link of the piece is, once it is known.
+        let mut wires = [None; Scan::LINKS_MAX];
         for line in scan.lines() {
             if batch.is_stopped() {
                 break;
             }
             if line.at > at {
                 reader.pass_over(lines, (at - from) as u64);
-                reader.feed(&piece[at..line.at], &mut |record| self.put(record, batch, full));
+                let between = &piece[at..line.at];
+                reader.feed(between, &mut |record| {
+                    self.put(record, self.known(record), batch, full);
+                });
                 (from, lines) = (line.at, 0);
             }
-            self.put(&scan.record(line, before), batch, full);
+            let (record, wire) = (scan.record(line, before), &mut wires[usize::from(line.link)]);
+            *wire = wire.or_else(|| self.known(&record));
+            self.put(&record, *wire, batch, full);
             (at, lines) = (line.end, lines + 1);
         }
         reader.pass_over(lines, (at - from) as u64);
-        reader.feed(&piece[at..], &mut |record| self.put(record, batch, full));
+        reader.feed(&piece[at..], &mut |record| self.put(record, self.known(record), batch, full));
         self.reader = reader;
     }
 
@@ -57,12 +64,19 @@ impl Decoder {
         self.head = head;
     }
 
-    fn put(&mut self, record: &Record<'_>, batch: &mut Batch, full: Full<'_>) {
+    /// Which link a record is of, where one before was.
+    fn known(&self, record: &Record<'_>) -> Option<usize> {
+        self.wires.iter().position(|wire| *wire.name == *record.link)
+    }
+
+    /// Takes a record of that link, if one of it came before.
+    #[inline]
+    fn put(&mut self, record: &Record<'_>, wire: Option<usize>, batch: &mut Batch, full: Full<'_>) {
         if batch.is_stopped() {
             return;
         }
         if let Data::Frame(frame) = &record.data
-            && let Some(at) = self.wires.iter().position(|wire| *wire.name == *record.link)
+            && let Some(at) = wire
             && (self.is_settled(at, record, frame, batch)
                 || self.is_repeated(at, record, frame, batch))
         {

@@ -47,16 +47,29 @@ pub(super) const fn hexadecimal(text: [u8; 8]) -> Option<u32> {
     Some((words | words >> 16) as u32)
 }
 
+/// The first eight digits of a time stamp, and what they are in microseconds: the same for 100 s.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct High([u8; 8], u64);
+
+impl Default for High {
+    fn default() -> Self {
+        Self(*b"00000000", 0)
+    }
+}
+
 /// Seconds and microseconds of `(1700000000.000500) `, as one number.
 #[inline]
-pub(super) fn stamp(text: &[u8; 20]) -> Option<u64> {
+pub(super) fn stamp(text: &[u8; 20], known: &mut High) -> Option<u64> {
     let [open, high @ .., _, _, _, _, _, _, _, _, _, _, _] = text;
     let [.., a, b, dot, m, n, o, p, q, r, close, space] = text;
     if [*open, *dot, *close, *space] != *b"(.) " {
         return None;
     }
     // Ten digits of seconds and six of microseconds, split after the eighth.
-    Some(decimal(*high)? * 100_000_000 + decimal([*a, *b, *m, *n, *o, *p, *q, *r])?)
+    if *high != known.0 {
+        *known = High(*high, decimal(*high)? * 100_000_000);
+    }
+    Some(known.1 + decimal([*a, *b, *m, *n, *o, *p, *q, *r])?)
 }
 
 /// Bytes as hexadecimal digits up to the end of their line, at most sixteen, as a number of which the
@@ -65,6 +78,12 @@ pub(super) fn stamp(text: &[u8; 20]) -> Option<u64> {
 pub(super) fn to_line_end(text: &[u8; 17]) -> Option<(u64, usize)> {
     let (eights, [last]) = text.as_chunks::<8>() else { return None };
     let [first, second] = eights else { return None };
+    // Most frames have eight bytes.
+    if *last == b'\n'
+        && let (Some(high), Some(low)) = (hexadecimal(*first), hexadecimal(*second))
+    {
+        return Some((u64::from(high) << 32 | u64::from(low), 16));
+    }
     let mut count = before_newline(*first);
     if count == 8 {
         count += before_newline(*second);
@@ -94,7 +113,7 @@ const fn filled(text: [u8; 8], count: usize) -> [u8; 8] {
 
 #[cfg(test)]
 mod tests {
-    use super::{decimal, hexadecimal, stamp, to_line_end};
+    use super::{High, decimal, hexadecimal, stamp, to_line_end};
 
     /// Every byte in every place says what the standard library says.
     #[test]
@@ -121,6 +140,7 @@ mod tests {
         };
         assert_eq!(read("\n"), Some(([0; 8], 0)));
         assert_eq!(read("aB01\n"), Some(([0xAB, 1, 0, 0, 0, 0, 0, 0], 4)));
+        assert_eq!(read("0102030405\n"), Some(([1, 2, 3, 4, 5, 0, 0, 0], 10)));
         assert_eq!(read("010203040506\n"), Some(([1, 2, 3, 4, 5, 6, 0, 0], 12)));
         assert_eq!(read("0102030405060708\n"), Some(([1, 2, 3, 4, 5, 6, 7, 8], 16)));
         for text in ["1\n", "010\n", "0g\n", "01\r\n", "01020304050607080\n", "0102030405060708"] {
@@ -130,10 +150,17 @@ mod tests {
 
     #[test]
     fn stamps_of_seconds_and_microseconds() {
-        assert_eq!(stamp(b"(1700000000.000500) "), Some(1_700_000_000_000_500));
-        assert_eq!(stamp(b"(0000000012.345678) "), Some(12_345_678));
+        let mut high = High::default();
+        let mut read = |text| stamp(text, &mut high);
+        assert_eq!(read(b"(1700000000.000500) "), Some(1_700_000_000_000_500));
+        assert_eq!(read(b"(1700000099.999999) "), Some(1_700_000_099_999_999));
+        assert_eq!(read(b"(1700000100.000000) "), Some(1_700_000_100_000_000));
+        assert_eq!(read(b"(0000000012.345678) "), Some(12_345_678));
         for text in [b"[1700000000.000500) ", b"(1700000000,000500) ", b"(1700000000.00050)  "] {
-            assert_eq!(stamp(text), None);
+            assert_eq!(read(text), None);
         }
+        let zeros = b"(\0\0\0\0\0\0\0\x0000.000500) ";
+        assert_eq!(stamp(zeros, &mut High::default()), None);
+        assert_eq!(read(b"(17000x0000.000500) "), None);
     }
 }

@@ -6,8 +6,6 @@ use polepair_core::medium::Frame;
 use super::text::{Before, logged};
 use crate::record::{Data, Record};
 
-/// Links of one piece that are told apart.
-const LINKS_MAX: usize = 64;
 /// Lines that are looked at before a piece is given up in which there are no such lines.
 const TRIES: usize = 64;
 
@@ -31,18 +29,26 @@ pub(crate) struct Line {
 }
 
 impl Scan {
+    /// Links of one piece that are told apart.
+    pub(crate) const LINKS_MAX: usize = 64;
+
     /// Looks through a piece that begins where a line does.
     pub fn read(&mut self, piece: &[u8]) {
         self.lines.clear();
         self.links.clear();
-        let (mut at, mut before, mut tried, mut number) = (0, Before::default(), 0, 0);
+        let (mut at, mut before, mut tried) = (0, Before::default(), 0);
+        // The link of the line before, and how often it had changed by then.
+        let (mut number, mut changes) = (0, 0);
         while at < piece.len() {
             let rest = &piece[at..];
             if let Some((record, len)) = logged(rest, &mut before)
                 && let (Some(time), Data::Frame(frame)) = (record.time, record.data)
-                && let Some(same) = number_of(&mut self.links, record.link, number)
+                && let Some(same) = match before.changes() == changes {
+                    true => Some(number),
+                    false => number_of(&mut self.links, before.name()),
+                }
             {
-                (number, at) = (same, at + len);
+                (number, changes, at) = (same, before.changes(), at + len);
                 self.lines.push(Line { at: at - len, end: at, link: number as u8, time, frame });
                 continue;
             }
@@ -66,14 +72,11 @@ impl Scan {
     }
 }
 
-/// Which of the links it is: mostly that of the line before.
-fn number_of(links: &mut Vec<String>, link: &str, last: usize) -> Option<usize> {
-    if links.get(last).is_some_and(|known| known == link) {
-        return Some(last);
-    }
+/// Which of the links it is.
+fn number_of(links: &mut Vec<String>, link: &str) -> Option<usize> {
     let known = links.iter().position(|known| known == link);
     known.or_else(|| {
-        (links.len() < LINKS_MAX).then(|| {
+        (links.len() < Scan::LINKS_MAX).then(|| {
             links.push(link.to_owned());
             links.len() - 1
         })

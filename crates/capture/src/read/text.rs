@@ -3,6 +3,7 @@
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
+use super::digits::High;
 use super::lines::{LINE_MAX, Line};
 use super::seriallog::HEX;
 use super::{Bad, candump, digits, seriallog};
@@ -43,10 +44,12 @@ pub fn parse<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Option<Reco
     }
 }
 
-/// The link of the line before: mostly that of the next.
+/// What of the line before is mostly that of the next: its link, and when it came but for 100 s.
 #[derive(Debug, Default)]
 pub(super) struct Before {
+    high: High,
     name: String,
+    changes: u64,
     /// The name and the space behind it: the first eight bytes, and which of them count.
     head: (u64, u64),
 }
@@ -60,6 +63,17 @@ impl Before {
         self.head = (u64::from_le_bytes(bytes), mask);
         self.name.clear();
         self.name.push_str(name);
+        self.changes += 1;
+    }
+
+    /// The link; it has none before the first line.
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// How often the link was another one than before.
+    pub(super) const fn changes(&self) -> u64 {
+        self.changes
     }
 
     /// What follows the link, if it is the same.
@@ -81,7 +95,7 @@ impl Before {
 #[inline]
 pub(super) fn logged<'a>(bytes: &[u8], before: &'a mut Before) -> Option<(Record<'a>, usize)> {
     let (stamp, rest) = bytes.split_first_chunk::<20>()?;
-    let time = Stamp(digits::stamp(stamp)?.checked_mul(1000)?);
+    let time = Stamp(digits::stamp(stamp, &mut before.high)?.checked_mul(1000)?);
     if before.behind(rest).is_none() {
         let name = rest.get(..LINK_MAX)?.split(|c| *c == b' ').next()?;
         before.set(std::str::from_utf8(name).ok().filter(|name| !name.contains(is_blank))?);

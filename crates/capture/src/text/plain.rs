@@ -72,18 +72,20 @@ impl Text {
         let (mut head, mut lines) = (self.head, lines(batch, self.head));
         for decoded in batch.decoded() {
             match decoded {
-                Decoded::Plain(plain) => {
-                    let at = usize::from(plain.voice);
-                    let line = lines.get(at).and_then(Option::as_ref);
-                    if !line.is_some_and(|line| line.put(plain, self.head, &mut page, out)) {
-                        page.turn(out);
-                        let voice = &batch.voices()[at];
-                        voice.each(plain, &mut |event| self.write(event, out));
+                Decoded::Plain(run) => {
+                    for plain in run {
+                        let at = usize::from(plain.voice);
+                        let line = lines.get(at).and_then(Option::as_ref);
+                        if !line.is_some_and(|line| line.put(plain, self.head, &mut page, out)) {
+                            page.turn(out);
+                            let voice = &batch.voices()[at];
+                            voice.each(plain, &mut |event| self.write(event, out));
+                        }
                     }
                 }
                 Decoded::Told(at) => {
                     page.turn(out);
-                    batch.told(*at, |event| self.write(event, out));
+                    batch.told(at, |event| self.write(event, out));
                     if self.head != head {
                         (head, lines) = (self.head, self::lines(batch, self.head));
                     }

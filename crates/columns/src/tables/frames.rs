@@ -9,7 +9,7 @@ use polepair_capture::session::{Notice, Oddity};
 use polepair_capture::{CAN_FD, ERROR_FRAME, Event, Plain, Voice, Wrong};
 use polepair_core::explain::Direction;
 
-use super::{Origin, count, in_order, ns};
+use super::{Origin, count, in_order, ns, only, times};
 use crate::column::{Bytes, Numbers, Same, Words, micros};
 use crate::schema::Table;
 
@@ -50,14 +50,32 @@ pub(super) struct Frames {
     seq: Numbers<Int64Type>,
 }
 
-/// What all frames of a voice have in common: words by their numbers.
+/// What frames have in common that change nothing: words by their numbers.
 #[derive(Debug)]
 pub(super) struct Spoken {
+    /// What all frames of a voice have in common.
+    voices: Vec<Voiced>,
+    /// On which link, which way and in which protocol, where it is the same for all of them.
+    bus: Option<i32>,
+    direction: Option<Option<i8>>,
+    protocol: Option<i32>,
+}
+
+/// The same, of one voice.
+#[derive(Debug)]
+struct Voiced {
     bus: i32,
     direction: Option<i8>,
     protocol: i32,
     id: i32,
     len: u8,
+}
+
+impl Spoken {
+    #[inline]
+    fn of(&self, plain: &Plain) -> &Voiced {
+        &self.voices[usize::from(plain.voice)]
+    }
 }
 
 impl Frames {
@@ -86,28 +104,53 @@ impl Frames {
         self.seq.push(count(event.number));
     }
 
-    /// A frame that changes nothing.
-    #[inline]
-    pub fn plain(&mut self, plain: &Plain, voice: &Spoken) {
-        self.t_ns.push_maybe(ns(Some(plain.time)));
-        self.bus.push_number(voice.bus);
-        self.dir.push_maybe(voice.direction);
-        self.protocol.push_number(voice.protocol);
-        self.can_id.push(voice.id);
-        self.flags.push(0);
-        self.data.push_some(plain.data.to_le_bytes(), voice.len);
-        self.file_pos.push(count(plain.at));
-        self.seq.push(count(plain.number));
+    /// Makes room for so many rows.
+    pub fn reserve(&mut self, rows: usize) {
+        let Self { t_ns, bus, dir, protocol, can_id, flags, data, file_pos, seq, .. } = self;
+        [t_ns, file_pos, seq].into_iter().for_each(|column| column.reserve(rows));
+        [bus.keys(), protocol.keys(), can_id, flags].into_iter().for_each(|it| it.reserve(rows));
+        dir.reserve(rows);
+        data.reserve(rows);
     }
 
-    /// What all frames of a voice have in common.
-    pub fn spoken(&mut self, voice: &Voice) -> Spoken {
-        Spoken {
+    /// Frames that change nothing, column by column.
+    pub fn plain(&mut self, run: &[Plain], spoken: &Spoken) {
+        times(&mut self.t_ns, run);
+        let of = |plain| spoken.of(plain);
+        match spoken.bus {
+            Some(bus) => self.bus.keys().repeat(Some(bus), run.len()),
+            None => self.bus.keys().extend(run.iter().map(|plain| of(plain).bus)),
+        }
+        match spoken.direction {
+            Some(direction) => self.dir.repeat(direction, run.len()),
+            None => run.iter().for_each(|plain| self.dir.push_maybe(of(plain).direction)),
+        }
+        match spoken.protocol {
+            Some(protocol) => self.protocol.keys().repeat(Some(protocol), run.len()),
+            None => self.protocol.keys().extend(run.iter().map(|plain| of(plain).protocol)),
+        }
+        self.can_id.extend(run.iter().map(|plain| of(plain).id));
+        self.flags.repeat(Some(0), run.len());
+        self.data.extend(run.iter().map(|plain| (plain.data.to_le_bytes(), of(plain).len)));
+        self.file_pos.extend(run.iter().map(|plain| count(plain.at)));
+        self.seq.extend(run.iter().map(|plain| count(plain.number)));
+    }
+
+    /// What frames of these voices have in common.
+    pub fn spoken(&mut self, voices: &[Voice]) -> Spoken {
+        let voiced = |voice: &Voice| Voiced {
             bus: self.bus.dictionary.number(&voice.link),
             direction: voice.direction.map(is_to_drive),
             protocol: self.protocol.dictionary.number_of(word(voice.protocol)),
             id: voice.id.cast_signed(),
             len: voice.len,
+        };
+        let voices: Vec<Voiced> = voices.iter().map(voiced).collect();
+        Spoken {
+            bus: only(voices.iter().map(|voice| voice.bus)),
+            direction: only(voices.iter().map(|voice| voice.direction)),
+            protocol: only(voices.iter().map(|voice| voice.protocol)),
+            voices,
         }
     }
 

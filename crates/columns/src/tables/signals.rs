@@ -9,7 +9,7 @@ use polepair_capture::session::Signal;
 use polepair_capture::session::canopen::Place;
 use polepair_capture::{Plain, Voice};
 
-use super::{At, Origin, count, in_order, ns};
+use super::{At, Origin, count, in_order, ns, only};
 use crate::column::{Numbers, Same, Words, micros};
 use crate::schema::Table;
 
@@ -28,9 +28,17 @@ pub(super) struct Signals {
     frame: Numbers<Int64Type>,
 }
 
-/// What all values of a voice have in common: words by their numbers.
+/// What the values of frames have in common that change nothing: words by their numbers.
 #[derive(Debug)]
 pub(super) struct Spoken {
+    voices: Vec<Voiced>,
+    /// On which link, where it is the same for all of them.
+    bus: Option<i32>,
+}
+
+/// What all values of a voice have in common.
+#[derive(Debug)]
+struct Voiced {
     values: Vec<Value>,
     bus: i32,
     axis: i32,
@@ -43,6 +51,31 @@ struct Value {
     place: Place,
     signal: i32,
     unit: i32,
+}
+
+impl Spoken {
+    #[inline]
+    fn of(&self, plain: &Plain) -> &Voiced {
+        &self.voices[usize::from(plain.voice)]
+    }
+
+    /// Values of frames.
+    pub fn rows(&self, run: &[Plain]) -> usize {
+        run.iter().map(|plain| self.of(plain).values.len()).sum()
+    }
+
+    /// Puts something down for each value of frames.
+    #[inline]
+    fn each<T>(&self, run: &[Plain], rows: &mut [T], one: impl Fn(&Plain, &Voiced, &Value) -> T) {
+        let mut rows = rows.iter_mut();
+        for plain in run {
+            let voice = self.of(plain);
+            // Values first: where they end, no row is taken.
+            for (value, row) in voice.values.iter().zip(rows.by_ref()) {
+                *row = one(plain, voice, value);
+            }
+        }
+    }
 }
 
 impl Signals {
@@ -67,27 +100,53 @@ impl Signals {
         self.frame.push(at.seq.map_or(0, count));
     }
 
-    /// The values of a frame that changes nothing.
-    #[inline]
-    pub fn plain(&mut self, plain: &Plain, voice: &Spoken) {
-        let (time, frame) = (ns(Some(plain.time)), count(plain.number));
-        for value in &voice.values {
-            let exact = value.place.exact(plain.data);
-            self.t_ns.push_maybe(time);
-            self.bus.push_number(voice.bus);
-            self.axis.push(voice.axis);
-            self.signal.push_number(value.signal);
-            self.value.push(value.place.value(exact));
-            self.exact.push(exact);
-            self.unit.push_number(value.unit);
-            self.quality.push(voice.quality);
-            self.request.push_maybe(None);
-            self.frame.push(frame);
-        }
+    /// Makes room for so many rows.
+    pub fn reserve(&mut self, rows: usize) {
+        let Self { t_ns, bus, axis, signal, value, exact, unit, quality, request, frame, .. } =
+            self;
+        [t_ns, exact, request, frame].into_iter().for_each(|column| column.reserve(rows));
+        [bus.keys(), axis, signal.keys(), unit.keys()].into_iter().for_each(|it| it.reserve(rows));
+        value.reserve(rows);
+        quality.reserve(rows);
     }
 
-    /// What all frames of a voice have in common.
-    pub fn spoken(&mut self, voice: &Voice) -> Spoken {
+    /// The values of frames that change nothing, column by column.
+    pub fn plain(&mut self, run: &[Plain], spoken: &Spoken) {
+        let rows = spoken.rows(run);
+        let time = |plain: &Plain| ns(Some(plain.time));
+        if run.iter().all(|plain| time(plain).is_some()) {
+            let times = self.t_ns.rows(rows);
+            spoken.each(run, times, |plain, _, _| plain.time.0.cast_signed());
+        } else {
+            let all = run
+                .iter()
+                .flat_map(|plain| core::iter::repeat_n(time(plain), spoken.of(plain).values.len()));
+            all.for_each(|time| self.t_ns.push_maybe(time));
+        }
+        match spoken.bus {
+            Some(bus) => self.bus.keys().repeat(Some(bus), rows),
+            None => spoken.each(run, self.bus.keys().rows(rows), |_, voice, _| voice.bus),
+        }
+        spoken.each(run, self.axis.rows(rows), |_, voice, _| voice.axis);
+        spoken.each(run, self.signal.keys().rows(rows), |_, _, value| value.signal);
+        let exact = self.exact.rows(rows);
+        spoken.each(run, exact, |plain, _, value| value.place.exact(plain.data));
+        spoken.each(run, self.value.rows(rows), |plain, _, Value { place, .. }| {
+            place.value(place.exact(plain.data))
+        });
+        spoken.each(run, self.unit.keys().rows(rows), |_, _, value| value.unit);
+        spoken.each(run, self.quality.rows(rows), |_, voice, _| voice.quality);
+        self.request.repeat(None, rows);
+        spoken.each(run, self.frame.rows(rows), |plain, _, _| count(plain.number));
+    }
+
+    /// What values of these voices have in common.
+    pub fn spoken(&mut self, voices: &[Voice]) -> Spoken {
+        let voices: Vec<Voiced> = voices.iter().map(|voice| self.voiced(voice)).collect();
+        Spoken { bus: only(voices.iter().map(|voice| voice.bus)), voices }
+    }
+
+    fn voiced(&mut self, voice: &Voice) -> Voiced {
         let process = voice.process();
         let places = process.map_or(&[][..], |process| process.mapping().places());
         let value = |place: &Place| Value {
@@ -95,7 +154,7 @@ impl Signals {
             signal: self.signal.dictionary.number_of(place.name),
             unit: self.unit.dictionary.number_of(place.unit),
         };
-        Spoken {
+        Voiced {
             values: places.iter().map(value).collect(),
             bus: self.bus.dictionary.number(&voice.link),
             axis: process.map_or(0, |process| process.axis().cast_signed()),
