@@ -3,8 +3,9 @@
 //! Nothing of Arrow or NumPy is imported: a stream is a capsule, an array says where it lies by
 //! `__array_interface__`, and both keep what they lend alive.
 
-use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
+use std::thread::{self, Builder};
+use std::{fmt, mem};
 
 use arrow_array::cast::AsArray;
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
@@ -237,38 +238,43 @@ fn joined(pieces: &[ArrayData]) -> Buffer {
 /// threads, for fresh memory costs more than what is put there.
 fn side_by_side<T: Sync>(
     pieces: &[T],
-    len: impl Fn(&T) -> usize,
+    len: impl Fn(&T) -> usize + Sync,
     whole: &mut [u8],
     put: impl Fn(&T, &mut [u8]) + Sync,
 ) {
     /// Bytes that are worth a thread.
     const BYTES_MIN: usize = 1 << 20;
     let threads = whole.len().div_ceil(BYTES_MIN).clamp(1, crate::capture::threads());
-    let share = whole.len().div_ceil(threads);
-    let (mut pieces, mut whole, put) = (pieces, whole, &put);
-    std::thread::scope(|scope| {
-        while !pieces.is_empty() {
-            let (mut count, mut bytes) = (0, 0);
-            while count < pieces.len() && (count == 0 || bytes < share) {
-                bytes += len(&pieces[count]);
-                count += 1;
-            }
-            let (mine, mut part);
-            (mine, pieces) = pieces.split_at(count);
-            (part, whole) = core::mem::take(&mut whole).split_at_mut(bytes);
-            let lens: Vec<usize> = mine.iter().map(&len).collect();
-            let work = move || {
-                for (piece, len) in mine.iter().zip(lens) {
-                    let into;
-                    (into, part) = core::mem::take(&mut part).split_at_mut(len);
-                    put(piece, into);
-                }
-            };
-            match pieces.is_empty() {
-                true => work(),
-                false => drop(scope.spawn(work)),
+    let share = whole.len().div_ceil(threads).max(1);
+    let (mut pieces, mut whole, mut shares) = (pieces, whole, Vec::with_capacity(threads));
+    while !pieces.is_empty() {
+        let (mut count, mut bytes) = (0, 0);
+        while bytes < share && count < pieces.len() {
+            bytes += len(&pieces[count]);
+            count += 1;
+        }
+        let (mine, part);
+        (mine, pieces) = pieces.split_at(count);
+        (part, whole) = mem::take(&mut whole).split_at_mut(bytes);
+        shares.push((mine, part));
+    }
+    let shares = Mutex::new(shares.into_iter());
+    let next = || shares.lock().ok()?.next();
+    let work = || {
+        while let Some((mine, mut part)) = next() {
+            for piece in mine {
+                let into;
+                (into, part) = mem::take(&mut part).split_at_mut(len(piece));
+                put(piece, into);
             }
         }
+    };
+    thread::scope(|scope| {
+        for _ in 1..threads {
+            // Where there are no more threads, those that there are do it.
+            let _ = Builder::new().spawn_scoped(scope, work);
+        }
+        work();
     });
 }
 
