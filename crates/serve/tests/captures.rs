@@ -59,3 +59,25 @@ fn t12_a_capture_is_bounded_by_what_it_unpacks_to() {
     let refused = bench.open_capture("bomb.log.gz", bomb).unwrap_err();
     assert_eq!(refused.code, "gateway.size", "{refused}");
 }
+
+/// Threat 12: what is packed twice is no capture, however much is in it.
+#[test]
+fn t12_what_is_packed_twice_is_not_unpacked_twice() {
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    let packed = |bytes: &[u8]| {
+        let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
+        gzip.write_all(bytes).unwrap();
+        gzip.finish().unwrap()
+    };
+    let capture = packed(b"(1.000000) can0 123#1122334455667788\n");
+    assert_eq!(bench.open_capture("once.gz", capture.clone()).unwrap().page.total, 1);
+    // Zstandard: blocks of 128 KiB of one byte, four bytes each.
+    let mut bomb = vec![0x28, 0xB5, 0x2F, 0xFD, 0, 0x38];
+    (0..CAPTURE_MAX >> 16).for_each(|_| bomb.extend([0x02, 0x00, 0x10, b'\n']));
+    bomb.extend([0x01, 0x00, 0x00]);
+    assert_eq!(bench.open_capture("bomb", bomb.clone()).unwrap_err().code, "gateway.size");
+    for twice in [packed(&capture), packed(&bomb)] {
+        let refused = bench.open_capture("twice.gz", twice).unwrap_err();
+        assert_eq!(refused.code, "E510", "{refused}");
+    }
+}

@@ -15,21 +15,41 @@ const WINDOW_LOG_MAX: u32 = 27;
 /// What a compressed capture holds, and the bytes themselves where it is not compressed. What follows
 /// a damaged place is left out, as a [`Reader`](super::Reader) leaves it out. `None` where it holds more
 /// than `most` bytes: a few kilobytes can hold gigabytes.
+///
+/// What is compressed twice holds nothing that a `Reader` reads, and nothing is what comes out: given
+/// to a reader it would be unpacked once more, without a bound.
 #[must_use]
 pub fn unpacked(bytes: Vec<u8>, most: usize) -> Option<Vec<u8>> {
     let Some(packing) = Packing::of_head(&bytes) else {
         return Some(bytes).filter(|bytes| bytes.len() <= most);
     };
-    let (mut unpack, mut plain) = (Unpack::new(packing), Vec::new());
-    for piece in bytes.chunks(PIECE_GZIP) {
-        unpack.feed(piece, &mut |part| plain.extend_from_slice(part));
-        if plain.len() > most {
-            return None;
+    let mut plain = Vec::new();
+    unpack_into(&mut plain, packing, &bytes, most);
+    if Packing::of_head(&plain).is_some() {
+        plain.clear();
+    }
+    (plain.len() <= most).then_some(plain)
+}
+
+/// Unpacks until the end, or one byte beyond `most`.
+fn unpack_into(plain: &mut Vec<u8>, packing: Packing, bytes: &[u8], most: usize) {
+    let mut unpack = Unpack::new(packing);
+    let mut keep = |part: &[u8]| {
+        let room = most.saturating_add(1).saturating_sub(plain.len());
+        plain.extend_from_slice(&part[..part.len().min(room)]);
+        room > part.len()
+    };
+    for piece in bytes.chunks(PIECE_ZSTD) {
+        let mut goes_on = true;
+        unpack.feed(piece, &mut |part| goes_on = keep(part));
+        if !goes_on {
+            return;
         }
     }
     // What is cut off ends there.
-    let _ = unpack.finish(&mut |part| plain.extend_from_slice(part));
-    (plain.len() <= most).then_some(plain)
+    let _ = unpack.finish(&mut |part| {
+        keep(part);
+    });
 }
 
 /// An unpacker, and whether it has met its end.
@@ -121,5 +141,28 @@ impl Engine {
             out(ready);
             ready.clear();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Blocks of 128 KiB in four bytes each, as Zstandard's format describes them.
+    fn bomb(blocks: usize) -> Vec<u8> {
+        let mut bytes = vec![0x28, 0xB5, 0x2F, 0xFD, 0, 0x38];
+        (0..blocks).for_each(|_| bytes.extend([0x02, 0x00, 0x10, b'\n']));
+        bytes.extend([0x01, 0x00, 0x00]);
+        bytes
+    }
+
+    #[test]
+    fn nothing_is_kept_beyond_the_bound() {
+        assert_eq!(unpacked(bomb(8), 1 << 20).map(|plain| plain.len()), Some(1 << 20));
+        assert_eq!(unpacked(bomb(8), (1 << 20) - 1), None);
+        let mut plain = Vec::new();
+        unpack_into(&mut plain, Packing::Zstd, &bomb(1000), 1 << 20);
+        assert_eq!(plain.len(), (1 << 20) + 1);
+        assert!(plain.capacity() < 1 << 22, "{}", plain.capacity());
     }
 }
