@@ -34,20 +34,35 @@ const FILE_MAX: u64 = 256 * 1024;
 /// What encrypts.
 #[derive(Clone)]
 pub(crate) struct Tls {
-    pub connector: TlsConnector,
-    unmet: Option<Arc<Unmet>>,
+    config: Arc<ClientConfig>,
+    /// There is a certificate of ours to show.
+    shows: bool,
 }
 
 impl Tls {
-    /// Whether the server asked for a certificate of ours, and there was none to show.
-    pub fn lacks(&self) -> bool {
-        self.unmet.as_ref().is_some_and(|unmet| unmet.0.load(Ordering::Relaxed))
+    /// What encrypts one connection, and what notes that its server asked for a certificate of ours
+    /// where there is none. Of one connection alone: a server that is another one, or is started anew,
+    /// says nothing of the next.
+    pub fn connector(&self) -> (TlsConnector, Arc<Unmet>) {
+        let unmet = Arc::<Unmet>::default();
+        let mut config = Arc::clone(&self.config);
+        if !self.shows {
+            Arc::make_mut(&mut config).client_auth_cert_resolver = Arc::clone(&unmet) as _;
+        }
+        (TlsConnector::from(config), unmet)
     }
 }
 
 /// Notes that a certificate was asked for where there is none.
 #[derive(Debug, Default)]
-struct Unmet(AtomicBool);
+pub(crate) struct Unmet(AtomicBool);
+
+impl Unmet {
+    /// Whether that happened.
+    pub fn noted(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
 
 impl ResolvesClientCert for Unmet {
     fn resolve(&self, _: &[&[u8]], _: &[SignatureScheme]) -> Option<Arc<CertifiedKey>> {
@@ -81,19 +96,16 @@ pub(crate) fn connector(options: &Options) -> Result<Tls, Refused> {
         .map_err(|error| Refused::new("E318", format!("nothing can be encrypted: {error}")))?
         .dangerous()
         .with_custom_certificate_verifier(verifier);
-    let (config, unmet) = match &options.client_cert {
-        None => {
-            let unmet = Arc::<Unmet>::default();
-            (config.with_client_cert_resolver(Arc::clone(&unmet) as _), Some(unmet))
-        }
+    let config = match &options.client_cert {
+        None => config.with_no_client_auth(),
         Some(path) => {
             let (chain, key) = shown(path, options.client_key.as_deref().unwrap_or(path))?;
             let shown = config.with_client_auth_cert(chain, key);
             let unlike = |error| wrong(path, &error).hint("is that key the certificate's?");
-            (shown.map_err(unlike)?, None)
+            shown.map_err(unlike)?
         }
     };
-    Ok(Tls { connector: TlsConnector::from(Arc::new(config)), unmet })
+    Ok(Tls { config: Arc::new(config), shows: options.client_cert.is_some() })
 }
 
 fn own() -> Option<PathBuf> {

@@ -60,9 +60,10 @@ impl Wire {
         let Some(tls) = &self.tls else { return Ok(Box::new(stream)) };
         let name = ServerName::try_from(host.clone())
             .map_err(|error| self.unreachable(&error.to_string()))?;
-        let encrypted = tls.connector.connect(name, stream).await;
+        let (connector, unmet) = tls.connector();
+        let encrypted = connector.connect(name, stream).await;
         let encrypted = encrypted.map_err(|error| self.stranger(&error))?;
-        match tls.lacks() {
+        match unmet.noted() {
             true => Err(unvouched("it wants a certificate of its clients")),
             false => Ok(Box::new(encrypted)),
         }

@@ -284,6 +284,32 @@ fn where_clients_show_certificates_ours_is_shown() {
     assert_eq!(Gateway::new(&foreign).unwrap_err().code, "E256", "another certificate's key");
 }
 
+/// A server that is started anew, without `--client-ca` now, lets in who asked the one before it.
+#[test]
+fn what_one_server_wants_is_not_held_against_the_next() {
+    let site = Site::with(|folder| {
+        authority(&folder.join("ours"));
+        polepair_serve::Options {
+            tls: true,
+            clients: Some(folder.join("ours")),
+            ..polepair_serve::Options::in_folder(PathBuf::new())
+        }
+    });
+    let (bind, folder) = (site.server.address(), site.folder.with_extension("again"));
+    let gateway = Gateway::new(&site.options("https")).unwrap();
+    assert_eq!(gateway.bench().unwrap_err().code, "E256");
+    std::fs::create_dir_all(&folder).unwrap();
+    for name in ["tokens", "certificate.pem", "key.pem"] {
+        std::fs::copy(site.folder.join(name), folder.join(name)).unwrap();
+    }
+    drop(site);
+    let plain = polepair_serve::Options::in_folder(folder.clone());
+    let options = polepair_serve::Options { bind, tls: true, ..plain };
+    let server = Server::start(&options, &[DRIVES.into()], Connector::default()).unwrap();
+    let _site = Site { server, folder };
+    assert_eq!(gateway.bench().unwrap().axes.len(), 2);
+}
+
 /// Somebody who vouches for clients, whose certificate is written to `file`.
 fn authority(file: &Path) -> Issuer<'static, KeyPair> {
     let mut params = CertificateParams::new(Vec::new()).unwrap();
