@@ -40,7 +40,7 @@ pub fn run(
         Lines { out: Output::stdout(), jsonl: style.jsonl, did: Vec::new(), seen: (0, 0, 0) };
     let ended = lines.print(&live, frames.as_ref(), &axes, style, period, span);
     if !matches!(&ended, Err(problem) if problem.exit != Exit::Interrupted) {
-        lines.close(&live, &axes)?;
+        lines.close(server.gateway.url(), &live, &axes)?;
     }
     ended
 }
@@ -123,7 +123,7 @@ impl Lines {
     }
 
     /// What came in all, and what a person who leaves must know.
-    fn close(&mut self, live: &Live, axes: &[AxisInfo]) -> Result<()> {
+    fn close(&mut self, url: &str, live: &Live, axes: &[AxisInfo]) -> Result<()> {
         let (frames, wrong, lost) = self.seen;
         match self.jsonl {
             true => {
@@ -133,8 +133,8 @@ impl Lines {
         }
         self.out.flush()?;
         for (axis, state) in states(live, axes)? {
-            if doing(&state) == Doing::Turns {
-                say(&format!("{} turned when last asked and was left so", axis.label));
+            if let Some(told) = left(url, &axis.label, &number(axis), &state) {
+                say(&told);
             }
         }
         Ok(())
@@ -158,22 +158,45 @@ fn value(state: &AxisState, signal: Signal) -> Option<f64> {
     state.signals.iter().find(|told| told.signal == signal.name()).and_then(|told| told.value)
 }
 
+/// Whether it turned when it was last heard of, however long ago that is and whatever else it has.
+fn turns(state: &AxisState) -> bool {
+    let by_speed = || value(state, Signal::Velocity).is_some_and(|speed| speed.abs() > STANDING);
+    state.moving.unwrap_or_else(by_speed)
+}
+
+/// What a person must know who leaves a motor that turns, or may.
+fn left(url: &str, label: &str, number: &str, state: &AxisState) -> Option<String> {
+    let speed = state.signals.iter().find(|told| told.signal == Signal::Velocity.name());
+    let speed = speed.and_then(|told| Some(joined::shown(told.value?, &told.unit)));
+    let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
+    turns(state).then(|| {
+        format!(
+            "{label} turned{speed} when last asked and was left so; this stops it: \
+             polepair --server {url} stop {number}"
+        )
+    })
+}
+
 fn doing(state: &AxisState) -> Doing {
     let newest = state.signals.iter().map(|signal| signal.age_ms).fold(f64::MAX, f64::min);
-    let turns = value(state, Signal::Velocity).is_some_and(|velocity| velocity.abs() > STANDING);
     match state.enabled {
         _ if state.signals.is_empty() => Doing::Unknown,
         _ if newest > SILENT_MS => Doing::Silent,
         _ if !state.faults.is_empty() => Doing::Fault,
-        _ if state.moving.unwrap_or(turns) => Doing::Turns,
+        _ if turns(state) => Doing::Turns,
         Some(true) => Doing::Holds,
         Some(false) => Doing::Off,
         None => Doing::Stands,
     }
 }
 
+/// As the server's verbs take it.
+fn number(axis: &AxisInfo) -> String {
+    format!("{}#{}", axis.link, axis.number)
+}
+
 fn who(axis: &AxisInfo) -> String {
-    let number = format!("{}#{}", axis.link, axis.number);
+    let number = number(axis);
     if axis.name.is_empty() { number } else { format!("{number} {}", axis.name) }
 }
 
@@ -273,4 +296,40 @@ fn frame_object(item: &FrameItem, out: &mut Vec<u8>) {
     pair(out, "text", &item.text);
     let axis = item.axis.map_or("null".to_owned(), |axis| axis.to_string());
     add(out, &format!(",\"axis\":{axis},\"ok\":{}}}\n", item.ok));
+}
+
+#[cfg(test)]
+mod tests {
+    use polepair_client::message::{FaultTold, SignalValue};
+
+    use super::*;
+
+    #[test]
+    fn a_motor_that_fell_silent_while_it_turned_is_told_with_what_stops_it() {
+        let (signal, unit) = (Signal::Velocity.name().to_owned(), "rad/s".to_owned());
+        let velocity = SignalValue { signal, value: Some(31.5), unit, age_ms: 9000.0 };
+        let mut state = AxisState {
+            id: 0,
+            mode: None,
+            enabled: Some(true),
+            armed: true,
+            moving: None,
+            signals: vec![velocity],
+            faults: Vec::new(),
+            lease: None,
+            panel: None,
+        };
+        let told = |state: &AxisState| left("http://127.0.0.1:7365", "axis 3", "0#3", state);
+        let whole = "axis 3 turned at 31.5 rad/s when last asked and was left so; this stops it: \
+                     polepair --server http://127.0.0.1:7365 stop 0#3";
+        assert_eq!((doing(&state), told(&state).as_deref()), (Doing::Silent, Some(whole)));
+        state.signals[0].age_ms = 10.0;
+        assert_eq!(doing(&state), Doing::Turns);
+        let word = || "overcurrent".to_owned();
+        let (name, symbol, cause, remedy) = (word(), word(), word(), word());
+        state.faults = vec![FaultTold { code: 1, name, symbol, cause, remedy, warning: false }];
+        assert_eq!((doing(&state), told(&state).as_deref()), (Doing::Fault, Some(whole)));
+        state.moving = Some(false);
+        assert_eq!(told(&state), None);
+    }
 }
