@@ -88,4 +88,34 @@ describe("channels", () => {
     expect(one.rate).toBeCloseTo(16, 0);
     expect(one.period_max).toBeCloseTo(5 / 16, 2);
   });
+
+  it("takes no silence for a slow wire", () => {
+    const channels = new Channels(() => true);
+    const one = channels.open({ axis: 0, signal: "velocity" }, 16, 256);
+    const channel = one.number;
+    channels.told({ type: "subscribed", channel, hz: 16, source: "polled", unit: "rad/s" });
+    const from = (start: number, n: number) => Array.from({ length: n }, (_, i) => start + i / 16);
+    channels.telemetry(block(channel, from(0, 33)));
+    for (const after of [3.9, 5.8, 7.7]) {
+      channels.telemetry(block(channel, from(after, 1)));
+      expect(one.period_max).toBeCloseTo(5 / 16, 2);
+      expect(one.rate).toBeCloseTo(16, 0);
+    }
+    channels.telemetry(block(channel, from(9.6, 33)));
+    expect(one.rate).toBeCloseTo(16, 0);
+  });
+
+  it("follows a wire that becomes slow, however slow", () => {
+    const channels = new Channels(() => true);
+    const one = channels.open({ axis: 0, signal: "velocity" }, 100, 256);
+    const channel = one.number;
+    channels.told({ type: "subscribed", channel, hz: 100, source: "polled", unit: "rad/s" });
+    const every = (start: number, period: number, n: number) =>
+      Array.from({ length: n }, (_, i) => start + i * period);
+    channels.telemetry(block(channel, every(0, 0.01, 200)));
+    expect(one.period_max).toBeCloseTo(0.1);
+    channels.telemetry(block(channel, every(3, 3, 20)));
+    expect(one.period_max).toBeCloseTo(15);
+    expect(one.rate).toBeCloseTo(1 / 3);
+  });
 });

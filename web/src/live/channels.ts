@@ -6,6 +6,11 @@ import type { ClientMessage, ServerMessage } from "./message";
 import type { Block } from "./telemetry";
 
 const RATE_OVER_S = 1;
+/** What comes within this of the last sample is no silence, s. */
+const SILENCE_MIN_S = 0.1;
+/** Spacings of samples whose median is the usual one; so many before there is one. */
+const SPACINGS = 15;
+const SPACINGS_MIN = 3;
 
 export type Source = { axis: number; signal: string } | { axis: number; parameter: string };
 
@@ -22,6 +27,10 @@ export class Channel {
   rate = 0;
   private counted = 0;
   private since = Number.NaN;
+  private last = Number.NaN;
+  /** Between the last samples, s; the oldest is overwritten. */
+  private readonly spacings: number[] = [];
+  private oldest = 0;
 
   constructor(
     readonly number: number,
@@ -42,7 +51,12 @@ export class Channel {
   }
 
   private count(time: number): void {
-    if (!(time - this.since <= 2 * RATE_OVER_S)) {
+    const spacing = time - this.last;
+    this.last = time;
+    // A silence is none of the rate; a clock that was set back begins anew.
+    const goes_on = spacing > 0 && (spacing <= SILENCE_MIN_S || spacing <= this.period_max);
+    if (spacing > 0) this.note(spacing);
+    if (!goes_on) {
       this.since = time;
       this.counted = 0;
       return;
@@ -54,10 +68,22 @@ export class Channel {
     this.counted = 0;
   }
 
+  private note(spacing: number): void {
+    this.spacings[this.oldest] = spacing;
+    this.oldest = (this.oldest + 1) % SPACINGS;
+  }
+
+  /** Seconds between samples as they mostly come: one silence among them changes nothing. */
+  private get usual(): number {
+    if (this.spacings.length < SPACINGS_MIN) return 0;
+    const sorted = this.spacings.toSorted((a, b) => a - b);
+    return sorted[sorted.length >> 1] ?? 0;
+  }
+
   /** Seconds after which silence is drawn as such: what is asked for comes as often as its wire lets it. */
   get period_max(): number {
-    const hz = this.rate > 0 ? Math.min(this.hz, this.rate) : this.hz;
-    return hz > 0 ? Math.max(5 / hz, 0.1) : 1;
+    const period = Math.max(this.hz > 0 ? 1 / this.hz : 0, this.usual);
+    return period > 0 ? Math.max(5 * period, SILENCE_MIN_S) : 1;
   }
 
   /** What is said to the server to have it. */
