@@ -3,10 +3,12 @@
 
 mod run;
 
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::process::Child;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 
 use run::{Held, Ran, Served, command, polepair, signal, until};
 
@@ -138,8 +140,47 @@ fn the_token_of_ones_own_server_goes_to_no_other_host() {
         let ran = refused(host, &["--token-file", &server.tokens()]);
         assert!(ran.code == 3 && ran.err.contains("error[E315]"), "{}", ran.err);
     }
+    // Nor to who listens here: a stranger, or a tunnel, though it leads to our own server and asks it.
+    let at = server.url.trim_start_matches("http://").trim_end_matches('/');
+    for relayed in [None, Some(at.to_owned())] {
+        let (url, heard) = stranger(relayed);
+        let ran = own(&["--server", &url, "scan"]);
+        assert_eq!((ran.code, &*ran.out), (2, ""), "{}", ran.err);
+        assert!(ran.err.contains("error[E256]") && ran.err.contains("prove"), "{}", ran.err);
+        let heard = String::from_utf8_lossy(&heard.lock().expect("heard")).into_owned();
+        assert!(heard.starts_with("GET /api/v1/proof/"), "{heard}");
+        assert!(!heard.to_ascii_lowercase().contains("authorization"), "{heard}");
+    }
     drop(server);
     std::fs::remove_dir_all(home).expect("removed");
+}
+
+/// Somebody else on a port of this machine, who answers everything with nothing, or passes it on by the
+/// name to which it belongs; and what they hear.
+fn stranger(relayed: Option<String>) -> (String, Arc<Mutex<Vec<u8>>>) {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let here = listener.local_addr().expect("an address").to_string();
+    let heard = Arc::<Mutex<Vec<u8>>>::default();
+    let (url, heard_there) = (format!("http://{here}"), Arc::clone(&heard));
+    std::thread::spawn(move || {
+        let (mut client, _) = listener.accept().expect("a client");
+        let mut bytes = [0; 8192];
+        while let Ok(count @ 1..) = client.read(&mut bytes) {
+            heard_there.lock().expect("heard").extend_from_slice(&bytes[..count]);
+            let mut answer = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}".to_vec();
+            if let Some(server) = &relayed {
+                let mut far = TcpStream::connect(server).expect("the server");
+                let text = String::from_utf8_lossy(&bytes[..count]).replace(&here, server);
+                far.write_all(text.as_bytes()).expect("passed on");
+                answer.resize(8192, 0);
+                let count = far.read(&mut answer).expect("an answer");
+                answer.truncate(count);
+                assert!(answer.starts_with(b"HTTP/1.1 200"), "the server answers");
+            }
+            let _ = client.write_all(&answer);
+        }
+    });
+    (url, heard)
 }
 
 #[test]

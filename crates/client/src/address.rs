@@ -40,8 +40,10 @@ impl Address {
         if !tls && !address.is_loopback() {
             let what =
                 format!("{} is another machine, and nothing would be encrypted", address.host);
-            return Err(Refused::new("E252", what)
-                .hint("https:// for a server with --tls, or an SSH tunnel to its 127.0.0.1"));
+            return Err(Refused::new("E252", what).hint(
+                "https:// for a server with --tls, or an SSH tunnel to its 127.0.0.1, with \
+                        --token-file",
+            ));
         }
         Ok(address)
     }

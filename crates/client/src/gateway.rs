@@ -25,7 +25,7 @@ pub struct Options {
     /// `http://127.0.0.1:7365`; `https`, `ws`, `wss` as well.
     pub url: String,
     /// A file whose first token is used; else `POLEPAIR_TOKEN`, else, on the loopback alone, the token
-    /// of this account's own server.
+    /// of this account's own server, once who listens there proves to have it.
     pub token_file: Option<PathBuf>,
     /// The certificate that the server must have: its file, or its SHA-256; else that of this
     /// account's own server.

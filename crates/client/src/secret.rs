@@ -5,26 +5,37 @@ use std::fs::File;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
+use polepair_messages::{PROOF_BYTES, of_digits};
+
 use crate::Refused;
 use crate::address::Address;
 
 /// Where a token may be besides a file.
-const VARIABLE: &str = "POLEPAIR_TOKEN";
+pub(crate) const VARIABLE: &str = "POLEPAIR_TOKEN";
 /// The file of tokens in a server's folder.
 const TOKENS: &str = "tokens";
 /// Bytes of such a file.
 const FILE_MAX: u64 = 64 * 1024;
-/// Hexadecimal digits of a token.
-const DIGITS: usize = 64;
 
 /// A token that is not shown.
 #[derive(Clone)]
-pub(crate) struct Secret(String);
+pub(crate) struct Secret {
+    text: String,
+    bytes: [u8; PROOF_BYTES],
+    /// It is that of this account's own server, and nobody said that it is meant for this one.
+    is_own: bool,
+}
 
 impl Secret {
     /// What `Authorization` carries.
     pub fn bearer(&self) -> String {
-        format!("Bearer {}", self.0)
+        format!("Bearer {}", self.text)
+    }
+
+    /// What a server must prove to have before it is sent this; `None` where somebody named the token
+    /// for it.
+    pub fn to_prove(&self) -> Option<&[u8; PROOF_BYTES]> {
+        self.is_own.then_some(&self.bytes)
     }
 }
 
@@ -45,8 +56,9 @@ pub fn state_folder() -> Option<PathBuf> {
 }
 
 /// The token of that file; else the environment's; else, for a server on this machine's loopback, the
-/// first of this account's own server. To another host that one is never sent: whoever has it moves
-/// the motors here.
+/// first of this account's own server. Whoever has that one moves the motors here: it is sent to no
+/// other host, and here to who proves to have it already. A tunnel begins here as well, and when our
+/// server is down the port is anybody's.
 ///
 /// # Errors
 /// `E301` to `E305` for a file, `E256` where there is no token in it, or none at all.
@@ -67,7 +79,8 @@ pub(crate) fn find(file: Option<&Path>, address: &Address) -> Result<Secret, Ref
     }
     let folder = state_folder();
     let own = folder.map(|folder| folder.join(TOKENS)).filter(|file| file.exists());
-    own.map_or_else(|| Err(none()), |file| read(&file))
+    let own = own.map_or_else(|| Err(none()), |file| read(&file))?;
+    Ok(Secret { is_own: true, ..own })
 }
 
 fn none() -> Refused {
@@ -90,8 +103,8 @@ fn read(path: &Path) -> Result<Secret, Refused> {
 }
 
 fn token(text: &str) -> Option<Secret> {
-    let is = text.len() == DIGITS && text.bytes().all(|c| c.is_ascii_hexdigit());
-    is.then(|| Secret(text.to_owned()))
+    let bytes = of_digits(text)?;
+    Some(Secret { text: text.to_owned(), bytes, is_own: false })
 }
 
 pub(crate) fn unreadable(path: &Path, error: &std::io::Error) -> Refused {
@@ -127,7 +140,7 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
         };
-        let (one, two) = ("1".repeat(DIGITS), "2".repeat(DIGITS));
+        let (one, two) = ("1".repeat(64), "2".repeat(64));
         write(&format!("# TOKEN SCOPES NAME\n\n{one} read,stop ann\n{two} read bob\n"), 0o600);
         let address = Address::parse("https://bench.example").unwrap();
         let find = || find(Some(&path), &address);

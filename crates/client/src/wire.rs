@@ -1,8 +1,16 @@
 //! A connection to the server, encrypted or not.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use http_body_util::{BodyExt as _, Empty, Limited};
+use hyper::Request;
+use hyper::body::Bytes;
+use hyper::client::conn::http1::handshake;
+use hyper::header::HOST;
+use hyper_util::rt::TokioIo;
+use polepair_messages::{PROOF_BYTES, Proof, proof};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
@@ -13,11 +21,14 @@ use tokio_rustls::rustls::pki_types::ServerName;
 use crate::Refused;
 use crate::address::Address;
 use crate::rest::lost;
-use crate::secret::Secret;
+use crate::secret::{Secret, VARIABLE};
 use crate::tls::Tls;
 
 /// How long connecting may take.
 const CONNECT_MAX: Duration = Duration::from_secs(5);
+
+/// Bytes of the answer by which a server proves to be our own.
+const PROOF_MAX: usize = 4096;
 
 /// Either end of what bytes go through.
 pub(crate) trait Stream: AsyncRead + AsyncWrite + Unpin + Send {}
@@ -42,13 +53,60 @@ impl Wire {
     ///
     /// # Errors
     /// `E314`, `E315` where nobody listens, `E321` where somebody else does, `E256` where a certificate
-    /// of ours is wanted and there is none.
+    /// of ours is wanted and there is none, or who has none of our tokens would be sent our own.
     pub async fn dial(&self) -> Result<Box<dyn Stream>, Refused> {
         let late = || self.unreachable("no answer within 5 s");
-        timeout(CONNECT_MAX, self.connect()).await.map_err(|_| late())?
+        let dialled = async {
+            let (stream, there) = self.connect().await?;
+            match self.secret.to_prove() {
+                Some(token) => self.proven(stream, there, token).await,
+                None => Ok(stream),
+            }
+        };
+        timeout(CONNECT_MAX, dialled).await.map_err(|_| late())?
     }
 
-    async fn connect(&self) -> Result<Box<dyn Stream>, Refused> {
+    /// The connection, once the server at its other end has proved to have our token.
+    async fn proven(
+        &self,
+        stream: Box<dyn Stream>,
+        there: SocketAddr,
+        token: &[u8; PROOF_BYTES],
+    ) -> Result<Box<dyn Stream>, Refused> {
+        let mut challenge = [0; PROOF_BYTES];
+        getrandom::fill(&mut challenge)
+            .map_err(|error| Refused::new("E318", format!("there is no randomness: {error}")))?;
+        let digits: String = challenge.iter().map(|byte| format!("{byte:02x}")).collect();
+        let request = Request::get(format!("/api/v1/proof/{digits}"))
+            .header(HOST, self.address.authority())
+            .body(Empty::<Bytes>::new())
+            .map_err(|error| Refused::new("E256", format!("nothing can be asked: {error}")))?;
+        let shaken = handshake(TokioIo::new(stream)).await;
+        let (mut sender, connection) = shaken.map_err(|error| unsent(broken(&error)))?;
+        let after = tokio::spawn(connection.without_shutdown());
+        let answer = sender.send_request(request).await.map_err(|error| unsent(broken(&error)))?;
+        let body = Limited::new(answer.into_body(), PROOF_MAX).collect().await;
+        let body = body.map_err(|error| unsent(lost(&error.to_string())))?.to_bytes();
+        drop(sender);
+        let told = serde_json::from_slice::<Proof>(&body).map(|told| told.proof);
+        if !told.is_ok_and(|told| told == proof(token, &challenge, there)) {
+            return Err(self.unproven());
+        }
+        match after.await {
+            Ok(Ok(parts)) if parts.read_buf.is_empty() => Ok(parts.io.into_inner()),
+            _ => Err(unsent(lost("it hung up"))),
+        }
+    }
+
+    fn unproven(&self) -> Refused {
+        let what = format!("{} is not this account's own server", self.address.authority());
+        Refused::new("E256", what).hint(format!(
+            "--token-file or {VARIABLE} with a token of that server: the one of your own is sent to \
+             nobody who does not prove to have it"
+        ))
+    }
+
+    async fn connect(&self) -> Result<(Box<dyn Stream>, SocketAddr), Refused> {
         let Address { host, port, .. } = &*self.address;
         let stream = TcpStream::connect((host.as_str(), *port)).await;
         let stream = stream.map_err(|error| match error.kind() {
@@ -57,7 +115,8 @@ impl Wire {
         })?;
         // A socket that cannot be told so is slower, no worse.
         let _ = stream.set_nodelay(true);
-        let Some(tls) = &self.tls else { return Ok(Box::new(stream)) };
+        let there = stream.peer_addr().map_err(|error| self.unreachable(&error.to_string()))?;
+        let Some(tls) = &self.tls else { return Ok((Box::new(stream), there)) };
         let name = ServerName::try_from(host.clone())
             .map_err(|error| self.unreachable(&error.to_string()))?;
         let (connector, unmet) = tls.connector();
@@ -65,7 +124,7 @@ impl Wire {
         let encrypted = encrypted.map_err(|error| self.stranger(&error))?;
         match unmet.noted() {
             true => Err(unvouched("it wants a certificate of its clients")),
-            false => Ok(Box::new(encrypted)),
+            false => Ok((Box::new(encrypted), there)),
         }
     }
 
@@ -83,6 +142,11 @@ impl Wire {
         Refused::new("E321", what)
             .hint("compare its certificate's SHA-256, which `polepair serve --tls` prints")
     }
+}
+
+/// Nothing that may move something has been sent yet.
+fn unsent(refused: Refused) -> Refused {
+    Refused { executed: Some(false), ..refused }
 }
 
 /// What broke a connection: that the server takes no certificate of ours, else that it went away.

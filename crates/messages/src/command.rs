@@ -201,6 +201,15 @@ impl std::fmt::Debug for Login {
     }
 }
 
+/// What shows that the server has a token, which is not told.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Proof {
+    /// 64 hexadecimal digits: BLAKE3, keyed with the first token of the server's file, of
+    /// `polepair proof 1`, a line feed, the 32 bytes of the challenge, and the `IP:PORT` at which the
+    /// connection ends.
+    pub proof: String,
+}
+
 /// Who the caller is now.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Session {

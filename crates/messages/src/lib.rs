@@ -42,10 +42,10 @@ pub use bench::{
 pub use capture::{CaptureOpened, CapturePage, ExplainedField, FrameDirection, FrameItem};
 pub use command::{
     Act, Arguments, AxisStopped, CommandOrder, Ended, Epoch, LeaseGranted, Login, Outcome, Pace,
-    RawOrder, Session, StopClass, StopOrder, Stopped, TTL_MS, TakeLease,
+    Proof, RawOrder, Session, StopClass, StopOrder, Stopped, TTL_MS, TakeLease,
 };
 pub use journal::{Deed, JournalRecord};
 pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};
-pub use meeting::{PORT, PROTOCOL, fingerprint};
+pub use meeting::{PORT, PROOF_BYTES, PROTOCOL, fingerprint, of_digits, proof};
 pub use refused::{ErrorBody, Refused};
 pub use scope::{Scope, Scopes};

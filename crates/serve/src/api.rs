@@ -164,9 +164,13 @@ pub(crate) const COMMAND: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw
 /// Taking one in moves nothing and writes nothing: whoever may see, may.
 const CAPTURES: &str = "/api/v1/captures";
 
+/// Who asks for it does not show a token before it has the answer.
+const PROOF: &str = "/api/v1/proof/{challenge}";
+
 /// Every route but the page's files, which any caller may read that has a token.
 pub const ROUTES: &[Route] = &[
     Route { needs: Needs::Nothing, ..route("POST", "/api/v1/login", &[], || post(entry::login)) },
+    Route { needs: Needs::Nothing, ..route("GET", PROOF, &[], || get(entry::prove)) },
     route("GET", "/api/v1/bench", READ, || get(bench::show)),
     route("GET", "/api/v1/live", READ, || get(live::upgrade)),
     Route { takes_file: true, ..route("POST", CAPTURES, READ, || post(capture::open)) },
@@ -222,7 +226,9 @@ mod tests {
 
     #[test]
     fn reading_needs_read_and_stopping_stop_and_neither_moves() {
-        for route in ROUTES {
+        let for_all = ROUTES.iter().filter(|route| route.needs == Needs::Nothing);
+        assert_eq!(for_all.map(|route| route.path).collect::<Vec<_>>(), ["/api/v1/login", PROOF]);
+        for route in ROUTES.iter().filter(|route| route.path != PROOF) {
             let by = |words: &str| route.needs.met_by(words.parse().unwrap());
             let viewer = by("read,stop");
             let is_read = route.method == "GET" || route.path == CAPTURES;

@@ -2,7 +2,7 @@
 //! new ones, the oldest first. So whoever only opens sockets keeps nobody from stopping a motor.
 
 use std::collections::BTreeMap;
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::oneshot;
@@ -34,6 +34,10 @@ pub(crate) struct Connection {
     id: u64,
     all: Connections,
 }
+
+/// Where a connection ends, at this side.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Here(pub SocketAddr);
 
 /// Keeps a connection counted while it lives.
 #[derive(Debug)]

@@ -23,7 +23,7 @@ use tower::ServiceExt as _;
 
 use crate::api::{self, Gate, Shared};
 use crate::bench::{self, Bench};
-use crate::connections::{Connections, Place};
+use crate::connections::{Connections, Here, Place};
 use crate::guard::Hosts;
 use crate::journal::Journal;
 use crate::live::Board;
@@ -281,11 +281,12 @@ async fn connection(
 ) {
     // A socket that cannot be told so is slower, no worse.
     let _ = stream.set_nodelay(true);
+    let Ok(here) = stream.local_addr().map(Here) else { return };
     match tls {
-        None => requests(stream, app, &place).await,
+        None => requests(stream, app, &place, here).await,
         Some(tls) => {
             if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_MAX, tls.accept(stream)).await {
-                requests(stream, app, &place).await;
+                requests(stream, app, &place, here).await;
             }
         }
     }
@@ -295,10 +296,12 @@ async fn requests(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     app: Router,
     place: &Place,
+    here: Here,
 ) {
     let connection = place.connection();
     let service = hyper::service::service_fn(move |mut request: hyper::Request<Incoming>| {
         request.extensions_mut().insert(connection.clone());
+        request.extensions_mut().insert(here);
         let app = app.clone();
         async move { Ok::<_, Infallible>(answered(app.oneshot(request.map(Body::new)).await)) }
     });

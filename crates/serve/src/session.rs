@@ -1,14 +1,14 @@
 //! Who is calling: tokens as they are sent, and the cookies that stand for them in browsers.
 
 use std::collections::{HashMap, VecDeque};
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
-use crate::message::Refused;
+use crate::message::{Proof, Refused, of_digits};
 use crate::refusal::Refusal;
 use crate::scope::Scopes;
 use crate::token::{Grant, Token};
@@ -132,6 +132,18 @@ impl Door {
             self.wrong(peer).hint("it is good once: start the server again for another one")
         })?;
         self.let_in(caller)
+    }
+
+    /// What shows that this is the server of the file's first token, to who asks at that address.
+    ///
+    /// # Errors
+    /// `gateway.request` for what is no challenge, `gateway.missing` where there is no token.
+    pub fn proof(&self, challenge: &str, address: SocketAddr) -> Result<Proof, Refused> {
+        let challenge = of_digits(challenge)
+            .ok_or_else(|| Refused::new("gateway.request", "a challenge has 64 digits (hex)"))?;
+        let first = self.grants.first();
+        let first = first.ok_or_else(|| Refused::new("gateway.missing", "there is no token"))?;
+        Ok(Proof { proof: first.token.proof(&challenge, address) })
     }
 
     fn granted(&self, token: &Token) -> Option<Caller> {

@@ -6,15 +6,17 @@
 use std::fmt::{self, Write as _};
 use std::fs::{File, OpenOptions};
 use std::io::{Read as _, Write as _};
+use std::net::SocketAddr;
 use std::path::Path;
 
 use subtle::ConstantTimeEq as _;
 
+use crate::message::{PROOF_BYTES, of_digits, proof};
 use crate::refusal::Refusal;
 use crate::scope::{Scope, Scopes};
 
 /// Bytes of a token.
-const BYTES: usize = 32;
+const BYTES: usize = PROOF_BYTES;
 /// Tokens of a file.
 const TOKENS_MAX: usize = 64;
 /// Bytes of such a file.
@@ -40,16 +42,7 @@ impl Token {
     /// Reads its hexadecimal digits.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
-        let text = text.as_bytes();
-        let digit = |at: usize| char::from(text[at]).to_digit(16);
-        let mut bytes = [0; BYTES];
-        if text.len() != 2 * BYTES {
-            return None;
-        }
-        for (at, byte) in bytes.iter_mut().enumerate() {
-            *byte = (digit(2 * at)? << 4 | digit(2 * at + 1)?) as u8;
-        }
-        Some(Self(bytes))
+        of_digits(text).map(Self)
     }
 
     /// Its hexadecimal digits. For the file, the URL and the cookie alone.
@@ -66,6 +59,12 @@ impl Token {
     #[must_use]
     pub fn is(&self, other: &Self) -> bool {
         self.0.ct_eq(&other.0).into()
+    }
+
+    /// What shows that it is known, to who asks at that address.
+    #[must_use]
+    pub fn proof(&self, challenge: &[u8; BYTES], address: SocketAddr) -> String {
+        proof(&self.0, challenge, address)
     }
 
     /// What stands for it where it must not be kept itself.

@@ -1,15 +1,16 @@
 //! Coming in: tokens become cookies. And the page, which is read like anything else.
 
 use axum::Json;
-use axum::extract::{FromRequest as _, Request, State};
+use axum::extract::{Extension, FromRequest as _, Path, Request, State};
 use axum::http::{HeaderName, Method, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde_json::json;
 
-use super::Shared;
 use super::input::Input;
+use super::{Answer, Shared};
+use crate::connections::Here;
 use crate::guard::peer;
-use crate::message::{Deed, ErrorBody, Login, Refused, Session};
+use crate::message::{Deed, ErrorBody, Login, Proof, Refused, Session};
 use crate::page;
 use crate::session::Caller;
 
@@ -31,6 +32,23 @@ pub(super) async fn login(State(gate): State<Shared>, request: Request) -> Respo
         }
         Err(refused) => refused.into_response(),
     }
+}
+
+/// Prove to be the server of a token
+///
+/// Needs no token: who keeps the first one of the server's file sends 32 random bytes as 64 hexadecimal
+/// digits, and sends the token once the answer is right.
+#[utoipa::path(get, path = "/api/v1/proof/{challenge}", tag = "gateway",
+    params(("challenge" = String, Path)), responses(
+    (status = 200, body = Proof),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn prove(
+    State(gate): State<Shared>,
+    Extension(Here(here)): Extension<Here>,
+    Path(challenge): Path<String>,
+) -> Answer<Proof> {
+    gate.door.proof(&challenge, here).map(Json)
 }
 
 /// The page's files, and its door: `/?once=…`.

@@ -38,6 +38,7 @@ use crate::message::{ClientMessage, ServerMessage};
         record::openapi,
         record::metrics,
         entry::login,
+        entry::prove,
         crate::live::upgrade
     ),
     components(schemas(ClientMessage, ServerMessage))

@@ -18,7 +18,7 @@ const JSON: &str = "Content-Type: application/json\r\nX-Polepair: 1\r\n";
 /// A route's path with something put in.
 fn filled(path: &str) -> String {
     let numbers = path.replace("{id}", "0").replace("{link}", "0").replace("{drive}", "0");
-    numbers.replace("{n}", "0").replace("{name}", "max%20current")
+    numbers.replace("{n}", "0").replace("{name}", "max%20current").replace("{challenge}", "0")
 }
 
 /// The headers with which it takes a body.
