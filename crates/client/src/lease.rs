@@ -9,11 +9,15 @@ use polepair_messages::{
     Arguments, AxisState, CommandOrder, Ended, LeaseAct, Outcome, RawOrder, TTL_MS,
 };
 use tokio::sync::oneshot;
+use tokio::sync::oneshot::error::TryRecvError;
 use tokio::time::timeout;
 
 use crate::live::{Ask, Live};
 use crate::rest::lost;
 use crate::{Gateway, Refused};
+
+/// Why something under way has no end.
+const NOTHING_CAME: &str = "nothing came of a command";
 
 /// The right to command an axis. It is renewed until it is given back or dropped; its end stops what
 /// was set in motion under it.
@@ -139,7 +143,7 @@ impl<T> Pending<T> {
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
         let told = Pin::new(&mut self.told).poll(context);
         told.map(|told| {
-            self.ended = Some(told.unwrap_or_else(|_| Err(lost("nothing came of a command"))));
+            self.ended = Some(told.unwrap_or_else(|_| Err(lost(NOTHING_CAME))));
         })
     }
 }
@@ -150,6 +154,14 @@ impl<T: Clone> Pending<T> {
     /// # Errors
     /// Why it was not done; [`Refused::executed`] is `None` where nobody knows whether it was.
     pub fn wait(&mut self, within: Duration) -> Result<Option<T>, Refused> {
+        if self.ended.is_none() && within.is_zero() {
+            // Whoever is to be woken at the end still is.
+            self.ended = match self.told.try_recv() {
+                Ok(told) => Some(told),
+                Err(TryRecvError::Empty) => return Ok(None),
+                Err(TryRecvError::Closed) => Some(Err(lost(NOTHING_CAME))),
+            };
+        }
         if self.ended.is_none() {
             let gateway = self.gateway.clone();
             // Both the wait and its deadline are made where the runtime is.

@@ -21,6 +21,8 @@ use crate::wire::Wire;
 use crate::{Gateway, Refused};
 pub(crate) use known::{Feed, Known, Passing};
 
+/// How long the server may take to say what comes of a lease or of what is watched.
+const TOLD_MAX: Duration = Duration::from_secs(15);
 /// What waits to be said.
 const ASKS_MAX: usize = 256;
 
@@ -169,7 +171,9 @@ impl Live {
     }
 
     fn told<T>(&self, told: oneshot::Receiver<Result<T, Refused>>) -> Result<T, Refused> {
-        self.gateway().wait(told).unwrap_or_else(|_| Err(lost("no answer came")))
+        // An answer that comes later finds nobody, and gives nothing.
+        let told = self.gateway().wait(async { timeout(TOLD_MAX, told).await });
+        told.ok().and_then(Result::ok).unwrap_or_else(|| Err(lost("no answer came")))
     }
 }
 

@@ -300,6 +300,7 @@ impl Viewer {
         match message {
             ClientMessage::Command { command, .. } => not_done(command.id.clone(), refused),
             ClientMessage::Lease { axis, .. } => told(refused, Some(about), Some(*axis)),
+            ClientMessage::Subscribe { channel, .. } => told(refused, Some(about), Some(*channel)),
             _ => told(refused, Some(about), None),
         }
     }

@@ -269,7 +269,8 @@ impl Task {
     fn leased(&mut self, axis: u16, epoch: u64, held: bool) {
         let asked = self.leases.entry(axis).or_default();
         if let Some(one) = asked.answered(epoch, held) {
-            if one.is_taking() {
+            // One that nobody waits for any more is not renewed, and ends.
+            if one.is_taking() && one.tell.as_ref().is_some_and(|tell| !tell.is_closed()) {
                 self.known.set_lease(axis, Ok(epoch));
             }
             // Who asked may have gone; here and below.
