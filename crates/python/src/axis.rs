@@ -169,8 +169,10 @@ impl Axis {
         true
     }
 
-    /// Raises why motion is not its program's any more: on a link of one's own it always is.
-    fn check(&self) {}
+    /// Begins `stop` or `disable` of what this program armed: on a link of one's own it has.
+    fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<Request>> {
+        self.start(py, verb, None, None, None, None, None).map(Some)
+    }
 
     /// Every parameter.
     fn parameters(&self) -> Vec<Parameter> {

@@ -12,10 +12,10 @@ mod request;
 mod watch;
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-use polepair_client::message::{Arguments, BenchView, ParameterInfo, StopOrder};
+use polepair_client::message::{Arguments, AxisInfo, BenchView, ParameterInfo, StopOrder};
 use polepair_client::{Gateway, Lease, Live, Options, Refused, pick};
 use pyo3::prelude::*;
 
@@ -25,6 +25,7 @@ pub use watch::Watch;
 
 use crate::errors::{told, usage};
 use crate::outside::Outside;
+use request::ended;
 
 /// What a verb may take that is over when the drive has answered.
 const ANSWER_MAX: Duration = Duration::from_secs(10);
@@ -43,7 +44,7 @@ struct Joined {
     parameters: Vec<OnceLock<Vec<ParameterInfo>>>,
     /// There while something is held or watched; another one after the server was gone.
     live: Mutex<Option<Live>>,
-    places: Vec<Mutex<Place>>,
+    places: Vec<(Mutex<Place>, Condvar)>,
 }
 
 /// What this program has of an axis. A server gives one session one lease of an axis, whoever of its
@@ -52,6 +53,18 @@ struct Joined {
 struct Place {
     lease: Option<Arc<Lease>>,
     armed: bool,
+    /// Settings that are under way by the lease.
+    users: usize,
+    /// Somebody has a [`Change`].
+    changing: bool,
+}
+
+/// The right to take, arm and give back an axis. The server is asked meanwhile, and whoever only looks,
+/// or stops, does not wait for that.
+#[derive(Debug)]
+struct Change {
+    joined: Arc<Joined>,
+    axis: u16,
 }
 
 /// Joins a server.
@@ -66,20 +79,19 @@ pub fn join(
     client_key: Option<PathBuf>,
 ) -> PyResult<Link> {
     let options = Options { url, token_file, certificate, client_cert, client_key };
-    let joined = py.detach(|| Joined::new(&options));
-    Ok(Link(Arc::new(joined.map_err(|refused| told(py, &refused))?).into()))
+    let gateway = py.detach(|| Gateway::new(&options)).map_err(|refused| told(py, &refused))?;
+    let bench = ended(py, gateway.start(Gateway::bench))?;
+    Ok(Link(Arc::new(Joined::new(gateway, bench)).into()))
 }
 
 impl Joined {
-    fn new(options: &Options) -> Result<Self, Refused> {
-        let gateway = Gateway::new(options)?;
-        let mut bench = gateway.bench()?;
+    fn new(gateway: Gateway, mut bench: BenchView) -> Self {
         if bench.links.len() > 1 {
             bench.axes.iter_mut().for_each(|axis| axis.label += &format!(" of link {}", axis.link));
         }
         let parameters = bench.axes.iter().map(|_| OnceLock::new()).collect();
-        let places = bench.axes.iter().map(|_| Mutex::default()).collect();
-        Ok(Self { gateway, bench, parameters, live: Mutex::default(), places })
+        let places = bench.axes.iter().map(|_| Default::default()).collect();
+        Self { gateway, bench, parameters, live: Mutex::default(), places }
     }
 
     fn live(&self) -> Result<Live, Refused> {
@@ -88,12 +100,34 @@ impl Joined {
             return Ok(live.clone());
         }
         let live = self.gateway.live()?;
+        self.same()?;
         *kept = Some(live.clone());
         Ok(live)
     }
 
+    /// Refuses a server that was started again with other drives: an axis is known by its index.
+    fn same(&self) -> Result<(), Refused> {
+        fn what(bench: &BenchView, axis: &AxisInfo) -> Option<(String, u32, String)> {
+            let link = bench.links.iter().find(|link| link.id == axis.link)?;
+            Some((link.url.clone(), axis.number, axis.profile.clone()))
+        }
+        let now = self.gateway.bench()?;
+        let is_same = |axis: &AxisInfo| {
+            let there = now.axes.iter().find(|there| there.id == axis.id);
+            there.is_some_and(|there| what(&now, there) == what(&self.bench, axis))
+        };
+        match self.bench.axes.iter().find(|axis| !is_same(axis)) {
+            None => Ok(()),
+            Some(axis) => {
+                let what = "the server was started again with other drives";
+                let what = format!("{}: {what}", axis.label);
+                Err(Refused::new("E313", what).hint("connect again, and look which axes there are"))
+            }
+        }
+    }
+
     fn place(&self, axis: u16) -> MutexGuard<'_, Place> {
-        locked(&self.places[usize::from(axis)])
+        locked(&self.places[usize::from(axis)].0)
     }
 
     /// The lease of an axis that is armed here, whether it is still ours or not.
@@ -102,71 +136,38 @@ impl Joined {
         place.lease.clone().filter(|_| place.armed)
     }
 
+    /// Waits at most so long until nobody else changes what is held of an axis.
+    fn change(self: &Arc<Self>, axis: u16, within: Duration) -> Option<Change> {
+        let changed = &self.places[usize::from(axis)].1;
+        let waited = changed.wait_timeout_while(self.place(axis), within, |place| place.changing);
+        let (mut place, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        let change = || Change { joined: Arc::clone(self), axis };
+        (!std::mem::replace(&mut place.changing, true)).then(change)
+    }
+
+    /// The same, however long that takes.
+    fn changes(self: &Arc<Self>, axis: u16) -> Change {
+        loop {
+            if let Some(change) = self.change(axis, ANSWER_MAX) {
+                return change;
+            }
+        }
+    }
+
     /// Lends the lease of an axis: that which is held here, or one for so long.
     fn with_lease<T>(
-        &self,
+        self: &Arc<Self>,
         axis: u16,
         what: impl FnOnce(&Lease) -> Result<T, Refused>,
     ) -> Result<T, Refused> {
-        let lease = self.take(&mut self.place(axis), axis)?;
+        let lease = self.changes(axis).lend()?;
         let done = what(&lease);
         drop(lease);
-        let given_back = self.give_back(&mut self.place(axis));
-        done.and_then(|done| given_back.map(|()| done))
-    }
-
-    fn take(&self, place: &mut Place, axis: u16) -> Result<Arc<Lease>, Refused> {
-        if let Some(lease) = &place.lease {
-            match lease.check() {
-                Ok(()) => return Ok(Arc::clone(lease)),
-                // Who has armed it is to hear that it was taken away.
-                Err(why) if place.armed => return Err(why),
-                Err(_) => {}
-            }
-        }
-        let lease = Arc::new(self.live()?.take(axis)?);
-        place.lease = Some(Arc::clone(&lease));
-        Ok(lease)
-    }
-
-    /// Gives the lease back that nobody here uses any more.
-    fn give_back(&self, place: &mut Place) -> Result<(), Refused> {
-        let unused = |lease: &Arc<Lease>| !place.armed && Arc::strong_count(lease) == 1;
-        if !place.lease.as_ref().is_some_and(unused) {
-            return Ok(());
-        }
-        place.lease.take().map_or(Ok(()), |lease| lease.give_back())
-    }
-
-    /// Takes an axis and lets its motion through.
-    fn arm(&self, axis: u16) -> Result<(), Refused> {
-        let mut place = self.place(axis);
-        let is_ours = place.lease.as_ref().is_some_and(|lease| lease.check().is_ok());
-        if place.armed && is_ours {
-            return Ok(());
-        }
-        place.armed = false;
-        let lease = self.take(&mut place, axis)?;
-        let armed = lease.run("arm", Arguments::default(), ANSWER_MAX);
-        drop(lease);
-        place.armed = armed.is_ok();
-        armed.or_else(|why| self.give_back(&mut place).and(Err(why)))
-    }
-
-    /// Lets motion through no longer, and gives the axis back.
-    fn disarm(&self, axis: u16) -> Result<(), Refused> {
-        let mut place = self.place(axis);
-        if !std::mem::take(&mut place.armed) {
-            return Ok(());
-        }
-        if let Some(lease) = place.lease.clone() {
-            lease.check()?;
-            if Arc::strong_count(&lease) > 2 {
-                // A setting is under way by it, and gives it back.
-                return lease.run("disarm", Arguments::default(), ANSWER_MAX);
-            }
-        }
-        self.give_back(&mut place)
+        let change = self.changes(axis);
+        self.place(axis).users -= 1;
+        // What was done was done, whoever has the axis by now.
+        let _ = change.give_back();
+        done
     }
 
     fn parameters(&self, axis: u16) -> Result<&[ParameterInfo], Refused> {
@@ -183,6 +184,83 @@ impl Joined {
         let order = StopOrder { axes: Some(axes), reason: String::new() };
         let stopped = gateway.stop(&order)?.axes;
         stopped.into_iter().find_map(|axis| axis.error).map_or(Ok(()), Err)
+    }
+}
+
+impl Change {
+    /// The lease that is held here, or a new one, for a setting.
+    fn lend(&self) -> Result<Arc<Lease>, Refused> {
+        let held = self.joined.place(self.axis).lease.clone();
+        // Who has armed it is to hear that it was taken away.
+        let of_arming = self.joined.armed(self.axis).is_some();
+        let lease = match held {
+            Some(lease) if of_arming => lease.check().map(|()| lease)?,
+            Some(lease) if lease.check().is_ok() => lease,
+            _ => Arc::new(self.joined.live()?.take(self.axis)?),
+        };
+        let mut place = self.joined.place(self.axis);
+        place.lease = Some(Arc::clone(&lease));
+        place.users += 1;
+        Ok(lease)
+    }
+
+    /// Takes the axis and lets its motion through. What was armed here and taken away stays so where
+    /// that fails: who armed it hears of it, and stops nobody else's motion.
+    fn arm(&self) -> Result<(), Refused> {
+        let held = self.joined.place(self.axis).lease.clone();
+        let held = held.filter(|lease| lease.check().is_ok());
+        if held.is_some() && self.joined.armed(self.axis).is_some() {
+            return Ok(());
+        }
+        let lease = match &held {
+            Some(lease) => Arc::clone(lease),
+            None => Arc::new(self.joined.live()?.take(self.axis)?),
+        };
+        if let Err(why) = lease.run("arm", Arguments::default(), ANSWER_MAX) {
+            if held.is_none() {
+                // Where that cannot be said, it is renewed no more, and ends.
+                let _ = lease.give_back();
+            }
+            return Err(why);
+        }
+        let mut place = self.joined.place(self.axis);
+        place.lease = Some(lease);
+        place.armed = true;
+        Ok(())
+    }
+
+    /// Lets motion through no longer, and gives the axis back.
+    fn disarm(&self) -> Result<(), Refused> {
+        let mut place = self.joined.place(self.axis);
+        if !std::mem::take(&mut place.armed) {
+            return Ok(());
+        }
+        let used = place.lease.clone().filter(|_| place.users > 0);
+        drop(place);
+        match used.filter(|lease| lease.check().is_ok()) {
+            // A setting is under way by it, and gives it back.
+            Some(lease) => lease.run("disarm", Arguments::default(), ANSWER_MAX),
+            None => self.give_back(),
+        }
+    }
+
+    /// Gives the lease back that nobody here uses any more. One that is ours no more is no error.
+    fn give_back(&self) -> Result<(), Refused> {
+        let mut place = self.joined.place(self.axis);
+        if place.armed || place.users > 0 {
+            return Ok(());
+        }
+        let lease = place.lease.take();
+        drop(place);
+        let given_back = lease.map_or(Ok(()), |lease| lease.give_back());
+        given_back.or_else(|why| if why.code == "gateway.lease" { Ok(()) } else { Err(why) })
+    }
+}
+
+impl Drop for Change {
+    fn drop(&mut self) {
+        self.joined.place(self.axis).changing = false;
+        self.joined.places[usize::from(self.axis)].1.notify_all();
     }
 }
 
@@ -228,7 +306,7 @@ impl Link {
     fn stop_all(&self, py: Python<'_>) -> PyResult<()> {
         let joined = self.0.ours(py)?;
         let axes = joined.bench.axes.iter().map(|axis| axis.id).collect();
-        py.detach(|| Joined::stop(&joined.gateway, axes)).map_err(|refused| told(py, &refused))
+        ended(py, joined.gateway.start(move |gateway| Joined::stop(gateway, axes)))
     }
 
     fn events(&self, py: Python<'_>) -> PyResult<()> {

@@ -11,14 +11,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import polepair
 import pytest
-
-ROOT = Path(__file__).resolve().parents[3]
-POLEPAIR = Path(os.environ.get("POLEPAIR_CLI", ROOT / "target" / "release" / "polepair"))
+from served import Server, can_be_armed, speed, until
 
 RACK = """
 [[link]]
@@ -33,36 +31,6 @@ address = 3
 """
 
 
-class Server:
-    """A server of its own for each test, on a free port."""
-
-    def __init__(self, folder: Path, *options: str, drives: str = "sim:tmcl?axes=2") -> None:
-        self.tokens = folder / "tokens"
-        self.child = subprocess.Popen(
-            [
-                str(POLEPAIR), "serve", drives, "--bind", "127.0.0.1:0", "--log", "off",
-                "--state", str(folder), *options,
-            ],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self.child.stdout is not None
-        line = self.child.stdout.readline()
-        assert line.startswith("ready "), line
-        self.url = line.split()[1].split("/?")[0]
-
-    @property
-    def ws(self) -> str:
-        return self.url.replace("http", "ws", 1)
-
-    def join(self) -> polepair.Link:
-        return polepair.connect(self.ws, token_file=self.tokens)
-
-    def kill(self) -> None:
-        self.child.kill()
-        self.child.wait()
-
-
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[Server]:
     served = Server(tmp_path)
@@ -74,17 +42,6 @@ def server(tmp_path: Path) -> Iterator[Server]:
 def link(server: Server) -> Iterator[polepair.Link]:
     with server.join() as joined:
         yield joined
-
-
-def until(what: str, so: Callable[[], bool], seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not so():
-        assert time.monotonic() < end, f"never: {what}"
-        time.sleep(0.02)
-
-
-def speed(axis: polepair.Axis) -> float:
-    return abs(axis.read("velocity")["velocity"])
 
 
 def program(link: polepair.Link) -> dict[str, object]:
@@ -265,15 +222,6 @@ def test_a_killed_program_leaves_no_motor_turning(server: Server, link: polepair
     process.communicate()
     until("it stands", lambda: speed(link.axis(1)) < 0.5, 3.0)
     until("it can be taken", lambda: can_be_armed(link.axis(1)))
-
-
-def can_be_armed(axis: polepair.Axis) -> bool:
-    try:
-        with axis.armed():
-            return True
-    except polepair.PolepairError as error:
-        assert error.code in ("gateway.busy", "gateway.lease"), error
-        return False
 
 
 def test_a_program_that_hangs_loses_its_lease(server: Server, link: polepair.Link) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from . import _polepair as native
 from ._records import Fault, Reading, State
-from ._steps import Call, Steps, Wait
+from ._steps import Call, Steps, Urgent, Wait, Whole
 from .errors import NoReply, PolepairError, Unsupported
 from .quantity import Amount, Quantity, given
 
@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 TIMEOUT = 60.0
 """Seconds that a move or a homing may take where the caller does not say."""
 
+
+LOOK = 0.05
+"""Seconds between two looks whether somebody else's move has arrived."""
+
+STOPS = ("stop", "quick-stop")
+"""Verbs that wait behind nothing."""
 
 ANSWER = 0.05
 """Seconds that a server has to say at once whether a move has arrived."""
@@ -117,7 +123,14 @@ class AxisSteps:
     ) -> Steps[native.Request | native.ServedRequest]:
         order = ("target", "velocity", "acceleration", "torque", "jerk_time")
         values = [arguments.get(name) for name in order]
-        return (yield Call(self._native.start, verb, *values))  # type: ignore[no-any-return]
+        call = Urgent if verb in STOPS else Call
+        return (yield call(self._native.start, verb, *values))  # type: ignore[no-any-return]
+
+    def _begin_own(
+        self, verb: str
+    ) -> Steps[native.Request | native.ServedRequest | None]:
+        """Begins `stop` or `disable` of what is armed here; None when nothing is."""
+        return (yield Urgent(self._native.start_own, verb))  # type: ignore[no-any-return]
 
     def _enable(self) -> Steps[None]:
         """Powers the motor, which holds where it stands. The axis must be armed."""
@@ -177,7 +190,13 @@ class AxisSteps:
         # Other threads may ask as well.
         going = next(iter(asked), None)
         if going is None:
-            going = yield from self._begin("reached")
+            try:
+                going = yield from self._begin("reached")
+            except Unsupported as error:
+                # On a server only who has armed an axis commands it; whoever has not looks.
+                if error.code != "E219" or "reached" not in self.signals:
+                    raise
+                return (yield from self._looked(timeout))
             asked[:] = [going]
         try:
             if (yield Wait(going, timeout)) is None:
@@ -191,6 +210,15 @@ class AxisSteps:
             elif error.code == "E101":
                 return False
             raise
+        return True
+
+    def _looked(self, timeout: float) -> Steps[bool]:
+        began = self._native.now
+        while not (yield from self._read("reached"))["reached"]:
+            left = timeout - (self._native.now - began)
+            if left <= 0.0:
+                return False
+            yield Call(self._native.sleep, min(LOOK, left))
         return True
 
     def _done(self, asked: Asked) -> Steps[bool]:
@@ -321,16 +349,27 @@ class AxisSteps:
 
         One that cannot be read stays as it was set here.
         """
-        yield Call(self._native.arm, True)
+        try:
+            yield Whole(self._native.arm, True)
+        except PolepairError:
+            # What armed nothing has nothing to undo, and leaves an arming before it alone.
+            raise
+        except BaseException:
+            yield from self._disarm()
+            raise
         try:
             before = yield from self._guard(watchdog)
             if "enable" in self.verbs:
                 yield from self._enable()
         except BaseException:
-            with suppress(PolepairError):
-                self._native.arm(False)
+            yield from self._disarm()
             raise
         return before
+
+    def _disarm(self) -> Steps[None]:
+        # What went wrong before is what the caller wants to see.
+        with suppress(PolepairError):
+            yield Whole(self._native.arm, False)
 
     def _guard(self, seconds: float | None) -> Steps[int | None]:
         if seconds is None:
@@ -348,32 +387,30 @@ class AxisSteps:
         yield from self._set(parameter, f"{seconds!r} s")
         return before
 
-    def _is_ours(self) -> bool:
-        try:
-            self._native.check()
-        except PolepairError:
-            return False
-        return True
-
     def _release(self, before: int | None) -> Steps[None]:
-        """Stops, disables and disarms; whatever fails, the rest is tried."""
+        """Stops, disables and disarms; whatever fails, the rest is tried.
+
+        What is ours no more was stopped by that, and may move for somebody else.
+        """
         failed: BaseException | None = None
-        try:
-            # What is ours no more was stopped by that, and may move for somebody else.
-            self._native.check()
-        except PolepairError as error:
-            failed = error
-        for verb in () if failed else ("stop", "disable"):
+        for verb in ("stop", "disable"):
             if verb in self.verbs:
                 try:
-                    yield from self._run(verb)
+                    begun = yield from self._begin_own(verb)
+                    if begun is None:
+                        # A block within this one has done it all.
+                        return
+                    yield Wait(begun)
                 except PolepairError as error:
                     failed = failed or error
+        if before is not None and failed is None:
+            try:
+                yield from self._set_raw(str(self._native.watchdog[2]), before)
+            except PolepairError as error:
+                failed = error
         try:
-            yield Call(self._native.arm, False)
+            yield Whole(self._native.arm, False)
         except PolepairError as error:
             failed = failed or error
-        if before is not None and failed is None:
-            yield from self._set_raw(str(self._native.watchdog[2]), before)
         if failed is not None:
             raise failed

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Generic, TypeVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
 
 from . import _polepair as native
 from ._axis import TIMEOUT, AxisSteps
@@ -80,20 +80,23 @@ class GroupSteps(Generic[A]):
 
     def _stop(self) -> Steps[None]:
         """Stops all of them: every stop is sent before the first is waited for."""
-        yield from self._each("stop", self.axes)
+        yield from self._stop_each(self.axes, AxisSteps._begin)
 
-    def _each(self, verb: str, axes: Iterable[A]) -> Steps[None]:
-        """Tells all of them, whatever becomes of one; raises the first error."""
+    def _stop_each(
+        self, axes: Iterable[A], begin: Callable[[AxisSteps, str], Steps[Any]]
+    ) -> Steps[None]:
+        """Stops all of them, whatever becomes of one; raises the first error."""
         begun, failed = [], None
         for axis in axes:
-            if verb in axis.verbs:
+            if "stop" in axis.verbs:
                 try:
-                    begun.append((yield from axis._begin(verb)))
+                    begun.append((yield from begin(axis, "stop")))
                 except PolepairError as error:
                     failed = failed or error
         for request in begun:
             try:
-                yield Wait(request)
+                if request is not None:
+                    yield Wait(request)
             except PolepairError as error:
                 failed = failed or error
         if failed is not None:
@@ -115,8 +118,7 @@ class GroupSteps(Generic[A]):
         failed: BaseException | None = None
         try:
             # The others were not armed here, or are ours no more: that has stopped them.
-            armed = self.axes[: len(before)]
-            yield from self._each("stop", [axis for axis in armed if axis._is_ours()])
+            yield from self._stop_each(self.axes[: len(before)], AxisSteps._begin_own)
         except PolepairError as error:
             failed = error
         for axis, watchdog in zip(self.axes, before, strict=False):

@@ -160,7 +160,9 @@ class ParametersOf(Generic[A]):
     def __contains__(self, name: object) -> bool:
         try:
             return isinstance(name, str) and self._axis._native.find(name) >= 0
-        except PolepairError:
+        except PolepairError as error:
+            if error.code != "E213":
+                raise
             return False
 
     def __repr__(self) -> str:

@@ -8,10 +8,12 @@ carries it out in the caller's thread; `aio.awaitable` one for the caller's even
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable, Generator
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from ._polepair import Events, Request, ServedRequest, ServedWatch
+from .errors import NoReply
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -30,6 +32,18 @@ class Call:
         self.arguments = arguments
 
 
+class Whole(Call):
+    """One that goes on to its end even where its caller is cancelled: only then it can be undone."""
+
+    __slots__ = ()
+
+
+class Urgent(Whole):
+    """A stop: it waits behind no other call."""
+
+    __slots__ = ()
+
+
 class Wait:
     """The end of a request, or the next event or row; None when it did not come within `timeout`
     seconds."""
@@ -45,10 +59,25 @@ class Wait:
         self.timeout = timeout
 
 
-def next_row(stream: ServedWatch) -> Steps[tuple[float, list[float]]]:
-    """The next row of what a server sends; others' samples may have to come first."""
-    while (row := (yield Wait(stream))) is None:
-        pass
+def next_row(
+    stream: ServedWatch, label: str, within: float | None = None
+) -> Steps[tuple[float, list[float]] | None]:
+    """The next row of what a server sends; None when it did not come within so many seconds.
+
+    `NoReply` when the drive should have answered several times.
+    """
+    began, patience = time.monotonic(), stream.patience
+    bounds = [bound for bound in (within, patience) if bound is not None]
+    left = min(bounds, default=None)
+    # Others' samples may have to come first.
+    while (row := (yield Wait(stream, left))) is None:
+        spent = time.monotonic() - began
+        if within is not None and spent >= within:
+            return None
+        if patience is not None and spent >= patience:
+            what = f"{label}: nothing came for {patience:g} s: the drive does not answer its server"
+            raise NoReply(what, "E401", False, "look at its power and its cable")
+        left = max(0.0, min(bounds) - spent) if bounds else None
     return row  # type: ignore[no-any-return]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator, Iterator, Mapping, MutableMapping
 from types import TracebackType
 from typing import TYPE_CHECKING, TypeAlias
@@ -126,7 +127,7 @@ class Axis(AxisSteps):
         """
         if isinstance(self._native, native.ServedAxis):
             stream = self._native.watch(list(signals), period)
-            return Watch(_told(stream, signals, seconds), stream)
+            return Watch(_told(stream, self.label, signals, seconds), stream)
         return Watch(self._polled(signals, period, seconds))
 
     def _polled(
@@ -171,11 +172,15 @@ class Watch(Iterator[Row]):
 
 
 def _told(
-    stream: native.ServedWatch, signals: tuple[str, ...], seconds: float | None
+    stream: native.ServedWatch, label: str, signals: tuple[str, ...], seconds: float | None
 ) -> Generator[Row, None, None]:
     began: float | None = None
+    since = time.monotonic()
     while True:
-        row = run(next_row(stream))
+        left = None if seconds is None else max(0.0, since + seconds - time.monotonic())
+        row = run(next_row(stream, label, left))
+        if row is None:
+            return
         began = row[0] if began is None else began
         if seconds is not None and row[0] - began >= seconds:
             return

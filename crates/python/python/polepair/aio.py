@@ -17,7 +17,7 @@ from __future__ import annotations
 import asyncio
 import functools
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Generator
-from os import PathLike
+from os import PathLike, getpid
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
@@ -26,12 +26,14 @@ from ._axis import TIMEOUT, Asked, AxisSteps
 from ._group import GroupSteps, Targets
 from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped, opened
 from ._records import Fault
-from ._steps import Steps, Wait, next_row
+from ._steps import Call, Steps, Urgent, Wait, Whole, next_row
 from ._sync import Row
 from .errors import PolepairError
 from .quantity import Amount, Quantity
 
 if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
     from .events import AsyncEvents, Happening, Subscription
 
 __all__ = [
@@ -61,8 +63,7 @@ async def arun(steps: Steps[R]) -> R:
                 if isinstance(step, Wait):
                     answer = await _ended(step)
                 else:
-                    loop = asyncio.get_running_loop()
-                    answer = await loop.run_in_executor(None, step.function, *step.arguments)
+                    answer = await _called(step)
             except BaseException as error:
                 step = steps.throw(error)
             else:
@@ -71,18 +72,76 @@ async def arun(steps: Steps[R]) -> R:
         return end.value  # type: ignore[no-any-return]
 
 
+async def _called(call: Call) -> Any:
+    loop = asyncio.get_running_loop()
+    threads = _stopping() if isinstance(call, Urgent) else None
+    called = loop.run_in_executor(threads, call.function, *call.arguments)
+    return await (_whole(called) if isinstance(call, Whole) else called)
+
+
+_stoppers: dict[int, ThreadPoolExecutor] = {}
+
+
+def _stopping() -> ThreadPoolExecutor:
+    """Threads for stops alone: the loop's own may all wait for answers. A fork's child has others."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    process = getpid()
+    if process not in _stoppers:
+        _stoppers[process] = ThreadPoolExecutor(STOPPING, "polepair-stop")
+    return _stoppers[process]
+
+
+async def _whole(future: asyncio.Future[R]) -> R:
+    """What comes of it. Who is cancelled meanwhile is told so when it has ended."""
+    cancelled: asyncio.CancelledError | None = None
+    while not future.done():
+        try:
+            await asyncio.wait([future])
+        except asyncio.CancelledError as error:
+            cancelled = error
+    if cancelled is not None:
+        if not future.cancelled():
+            future.exception()
+        raise cancelled
+    return future.result()
+
+
+class _Waiting:
+    """Who waits for one request in one loop: it wakes the last who asked to be told."""
+
+    __slots__ = ("count", "ended")
+
+    def __init__(self, ended: asyncio.Future[None]) -> None:
+        self.ended = ended
+        self.count = 0
+
+
+_waiting: dict[tuple[asyncio.AbstractEventLoop, object], _Waiting] = {}
+
+
 async def _ended(step: Wait) -> Any:
     loop = asyncio.get_running_loop()
-    ended = loop.create_future()
+    key = (loop, step.request)
+    waiting = _waiting.get(key)
+    is_first = waiting is None or waiting.ended.done()
+    if waiting is None or is_first:
+        waiting = _waiting[key] = _Waiting(loop.create_future())
+    ended = waiting.ended
 
     def tell() -> None:
         loop.call_soon_threadsafe(_settle, ended)
 
-    if not step.request.tell(tell):
-        try:
-            await asyncio.wait_for(ended, step.timeout)
-        except (TimeoutError, asyncio.TimeoutError):
-            return None
+    waiting.count += 1
+    try:
+        if is_first and step.request.tell(tell):
+            _settle(ended)
+        if not ended.done():
+            await asyncio.wait([ended], timeout=step.timeout)
+    finally:
+        waiting.count -= 1
+        if not waiting.count and _waiting.get(key) is waiting:
+            del _waiting[key]
     return step.request.result(0)
 
 
@@ -102,6 +161,9 @@ def awaitable(
 
     return method
 
+
+STOPPING = 64
+"""Stops that are on their way at once."""
 
 TURNS = 48
 """Requests of a link that are under way at once; further ones wait for their turn."""
@@ -204,7 +266,10 @@ class Axis(AxisSteps):
         yield stream
         began: float | None = None
         while True:
-            time, values = await arun(next_row(stream))
+            row = await arun(next_row(stream, self.label))
+            if row is None:
+                return
+            time, values = row
             began = time if began is None else began
             yield time - began, dict(zip(signals, values, strict=True))
 
@@ -378,9 +443,10 @@ async def _released(steps: Steps[None], error: BaseException | None) -> None:
     # A task that is cancelled must not leave a motor running.
     release = asyncio.ensure_future(arun(steps))
     try:
-        await asyncio.shield(release)
-    except asyncio.CancelledError:
-        await release
+        await _whole(release)
+    except asyncio.CancelledError as cancelled:
+        if not release.cancelled() and isinstance(failed := release.exception(), PolepairError):
+            not_stopped(failed, cancelled)
         raise
     except PolepairError as failed:
         not_stopped(failed, error)
@@ -448,7 +514,7 @@ class Link(LinkOf[Axis]):
     async def stop(self) -> None:
         """Stops every axis: all stops are sent before the first is waited for."""
         loop = asyncio.get_running_loop()
-        await loop.run_in_executor(None, self._open().stop_all)
+        await loop.run_in_executor(_stopping(), self._open().stop_all)
 
     async def __aenter__(self) -> Link:
         self._open()

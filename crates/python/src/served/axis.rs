@@ -15,7 +15,7 @@ use polepair_core::time::Instant;
 use polepair_link::clock;
 use pyo3::prelude::*;
 
-use super::request::{Amount, Going, Read, Request, waited};
+use super::request::{Amount, Going, Read, Request, came, ended, waited};
 use super::watch::Watch;
 use super::{ANSWER_MAX, Joined, cannot};
 use crate::axis::{Given, Known, Parameter};
@@ -23,8 +23,8 @@ use crate::errors::{raised, told, usage};
 use crate::outside::Outside;
 use crate::request::SLICE;
 
-/// What a wait for an arrival may take that nobody bounds.
-const ARRIVE_MAX: Duration = Duration::from_secs(60);
+/// How often a server sends a signal at most.
+const HZ_MAX: f64 = 1000.0;
 
 /// An axis of a server.
 #[pyclass(frozen, name = "ServedAxis", module = "polepair._polepair")]
@@ -119,22 +119,23 @@ impl Axis {
     /// Every parameter.
     fn parameters(&self, py: Python<'_>) -> PyResult<Vec<Parameter>> {
         let id = self.info.id;
+        self.asked(py, move |joined| joined.parameters(id).map(drop))?;
         self.done(py, |joined| Ok(joined.parameters(id)?.iter().map(Parameter::from).collect()))
     }
 
     /// The number of the parameter of that name.
     fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
-        let id = self.info.id;
-        self.done(py, |joined| {
+        let (id, name) = (self.info.id, name.to_owned());
+        self.asked(py, move |joined| {
             let has =
-                |its: &ParameterInfo| same_name(&its.name, name) || same_name(&its.symbol, name);
+                |its: &ParameterInfo| same_name(&its.name, &name) || same_name(&its.symbol, &name);
             let at = joined.parameters(id)?.iter().position(has);
             if let Some(at) = at.and_then(|at| u16::try_from(at).ok()) {
                 return Ok(at);
             }
             // The server knows the nearest name.
             let unknown = || Refused::new("E213", format!("there is no parameter `{name}`"));
-            joined.gateway.parameter(id, name).and_then(|_| Err(unknown()))
+            joined.gateway.parameter(id, &name).and_then(|_| Err(unknown()))
         })
     }
 
@@ -242,8 +243,11 @@ impl Axis {
 
     /// Takes the axis and lets motion through, or no longer and gives it back.
     fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
-        let id = self.info.id;
-        self.done(py, |joined| if armed { joined.arm(id) } else { joined.disarm(id) })
+        let (id, joined) = (self.info.id, self.joined.ours(py)?);
+        // Whoever is interrupted and disarms comes after what was begun here.
+        let change = came(py, waited(py, None, |slice| Ok(joined.change(id, slice))))?;
+        let done = move |_: &_| if armed { change.arm() } else { change.disarm() };
+        ended(py, joined.gateway.start(done))
     }
 
     /// Whether motion commands of this program are let through.
@@ -253,10 +257,16 @@ impl Axis {
         self.done(py, |joined| Ok(joined.armed(id).is_some_and(|lease| lease.check().is_ok())))
     }
 
-    /// Raises why it is ours no more, if it was armed and is not.
-    fn check(&self, py: Python<'_>) -> PyResult<()> {
+    /// Begins `stop` or `disable` by the lease of who armed it here, so that nobody else's motion is
+    /// stopped; `None` when nobody has armed it.
+    fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<Request>> {
         let id = self.info.id;
-        self.done(py, |joined| joined.armed(id).map_or(Ok(()), |lease| lease.check()))
+        let started = self.done(py, |joined| {
+            let Some(lease) = joined.armed(id) else { return Ok(None) };
+            lease.check()?;
+            lease.start(verb, Arguments::default()).map(Some)
+        })?;
+        Ok(started.map(|started| Request::new(Going::Command(started))))
     }
 
     fn events(&self, py: Python<'_>) -> PyResult<()> {
@@ -327,14 +337,22 @@ impl Axis {
         Ok((state.mode, state.enabled, state.armed, state.moving, readings, owner))
     }
 
-    /// Watches signals, one row each `period` seconds; they come by themselves.
+    /// Watches signals, one row each `period` seconds, or as often as a server sends them; they come
+    /// by themselves.
     fn watch(&self, py: Python<'_>, names: Vec<String>, period: f64) -> PyResult<Watch> {
-        let axis = self.info.id;
+        if names.is_empty() {
+            return Err(usage(py, "E213", "no signal is named", "name what to watch"));
+        }
+        if !(period.is_finite() && period >= 0.0) {
+            let what = format!("a period of {period} s");
+            return Err(usage(py, "E217", &what, "give seconds, or 0 for as often as can be"));
+        }
+        let (axis, hz) = (self.info.id, (1.0 / period).min(HZ_MAX));
         let words: Vec<String> = names.iter().map(|name| name.replace('_', " ")).collect();
-        let asked = self.done(py, |joined| {
+        let asked = self.asked(py, move |joined| {
             let live = joined.live()?;
-            let watched = words.iter().map(|word| live.watch(axis, Some(word), None, 1.0 / period));
-            watched.collect::<Result<Vec<_>, _>>()
+            let watch = |word: &String| live.watch(axis, Some(word), None, hz).map(Arc::new);
+            words.iter().map(watch).collect::<Result<Vec<_>, _>>()
         })?;
         Ok(Watch::new(asked))
     }
@@ -364,7 +382,17 @@ impl Axis {
         Self { joined: Arc::clone(joined).into(), info }
     }
 
-    /// Does what may block, while other threads go on.
+    /// Asks the server, while other threads go on and Ctrl-C is looked for.
+    fn asked<T: Clone + Send + 'static>(
+        &self,
+        py: Python<'_>,
+        what: impl Send + FnOnce(&Arc<Joined>) -> Result<T, Refused> + 'static,
+    ) -> PyResult<T> {
+        let joined = Arc::clone(self.joined.ours(py)?);
+        ended(py, joined.gateway.clone().start(move |_| what(&joined)))
+    }
+
+    /// Does what may block for a moment, while other threads go on.
     fn done<T: Send>(
         &self,
         py: Python<'_>,
@@ -390,21 +418,27 @@ impl Axis {
         if ["stop", "quick-stop"].contains(&verb) {
             return match held.filter(|lease| lease.check().is_ok()) {
                 Some(lease) => lease.start(verb, arguments),
-                None => Ok(joined.gateway.start(move |gateway| Joined::stop(gateway, vec![id]))),
+                None => {
+                    let joined = Arc::clone(joined);
+                    // First the stop, then the question whether it was this axis.
+                    Ok(joined.gateway.clone().start(move |gateway| {
+                        Joined::stop(gateway, vec![id]).and_then(|()| joined.same())
+                    }))
+                }
             };
         }
         if let Some(lease) = held {
             lease.check()?;
             return lease.start(verb, arguments);
         }
-        if info.moves {
+        // Who waits for somebody else's motion takes the axis from nobody.
+        if info.moves || verb == "reached" {
             let what = format!("{}: {verb}: the axis is not armed", self.info.label);
             let hint = "arm it first: motion needs an armed axis";
             return Err(Refused::new("E219", what).hint(hint));
         }
         let (joined, verb) = (Arc::clone(joined), verb.to_owned());
-        let within = if verb == "reached" { ARRIVE_MAX } else { ANSWER_MAX };
-        let run = move |lease: &Lease| lease.run(&verb, arguments, within);
+        let run = move |lease: &Lease| lease.run(&verb, arguments, ANSWER_MAX);
         Ok(joined.gateway.clone().start(move |_| joined.with_lease(id, run)))
     }
 
@@ -429,7 +463,7 @@ impl Axis {
 
     fn parameter_name(&self, py: Python<'_>, id: u16) -> PyResult<String> {
         let axis = self.info.id;
-        self.done(py, |joined| {
+        self.asked(py, move |joined| {
             let parameter = joined.parameters(axis)?.get(usize::from(id));
             let none = || Refused::new("E213", format!("there is no parameter {id}"));
             parameter.map(|parameter| parameter.name.clone()).ok_or_else(none)
@@ -474,10 +508,4 @@ impl Axis {
         let say = move |lease: &Lease| lease.raw(&text);
         Ok(joined.gateway.clone().start(move |_| joined.with_lease(axis, say)))
     }
-}
-
-/// Waits for the end, however long that takes.
-fn ended<T: Clone + Send>(py: Python<'_>, mut pending: Pending<T>) -> PyResult<T> {
-    let came = waited(py, None, |slice| pending.wait(slice))?;
-    came.ok_or_else(|| usage(py, "E299", "nothing came of it", ""))
 }

@@ -8,7 +8,7 @@ use polepair_client::message::{Given, ParameterRead};
 use polepair_client::{Pending, Refused};
 use pyo3::prelude::*;
 
-use crate::errors::told;
+use crate::errors::{told, usage};
 use crate::outside::Outside;
 use crate::request::{Call, SLICE};
 
@@ -112,4 +112,14 @@ pub(super) fn waited<T: Send>(
         }
         py.check_signals()?;
     }
+}
+
+/// Waits for the end, however long that takes.
+pub(super) fn ended<T: Clone + Send>(py: Python<'_>, mut pending: Pending<T>) -> PyResult<T> {
+    came(py, waited(py, None, |slice| pending.wait(slice)))
+}
+
+/// What was waited for without a bound.
+pub(super) fn came<T>(py: Python<'_>, waited: PyResult<Option<T>>) -> PyResult<T> {
+    waited?.ok_or_else(|| usage(py, "E299", "nothing came of it", ""))
 }

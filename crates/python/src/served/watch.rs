@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::Waker;
 
+use polepair_client::message::Source;
 use polepair_client::message::telemetry::Sample;
 use polepair_client::{Refused, Watched};
 use pyo3::prelude::*;
@@ -11,6 +12,12 @@ use pyo3::prelude::*;
 use super::request::waited;
 use crate::outside::Outside;
 use crate::request::Call;
+
+/// For how many periods a drive may say nothing, and for how many seconds at least: its server leaves
+/// one that does not answer alone for a second, and has others to ask.
+const PERIODS: f64 = 5.0;
+const QUIET_MIN: f64 = 3.0;
+const QUIET_MAX: f64 = 1e6;
 
 /// Signals that are watched, until this goes.
 #[pyclass(frozen, name = "ServedWatch", module = "polepair._polepair")]
@@ -20,7 +27,7 @@ pub struct Watch(Outside<Mutex<Rows>>);
 /// Samples of each signal that wait for those of the others.
 #[derive(Debug)]
 struct Rows {
-    watched: Vec<(Watched, VecDeque<Sample>)>,
+    watched: Vec<(Arc<Watched>, VecDeque<Sample>)>,
     /// Samples of each that were lost on the way.
     lost: Vec<u64>,
 }
@@ -29,7 +36,7 @@ struct Rows {
 type Row = (f64, Vec<f64>);
 
 impl Watch {
-    pub(super) fn new(watched: Vec<Watched>) -> Self {
+    pub(super) fn new(watched: Vec<Arc<Watched>>) -> Self {
         let lost = vec![0; watched.len()];
         let watched = watched.into_iter().map(|watched| (watched, VecDeque::new())).collect();
         Self(Mutex::new(Rows { watched, lost }).into())
@@ -67,7 +74,7 @@ impl Rows {
 
     /// What is waited for: the first signal that has nothing.
     fn missing(&self) -> Option<&Watched> {
-        self.watched.iter().find(|(_, waiting)| waiting.is_empty()).map(|(watched, _)| watched)
+        self.watched.iter().find(|(_, waiting)| waiting.is_empty()).map(|(watched, _)| &**watched)
     }
 }
 
@@ -97,6 +104,20 @@ impl Watch {
         Ok(py.detach(|| {
             let rows = self.lock();
             rows.missing().is_none_or(|missing| missing.ready_or_wake(&waker))
+        }))
+    }
+
+    /// Seconds without a row after which the drive does not answer: its server goes on asking, and says
+    /// nothing. `None` where a drive sends by itself, and may have nothing to say.
+    #[getter]
+    fn patience(&self, py: Python<'_>) -> PyResult<Option<f64>> {
+        self.0.ours(py)?;
+        Ok(py.detach(|| {
+            let rows = self.lock();
+            let asks = rows.watched.iter().all(|(watched, _)| watched.source() == Source::Polled);
+            let periods = rows.watched.iter().map(|(watched, _)| 1.0 / watched.hz());
+            let longest = periods.fold(QUIET_MIN, |most, period| most.max(PERIODS * period));
+            asks.then_some(longest.min(QUIET_MAX))
         }))
     }
 

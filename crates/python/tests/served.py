@@ -1,0 +1,70 @@
+"""What tests of a running server share: the real `polepair serve`, and how they look at it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import polepair
+
+ROOT = Path(__file__).resolve().parents[3]
+POLEPAIR = Path(os.environ.get("POLEPAIR_CLI", ROOT / "target" / "release" / "polepair"))
+
+
+class Server:
+    """A server of its own for each test, on a free port."""
+
+    def __init__(
+        self,
+        folder: Path,
+        *options: str,
+        drives: str = "sim:tmcl?axes=2",
+        bind: str = "127.0.0.1:0",
+    ) -> None:
+        self.tokens = folder / "tokens"
+        self.child = subprocess.Popen(
+            [
+                str(POLEPAIR), "serve", drives, "--bind", bind, "--log", "off",
+                "--state", str(folder), *options,
+            ],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.child.stdout is not None
+        line = self.child.stdout.readline()
+        assert line.startswith("ready "), line
+        self.url = line.split()[1].split("/?")[0]
+
+    @property
+    def ws(self) -> str:
+        return self.url.replace("http", "ws", 1)
+
+    def join(self) -> polepair.Link:
+        return polepair.connect(self.ws, token_file=self.tokens)
+
+    def kill(self) -> None:
+        self.child.kill()
+        self.child.wait()
+
+
+def until(what: str, so: Callable[[], bool], seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not so():
+        assert time.monotonic() < end, f"never: {what}"
+        time.sleep(0.02)
+
+
+def speed(axis: polepair.Axis) -> float:
+    return abs(axis.read("velocity")["velocity"])
+
+
+def can_be_armed(axis: polepair.Axis) -> bool:
+    try:
+        with axis.armed():
+            return True
+    except polepair.PolepairError as error:
+        assert error.code in ("gateway.busy", "gateway.lease"), error
+        return False
