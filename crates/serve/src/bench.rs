@@ -450,11 +450,11 @@ impl Bench {
         let (report, told) = Report::of(&axes);
         for (n, link) in self.0.links.iter().enumerate() {
             let its = axes.iter().map(|id| &self.0.axes[usize::from(*id)]);
-            let places: Vec<usize> = its.filter(|s| s.link == n).map(|s| s.place).collect();
-            if !places.is_empty() {
+            let axes: Vec<_> = its.filter(|s| s.link == n).map(|s| (s.place, 0)).collect();
+            if !axes.is_empty() {
                 let (who, reason) = (session.clone(), order.reason.clone());
                 let report = Some(Arc::clone(&report));
-                link.wire.stop(StopThese { axes: places, who, reason, since, report, said: 0 });
+                link.wire.stop(StopThese { axes, who, reason, since, report });
             }
         }
         Reply::of(told, Ok(()))

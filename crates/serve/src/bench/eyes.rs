@@ -173,9 +173,9 @@ impl Eyes {
             Ok(Some(reason)) => reason,
             Err(error) => error.to_string(),
         };
-        let (axes, since, report) = (vec![self.turn], self.shared.now(), None);
+        let (axes, since, report) = (vec![(self.turn, 0)], self.shared.now(), None);
         let who = super::shared::SERVER.into();
-        self.wire.stop(StopThese { axes, who, reason, since, report, said: 0 });
+        self.wire.stop(StopThese { axes, who, reason, since, report });
     }
 }
 

@@ -129,11 +129,10 @@ impl Hand {
 
     /// Sends what stops; what there is to write about it comes when all of them are on the wire.
     fn take_stops(&mut self) {
-        while let Some(StopThese { axes, who, reason, since, report, said }) = self.wire.next_stop()
-        {
+        while let Some(StopThese { axes, who, reason, since, report }) = self.wire.next_stop() {
             let mut ended = Vec::with_capacity(axes.len());
-            for &axis in &axes {
-                self.axes[axis].stopped = said;
+            for (axis, said) in axes {
+                self.axes[axis].stopped = said.max(self.axes[axis].stopped);
                 let lost = self.axes[axis].seat.end();
                 self.halt(axis, since, report.clone());
                 ended.push((axis, lost));

@@ -119,13 +119,13 @@ impl Do {
 /// Axes that are to stop.
 #[derive(Debug)]
 pub(super) struct StopThese {
-    pub axes: Vec<usize>,
+    /// With the number of the stop among the wire's orders and stops, which the wire gives it: axes
+    /// that were added have one of their own.
+    pub axes: Vec<(usize, u64)>,
     pub who: Session,
     pub reason: String,
     pub since: Instant,
     pub report: Option<Arc<Report>>,
-    /// Its number among the wire's orders and stops, which the wire gives it.
-    pub said: u64,
 }
 
 impl AskLease {
@@ -144,10 +144,10 @@ pub(crate) fn overtaken() -> Refused {
 
 impl StopThese {
     fn add(&mut self, other: Self) {
-        self.said = other.said;
-        for axis in other.axes {
-            if !self.axes.contains(&axis) {
-                self.axes.push(axis);
+        for (axis, said) in other.axes {
+            match self.axes.iter_mut().find(|(known, _)| *known == axis) {
+                Some((_, known)) => *known = said.max(*known),
+                None => self.axes.push((axis, said)),
             }
         }
     }
@@ -207,8 +207,10 @@ impl Wire {
     /// Orders a stop: there is always room for one.
     pub fn stop(&self, mut stop: StopThese) {
         {
-            stop.said = self.number();
             let mut stops = held(&self.stops);
+            // Numbered where it is queued: no later stop comes before an earlier one.
+            let said = self.number();
+            stop.axes.iter_mut().for_each(|(_, its)| *its = said);
             let stops_full = stops.len() == STOPS_MAX;
             match stops.back_mut().filter(|_| stops_full) {
                 // The stop itself is not lost, only the word of how far it came.
@@ -269,5 +271,52 @@ impl Wire {
 
     pub fn show_clash(&self, what: Option<String>) {
         *held(&self.clash) = what;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stop(wire: &Wire, axes: &[usize]) {
+        let axes = axes.iter().map(|axis| (*axis, 0)).collect();
+        let (who, reason, since) = ("ann".into(), String::new(), Instant::ZERO);
+        wire.stop(StopThese { axes, who, reason, since, report: None });
+    }
+
+    #[test]
+    fn stops_come_in_the_order_of_their_numbers_whoever_says_them() {
+        let wire = Wire::new(Vec::new());
+        let last = std::thread::scope(|scope| {
+            let two = [0, 1].map(|axis| {
+                let wire = &wire;
+                scope.spawn(move || (0..20_000).for_each(|_| stop(wire, &[axis])))
+            });
+            let (mut last, mut ended) = (0, false);
+            loop {
+                while let Some(stop) = wire.next_stop() {
+                    let first = stop.axes.iter().map(|(_, said)| *said).min().unwrap();
+                    assert!(first >= last, "{first} behind {last}");
+                    last = stop.axes.iter().map(|(_, said)| *said).max().unwrap();
+                }
+                if ended {
+                    return last;
+                }
+                ended = two.iter().all(std::thread::ScopedJoinHandle::is_finished);
+            }
+        });
+        assert_eq!(last, 39_999);
+    }
+
+    #[test]
+    fn axes_of_stops_that_are_put_together_keep_their_numbers() {
+        let wire = Wire::new(Vec::new());
+        (0..STOPS_MAX).for_each(|_| stop(&wire, &[0]));
+        stop(&wire, &[1]);
+        stop(&wire, &[0, 2]);
+        let stops: Vec<_> = std::iter::from_fn(|| wire.next_stop()).collect();
+        let n = STOPS_MAX as u64;
+        assert_eq!(stops.len(), STOPS_MAX);
+        assert_eq!(stops[STOPS_MAX - 1].axes, [(0, n + 1), (1, n), (2, n + 1)]);
     }
 }
