@@ -18,7 +18,6 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Method;
 use axum::routing::{MethodRouter, delete, get, post};
-use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
 
 use crate::bench::{Bench, CAPTURE_MAX, Session};
@@ -49,7 +48,7 @@ pub(crate) struct Gate {
     pub board: live::Board,
     pub uploads: Arc<Semaphore>,
     /// What viewers are shown is written there, apart from what reads commands.
-    pub shows: Handle,
+    pub shows: live::Shows,
     sessions: AtomicU64,
 }
 
@@ -61,7 +60,7 @@ impl Gate {
         door: Door,
         hosts: Hosts,
         journal: Arc<Journal>,
-        shows: Handle,
+        shows: live::Shows,
     ) -> Self {
         let (metrics, board) = (Metrics::default(), live::Board::default());
         let (uploads, sessions) = (Arc::new(Semaphore::new(UPLOADS_MAX)), AtomicU64::new(1));

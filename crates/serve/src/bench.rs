@@ -77,6 +77,7 @@ pub use frames::Frames;
 pub use lease::Session;
 pub use reply::Reply;
 pub use shared::{Event, Journal, NoJournal, Note};
+pub(crate) use telemetry::Wish;
 pub use telemetry::{Channel, Gap};
 pub(crate) use wire::overtaken;
 
@@ -440,8 +441,7 @@ impl Bench {
         if order.axes.is_none() {
             let (by, at_ms) = (session.to_string(), Clock::ms(since));
             let lock = LockTold { by, at_ms, reason: order.reason.clone() };
-            *self.0.shared.lock() = Some(lock.clone());
-            self.0.shared.tell(Event::Locked(lock));
+            self.0.shared.lock_motion(lock);
         }
         let every = || (0..self.0.axes.len() as u16).collect();
         let mut axes: Vec<u16> = order.axes.clone().unwrap_or_else(every);
@@ -460,17 +460,25 @@ impl Bench {
         Reply::of(told, Ok(()))
     }
 
-    /// Lets motion again after a stop of everything.
+    /// How often everything was stopped so far, for [`release`](Self::release).
+    #[must_use]
+    pub fn locks(&self) -> u64 {
+        self.0.shared.locks()
+    }
+
+    /// Lets motion again after a stop of everything. `locks` is how often everything had been stopped
+    /// when this was said: whoever says it knows of no later stop.
     ///
     /// # Errors
-    /// When the journal does not keep it.
-    pub fn release(&self, session: &Session) -> Result<(), Refused> {
-        let note = Note { who: session, deed: Deed::Release, axis: None, detail: json!({}) };
-        self.0.shared.journal.note(note)?;
-        if self.0.shared.lock().take().is_some() {
-            self.0.shared.tell(Event::Unlocked);
+    /// `gateway.expired` when everything was stopped since; when the journal does not keep it.
+    pub fn release(&self, session: &Session, locks: u64) -> Result<(), Refused> {
+        let Inner { shared, .. } = &*self.0;
+        if shared.locks() != locks {
+            return Err(overtaken());
         }
-        Ok(())
+        let note = Note { who: session, deed: Deed::Release, axis: None, detail: json!({}) };
+        shared.journal.note(note)?;
+        if shared.unlock_motion(locks) { Ok(()) } else { Err(overtaken()) }
     }
 
     /// Does something to a simulated drive: the axis of that place among those of its link.

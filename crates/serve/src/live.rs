@@ -4,8 +4,8 @@
 //! A stop goes before whatever its own viewer said before it and is not done yet ([`said`]). What is the
 //! same for all viewers is made once, by the [`Board`]. Telemetry and frames are taken from
 //! the bench by each viewer's writer when nothing else is to be said ([`watched`]). Writers have a
-//! runtime of their own, whose threads stand back, and share no lock with who reads commands
-//! ([`socket`]): however many there are, no stop waits for them. A viewer
+//! runtime of their own, whose threads stand back where nothing is encrypted, and share no socket with
+//! who reads commands ([`socket`]): however many there are, no stop waits for them. A viewer
 //! that takes nothing for five seconds is closed: it is asked each second whether it is there. Its
 //! leases end with it, and nothing is watched for it any more.
 
@@ -42,7 +42,7 @@ use crate::message::{
 use crate::scope::Scope;
 use crate::session::Caller;
 use board::News;
-use said::{Pace, Waiting};
+use said::{Pace, Place, Said, Waiting};
 use socket::{Ends, Hears, Tells};
 use watched::{Look, Round, Watched};
 
@@ -110,6 +110,21 @@ fn speaks(headers: &HeaderMap) -> bool {
     words.any(|word| word.trim_ascii() == PROTOCOL.as_bytes())
 }
 
+/// Where viewers are written to.
+#[derive(Debug)]
+pub(crate) struct Shows {
+    pub on: Handle,
+    /// Whether connections are encrypted; else its threads stand back.
+    pub encrypts: bool,
+}
+
+/// A message's turn, with the place that what comes of it has.
+enum Turn<'a> {
+    Free,
+    Answer(Permit<'a, Message>),
+    Look(Permit<'a, Look>),
+}
+
 /// One viewer.
 struct Viewer {
     gate: Shared,
@@ -123,7 +138,10 @@ struct Viewer {
 
 impl Viewer {
     async fn watch(gate: &Shared, caller: Caller, session: &Session, upgraded: Upgraded) {
-        let Ends { hears, tells, apart } = socket::ends(upgraded).await;
+        let Some(ends) = socket::ends(upgraded, gate.shows.encrypts).await else {
+            return tracing::error!("a viewer's connection is not what this server listens to");
+        };
+        let Ends { hears, tells } = ends;
         let (answers, waiting) = mpsc::channel(ANSWERS_MAX);
         let (looks, looked) = mpsc::channel(LOOKS_MAX);
         let shown = Shown {
@@ -139,9 +157,7 @@ impl Viewer {
         let (under_way, leasing) = (places(), places());
         let (gate, session) = (Arc::clone(gate), session.clone());
         let viewer = Self { gate, caller, session, answers, looks, under_way, leasing };
-        // Where both ends share something, no thread that stands back may have it.
-        let shows = if apart { viewer.gate.shows.clone() } else { Handle::current() };
-        let mut writing = shows.spawn(shown.write(tells, viewer.first()));
+        let mut writing = viewer.gate.shows.on.spawn(shown.write(tells, viewer.first()));
         let told_to_end = tokio::select! {
             _ = &mut writing => false,
             () = viewer.read(hears) => true,
@@ -175,6 +191,7 @@ impl Viewer {
         let (mut pace, mut waiting) = (Pace::default(), Waiting::default());
         let mut silent = clock::now() + SILENT_MAX;
         loop {
+            let next = waiting.next();
             tokio::select! {
                 biased;
                 message = from.next(), if waiting.has_room() => {
@@ -183,25 +200,20 @@ impl Viewer {
                     match message {
                         Message::Text(said) => self.hear(&said, &mut pace, &mut waiting),
                         Message::Binary(_) => {
-                            waiting.push(Err(Box::new(error("a message is a text", None, None))), 1);
+                            waiting.tell(error("a message is a text", None, None), 1);
                         }
                         Message::Close(_) => return,
-                        // Where its answers are not taken, it need not be told that we are here.
-                        Message::Ping(its) => drop(self.answers.try_send(Message::Pong(its))),
-                        Message::Pong(_) | Message::Frame(_) => {}
+                        Message::Ping(its) => {
+                            let bytes = its.len();
+                            waiting.push(Said::Ping(its), bytes);
+                        }
+                        Message::Pong(_) | Message::Frame(_) => waiting.push(Said::Pong, 0),
                     }
                 }
-                place = self.turn(&mut pace), if !waiting.is_empty() => {
-                    let Some((answer, look)) = place else { return };
+                turn = self.turn(&mut pace, next), if next.is_some() => {
+                    let Some(turn) = turn else { return };
                     pace.count();
-                    let told = match waiting.pop() {
-                        Some(Ok(message)) => self.obey(message, Some(look)),
-                        Some(Err(told)) => Some(*told),
-                        None => None,
-                    };
-                    if let Some(told) = told {
-                        answer.send(Message::Text(text(&told)));
-                    }
+                    self.go_on(turn, &mut waiting);
                 }
                 // It says at least that it is there, unless it takes nothing.
                 () = sleep(silent.since(clock::now())) => return,
@@ -210,39 +222,66 @@ impl Viewer {
     }
 
     /// Waits until one more message may be done, and what comes of it has a place.
-    async fn turn(&self, pace: &mut Pace) -> Option<(Permit<'_, Message>, Permit<'_, Look>)> {
+    async fn turn(&self, pace: &mut Pace, next: Option<Place>) -> Option<Turn<'_>> {
         pace.keep().await;
-        Some((self.answers.reserve().await.ok()?, self.looks.reserve().await.ok()?))
+        Some(match next? {
+            Place::Nowhere => Turn::Free,
+            Place::Answer => Turn::Answer(self.answers.reserve().await.ok()?),
+            Place::Look => Turn::Look(self.looks.reserve().await.ok()?),
+        })
+    }
+
+    /// Does what is next.
+    fn go_on(&self, turn: Turn<'_>, waiting: &mut Waiting) {
+        let Some((said, bytes)) = waiting.pop() else { return };
+        let (answer, look) = match turn {
+            Turn::Free => (None, None),
+            Turn::Answer(answer) => (Some(answer), None),
+            Turn::Look(look) => (None, Some(look)),
+        };
+        let told = match said {
+            Said::Message(message, locks) => self.obey(message, locks, look),
+            Said::Told(told) => Some(*told),
+            // Where its answers are not taken, it need not be told that we are here.
+            Said::Ping(its) => return drop(self.answers.try_send(Message::Pong(its))),
+            Said::Pong => None,
+        };
+        match (told, answer) {
+            (Some(told), Some(answer)) => answer.send(Message::Text(text(&told))),
+            // Its place is waited for behind whatever ends motion.
+            (Some(told), None) => waiting.tell(told, bytes),
+            (None, _) => {}
+        }
     }
 
     /// Takes what was said. A stop is done now, whatever was said before it.
     fn hear(&self, said: &str, pace: &mut Pace, waiting: &mut Waiting) {
+        let locks = self.gate.bench.locks();
         let message = match serde_json::from_str::<ClientMessage>(said) {
             Ok(message) => message,
-            Err(wrong) => {
-                let told = Box::new(error(&wrong.to_string(), None, None));
-                return waiting.push(Err(told), said.len());
-            }
+            Err(wrong) => return waiting.tell(error(&wrong.to_string(), None, None), said.len()),
         };
         let may = about(&message).1.met_by(self.caller.scopes);
         let ClientMessage::Stop { axes, .. } = &message else {
-            return waiting.push(Ok(message), said.len());
+            return waiting.push(Said::Message(message, locks), said.len());
         };
         if !may || !pace.stop() {
-            return waiting.push(Ok(message), said.len());
+            return waiting.push(Said::Message(message, locks), said.len());
         }
         waiting.stopped(axes.as_deref(), |message, refused| {
             self.refused(message, about(message).0, refused)
         });
-        if let Some(told) = self.obey(message, None) {
-            waiting.push(Err(Box::new(told)), said.len());
+        if let Some(told) = self.obey(message, locks, None) {
+            waiting.tell(told, said.len());
         }
     }
 
-    /// Does what was said. What cannot be answered at once is answered later.
+    /// Does what was said when motion had been locked so often. What cannot be answered at once is
+    /// answered later.
     fn obey(
         &self,
         message: ClientMessage,
+        locks: u64,
         look: Option<Permit<'_, Look>>,
     ) -> Option<ServerMessage> {
         let (about, needs) = about(&message);
@@ -260,7 +299,7 @@ impl Viewer {
             }
             ClientMessage::Stop { axes, reason } => self.stop(StopOrder { axes, reason }),
             ClientMessage::Release => {
-                let released = self.gate.bench.release(&self.session);
+                let released = self.gate.bench.release(&self.session, locks);
                 return released.err().map(|refused| told(refused, Some(about), None));
             }
             ClientMessage::Command { axis, command } => return self.command(axis, command),
@@ -270,7 +309,7 @@ impl Viewer {
         None
     }
 
-    /// What only looks is the writer's to do, but for what asks an axis.
+    /// What only looks is the writer's to do; whether it is there to be watched is found out here.
     fn show(
         &self,
         message: ClientMessage,
@@ -280,8 +319,8 @@ impl Viewer {
         let wanted = match message {
             ClientMessage::Subscribe { channel, axis, signal, parameter, hz } => {
                 let (signal, parameter) = (signal.as_deref(), parameter.as_deref());
-                match self.gate.bench.subscribe(axis, signal, parameter, hz) {
-                    Ok(its) => Look::Subscribe(channel, its),
+                match self.gate.bench.wish(axis, signal, parameter, hz) {
+                    Ok(wish) => Look::Subscribe(channel, wish),
                     Err(refused) => return Some(told(refused, Some(about), Some(channel))),
                 }
             }
@@ -406,7 +445,7 @@ impl Shown {
                     Ok(News::Text(text)) => messages.push(Message::Text(text)),
                     Ok(News::Bench) => messages.extend(self.bench()),
                     Ok(News::Whole) | Err(RecvError::Lagged(_)) => messages.extend(self.whole()),
-                    Err(RecvError::Closed) => return,
+                    Ok(News::End) | Err(RecvError::Closed) => return,
                 },
                 _ = asks.tick() => messages.push(Message::Ping(Bytes::new())),
                 state = self.states.recv() => match state {
@@ -428,7 +467,8 @@ impl Shown {
 
     /// The bench and every axis.
     fn whole(&self) -> Vec<Message> {
-        let states = self.gate.board.axes().into_iter().map(Message::Text);
+        let states = self.gate.board.axes().into_iter().map(ServerMessage::Axis);
+        let states = states.map(|state| Message::Text(text(&state)));
         self.bench().into_iter().chain(states).collect()
     }
 }

@@ -18,7 +18,7 @@ use serde_json::json;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Runtime};
-use tokio::sync::watch;
+use tokio::sync::{oneshot, watch};
 use tower::ServiceExt as _;
 
 use crate::api::{self, Gate, Shared};
@@ -26,7 +26,7 @@ use crate::bench::{self, Bench};
 use crate::connections::{Connections, Here, Place};
 use crate::guard::Hosts;
 use crate::journal::Journal;
-use crate::live::Board;
+use crate::live::{self, Board};
 use crate::message::Deed;
 use crate::options::Options;
 use crate::refusal::Refusal;
@@ -51,7 +51,8 @@ const JOURNAL: &str = "journal.jsonl";
 pub struct Server {
     /// What takes requests and commands, and what shows.
     runtimes: Option<(Runtime, Runtime)>,
-    board: Option<JoinHandle<()>>,
+    /// What looks for viewers, and what ends that.
+    board: Option<(JoinHandle<()>, oneshot::Sender<()>)>,
     gate: Shared,
     address: SocketAddr,
     url: String,
@@ -112,11 +113,20 @@ impl Server {
         let door = Door::new(grants, options.scopes, address.port(), options.tls);
         let hosts = Hosts::new(options.scheme(), address.ip(), address.port(), &options.names);
         let once = door.once()?.reveal();
-        let (runtime, shows) = (runtime(|| {})?, runtime(polepair_link::stand_back)?);
-        let gate = Arc::new(Gate::new(bench, door, hosts, journal, shows.handle().clone()));
+        // Encrypted, who shows shares the cipher with who reads, and must not be put off with it.
+        let encrypts = options.tls;
+        let stand = move || {
+            if !encrypts {
+                polepair_link::stand_back();
+            }
+        };
+        let (runtime, shows) = (runtime(|| {})?, runtime(stand)?);
+        let to = live::Shows { on: shows.handle().clone(), encrypts };
+        let gate = Arc::new(Gate::new(bench, door, hosts, journal, to));
         let fingerprint = tls.as_ref().map(|tls| tls.fingerprint.clone());
         let (end, ended) = watch::channel(false);
-        let board = Some(Board::start(Arc::clone(&gate), ended.clone())?);
+        let (board_ends, board_ended) = oneshot::channel();
+        let board = Some((Board::start(Arc::clone(&gate), board_ended)?, board_ends));
         runtime.spawn(accept(listener, Arc::clone(&gate), tls, ended));
         let shown = SocketAddr::new(shown(address), address.port());
         let url = format!("{}://{shown}/?once={once}", options.scheme());
@@ -173,11 +183,14 @@ impl Server {
     fn close(&mut self) {
         let Some((runtime, shows)) = self.runtimes.take() else { return };
         self.end.send_replace(true);
-        if let Some(board) = self.board.take() {
-            // One that panicked is over as well.
-            let _ = board.join();
-        }
+        // What moves is stopped before anything is waited for that only shows.
         self.gate.bench.shutdown();
+        if let Some((board, end)) = self.board.take() {
+            // One that panicked is over as well.
+            let _ = end.send(());
+            let _ = board.join();
+            runtime.block_on(self.gate.board.empty(LEAVE_MAX));
+        }
         if let Err(error) = self.gate.journal.write("server", Deed::Ended, None, &json!({})) {
             tracing::error!(%error, "the journal does not keep its end");
         }

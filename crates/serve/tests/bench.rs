@@ -145,7 +145,13 @@ fn a_stop_of_everything_needs_no_lease_and_locks_motion_until_it_is_released() {
     let epoch = desk.take(&ann, 0);
     assert_eq!(code(&desk.tell(&ann, epoch, "arm", None)), "gateway.locked");
     assert_eq!(code(&desk.tell(&ann, epoch, "velocity", Some(9.0))), "gateway.locked");
-    desk.bench.release(&bob).unwrap();
+    let before = desk.bench.locks();
+    desk.hear(desk.bench.stop(&bob, &StopOrder::default())).unwrap();
+    let late = desk.bench.release(&ann, before).unwrap_err();
+    assert_eq!(late.code, "gateway.expired", "ann knows nothing of the second stop");
+    assert!(desk.bench.snapshot().lock.is_some());
+    desk.bench.release(&bob, desk.bench.locks()).unwrap();
+    let epoch = desk.take(&ann, 0);
     assert_eq!(desk.tell(&ann, epoch, "arm", None).outcome, Ended::Done);
     assert_eq!(desk.tell(&ann, epoch, "velocity", Some(9.0)).outcome, Ended::Done);
 }
@@ -316,7 +322,7 @@ impl Crowd {
             89..93 => self.clients[n].away_until = now + self.below(4000) as f64,
             93..95 => self.stop_all(&who),
             95..99 if self.locked => {
-                self.desk.bench.release(&who).unwrap();
+                self.desk.bench.release(&who, self.desk.bench.locks()).unwrap();
                 self.locked = false;
             }
             _ => drop(self.desk.bench.lease(0, &who, LeaseAct::Renew, epoch.wrapping_sub(1))),

@@ -1,7 +1,7 @@
 //! What the wires of a bench share: the lock, the commands that were seen, the journal, those who
 //! want to hear what happens.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -83,6 +83,8 @@ pub(super) struct Shared {
     pub events: broadcast::Sender<Event>,
     once: Mutex<Once>,
     lock: Mutex<Option<LockTold>>,
+    /// How often motion was locked; changed with the lock in hand.
+    locks: AtomicU64,
     closing: AtomicBool,
 }
 
@@ -102,6 +104,7 @@ impl Shared {
             events: broadcast::Sender::new(EVENTS_MAX),
             once: Mutex::default(),
             lock: Mutex::default(),
+            locks: AtomicU64::new(0),
             closing: AtomicBool::new(false),
         }
     }
@@ -117,6 +120,29 @@ impl Shared {
     /// Who locked motion.
     pub fn lock(&self) -> MutexGuard<'_, Option<LockTold>> {
         held(&self.lock)
+    }
+
+    /// How often motion was locked so far.
+    pub fn locks(&self) -> u64 {
+        self.locks.load(Ordering::SeqCst)
+    }
+
+    /// Locks motion. Who listens is told in the order in which it is locked and let again.
+    pub fn lock_motion(&self, told: LockTold) {
+        let mut lock = self.lock();
+        self.locks.fetch_add(1, Ordering::SeqCst);
+        *lock = Some(told.clone());
+        self.tell(Event::Locked(told));
+    }
+
+    /// Lets motion again, unless it was locked since somebody counted so many locks.
+    pub fn unlock_motion(&self, locks: u64) -> bool {
+        let mut lock = self.lock();
+        let newest = self.locks() == locks;
+        if newest && lock.take().is_some() {
+            self.tell(Event::Unlocked);
+        }
+        newest
     }
 
     /// Tells whoever listens.

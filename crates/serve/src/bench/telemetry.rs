@@ -2,7 +2,7 @@
 //! the samples that are kept; who falls behind loses the oldest and is told. Nothing is interpolated.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 use std::time::Duration;
 
@@ -79,15 +79,19 @@ pub struct Gap {
 /// Everything that is watched on a bench.
 #[derive(Debug)]
 pub(super) struct Telemetry {
-    by_axis: Mutex<Vec<Watched>>,
+    /// What is watched of each axis.
+    by_axis: Mutex<Vec<Vec<Weak<Source>>>>,
+    /// Of each axis a bit for each signal that the drive was seen to send.
+    sends: Vec<AtomicU32>,
 }
 
-/// What is watched of an axis.
-#[derive(Debug, Default)]
-struct Watched {
-    sources: Vec<Weak<Source>>,
-    /// A bit for each signal that the drive was seen to send.
-    sends: u32,
+/// Something that can be watched.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wish {
+    axis: u16,
+    what: What,
+    unit: &'static str,
+    hz: f64,
 }
 
 /// What somebody watches. Dropped, it is watched no more.
@@ -117,6 +121,17 @@ impl Bench {
         parameter: Option<&str>,
         hz: f64,
     ) -> Result<Channel, Refused> {
+        self.watch(self.wish(axis, signal, parameter, hz)?)
+    }
+
+    /// Whether that can be watched; shares no lock with who watches.
+    pub(crate) fn wish(
+        &self,
+        axis: u16,
+        signal: Option<&str>,
+        parameter: Option<&str>,
+        hz: f64,
+    ) -> Result<Wish, Refused> {
         let (link, place) = self.seat(axis)?;
         let its = &link.wire.axes[place].1;
         if !(hz > 0.0 && hz <= HZ_MAX) {
@@ -138,23 +153,29 @@ impl Bench {
             }
             _ => return Err(Refused::new("gateway.request", "name a signal, or a parameter")),
         };
-        self.0.telemetry.watch(axis, what, unit, hz)
+        Ok(Wish { axis, what, unit, hz })
+    }
+
+    /// Watches it.
+    pub(crate) fn watch(&self, wish: Wish) -> Result<Channel, Refused> {
+        self.0.telemetry.watch(wish)
     }
 }
 
 impl Telemetry {
     pub fn new(axes: usize) -> Self {
-        Self { by_axis: Mutex::new((0..axes).map(|_| Watched::default()).collect()) }
+        let by_axis = Mutex::new(vec![Vec::new(); axes]);
+        Self { by_axis, sends: (0..axes).map(|_| AtomicU32::new(0)).collect() }
     }
 
     /// Takes a sample that a drive sent.
     pub fn push(&self, axis: u16, what: What, sample: Sample) {
-        let mut by_axis = held(&self.by_axis);
-        let Some(watched) = by_axis.get_mut(usize::from(axis)) else { return };
+        let Some(sends) = self.sends.get(usize::from(axis)) else { return };
         if let What::Signal(signal) = what {
-            watched.sends |= 1 << signal as u32;
+            sends.fetch_or(1 << signal as u32, Ordering::Relaxed);
         }
-        let mut sources = watched.sources.iter().filter_map(Weak::upgrade);
+        let by_axis = held(&self.by_axis);
+        let mut sources = by_axis[usize::from(axis)].iter().filter_map(Weak::upgrade);
         if let Some(source) = sources.find(|source| source.what == what) {
             source.push(sample);
         }
@@ -167,21 +188,16 @@ impl Telemetry {
 
     /// Whether a drive was seen to send a signal.
     pub fn sends(&self, axis: u16, signal: Signal) -> bool {
-        let by_axis = held(&self.by_axis);
-        by_axis.get(usize::from(axis)).is_some_and(|w| w.sends & (1 << signal as u32) != 0)
+        let sends = self.sends.get(usize::from(axis));
+        sends.is_some_and(|sends| sends.load(Ordering::Relaxed) & (1 << signal as u32) != 0)
     }
 
-    fn watch(
-        &self,
-        axis: u16,
-        what: What,
-        unit: &'static str,
-        hz: f64,
-    ) -> Result<Channel, Refused> {
+    fn watch(&self, wish: Wish) -> Result<Channel, Refused> {
+        let Wish { axis, what, unit, hz } = wish;
         let mut by_axis = held(&self.by_axis);
-        by_axis.iter_mut().for_each(|w| w.sources.retain(|s| s.strong_count() > 0));
-        let count: usize = by_axis.iter().map(|watched| watched.sources.len()).sum();
-        let sources = &mut by_axis[usize::from(axis)].sources;
+        by_axis.iter_mut().for_each(|sources| sources.retain(|s| s.strong_count() > 0));
+        let count: usize = by_axis.iter().map(Vec::len).sum();
+        let sources = &mut by_axis[usize::from(axis)];
         let known = sources.iter().filter_map(Weak::upgrade).find(|source| source.what == what);
         let source = match known {
             Some(source) => source,
@@ -201,7 +217,7 @@ impl Telemetry {
     /// What is watched of an axis.
     pub fn of(&self, axis: u16) -> Vec<Arc<Source>> {
         let by_axis = held(&self.by_axis);
-        let sources = by_axis.get(usize::from(axis)).into_iter().flat_map(|w| &w.sources);
+        let sources = by_axis.get(usize::from(axis)).into_iter().flatten();
         sources.filter_map(Weak::upgrade).collect()
     }
 }

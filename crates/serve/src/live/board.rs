@@ -9,10 +9,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use polepair_core::time::Instant;
+use polepair_link::clock;
 use tokio::runtime::Builder;
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::{Semaphore, broadcast, watch};
-use tokio::time::{MissedTickBehavior, interval};
+use tokio::sync::{Semaphore, broadcast, oneshot};
+use tokio::time::{MissedTickBehavior, interval, timeout};
 use tokio_tungstenite::tungstenite::Utf8Bytes;
 
 use super::text;
@@ -43,7 +45,7 @@ pub(crate) struct Board {
     known: Arc<Mutex<Known>>,
 }
 
-/// What was last looked at, while somebody watches.
+/// What was last looked at; axes, while somebody watches.
 #[derive(Debug, Default)]
 struct Known {
     /// Scopes are each viewer's own.
@@ -55,10 +57,12 @@ struct Known {
 #[derive(Debug)]
 struct PutUp {
     /// Without ages.
-    state: AxisState,
-    text: Utf8Bytes,
+    told: AxisState,
     /// Looks since.
     looks: u8,
+    /// As it was last looked at.
+    state: AxisState,
+    at: Instant,
 }
 
 /// Something that happened.
@@ -69,6 +73,8 @@ pub(super) enum News {
     Bench,
     /// Too much happened at once: all is told anew.
     Whole,
+    /// The server ends, and this was the last.
+    End,
 }
 
 impl Default for Board {
@@ -82,36 +88,44 @@ impl Default for Board {
 
 impl Board {
     /// Has a thread look after it until that ends.
-    pub fn start(gate: Shared, mut end: watch::Receiver<bool>) -> Result<JoinHandle<()>, Refusal> {
+    pub fn start(gate: Shared, mut end: oneshot::Receiver<()>) -> Result<JoinHandle<()>, Refusal> {
         let refused = |error: std::io::Error| {
             Refusal::adapter("E318", "no threads can be started").why(error.to_string())
         };
         let runtime = Builder::new_current_thread().enable_time().build().map_err(refused)?;
         let looks = move || {
             runtime.block_on(async {
-                tokio::select! {
-                    () = Self::look_after(gate) => {}
+                let mut events = gate.bench.events();
+                let ended = tokio::select! {
+                    () = Self::look_after(&gate, &mut events) => return,
                     // Who could say so may be gone as well.
-                    _ = end.wait_for(|end| *end) => {}
+                    ended = &mut end => ended,
+                };
+                // What stops told at the last is told on.
+                while let Ok(event) = events.try_recv() {
+                    gate.board.tell(&gate, event);
+                }
+                if ended.is_ok() {
+                    // Nobody may watch.
+                    let _ = gate.board.news.send(News::End);
                 }
             });
         };
         std::thread::Builder::new().name("gateway-board".into()).spawn(looks).map_err(refused)
     }
 
-    async fn look_after(gate: Shared) {
-        let mut events = gate.bench.events();
+    async fn look_after(gate: &Shared, events: &mut broadcast::Receiver<Event>) {
         let mut looks = interval(LOOK);
         looks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         loop {
             tokio::select! {
                 biased;
                 event = events.recv() => match event {
-                    Ok(event) => gate.board.tell(&gate, event),
-                    Err(RecvError::Lagged(_)) => gate.board.whole(&gate),
+                    Ok(event) => gate.board.tell(gate, event),
+                    Err(RecvError::Lagged(_)) => gate.board.whole(gate),
                     Err(RecvError::Closed) => return,
                 },
-                _ = looks.tick() => gate.board.look(&gate),
+                _ = looks.tick() => gate.board.look(gate),
             }
         }
     }
@@ -121,9 +135,10 @@ impl Board {
         self.known().bench.clone()
     }
 
-    /// The axes' states as they were last put up.
-    pub(super) fn axes(&self) -> Vec<Utf8Bytes> {
-        self.known().axes.iter().map(|shown| shown.text.clone()).collect()
+    /// The axes' states as they were last looked at, and as old as they are by now.
+    pub(super) fn axes(&self) -> Vec<AxisState> {
+        let now = clock::now();
+        self.known().axes.iter().map(|shown| shown.older(now)).collect()
     }
 
     fn known(&self) -> MutexGuard<'_, Known> {
@@ -136,11 +151,11 @@ impl Board {
     }
 
     fn look(&self, gate: &Shared) {
-        if self.states.receiver_count() == 0 {
-            return *self.known() = Known::default();
-        }
         if self.known().bench.is_none() {
             self.look_at_bench(gate);
+        }
+        if self.states.receiver_count() == 0 {
+            return self.known().axes.clear();
         }
         for id in 0..=u16::MAX {
             let Ok(state) = gate.bench.axis(id) else { break };
@@ -148,9 +163,16 @@ impl Board {
         }
     }
 
+    /// Waits until nobody watches any more, or for so long.
+    pub async fn empty(&self, most: Duration) {
+        let all = self.places.acquire_many(VIEWERS_MAX as u32);
+        // Who still watches then is left alone.
+        let _ = timeout(most, all).await;
+    }
+
     /// Tells everybody everything anew.
     fn whole(&self, gate: &Shared) {
-        *self.known() = Known::default();
+        self.look_at_bench(gate);
         self.look(gate);
         // The last one may just have gone.
         let _ = self.news.send(News::Whole);
@@ -158,33 +180,30 @@ impl Board {
 
     /// Puts up a state that has changed, or was not put up for a while.
     fn show(&self, state: AxisState) {
-        let (at, ageless) = (usize::from(state.id), ageless(&state));
-        if let Some(before) = self.known().axes.get_mut(at)
-            && before.state == ageless
-            && before.looks < LOOKS_MAX
-        {
-            before.looks += 1;
-            return;
-        }
-        let text = text(&ServerMessage::Axis(state));
-        let shown = PutUp { state: ageless, text: text.clone(), looks: 0 };
+        let (told, at) = (ageless(&state), clock::now());
+        let shown = PutUp { told, looks: 0, state: state.clone(), at };
         {
             let mut known = self.known();
-            match known.axes.get_mut(at) {
+            match known.axes.get_mut(usize::from(state.id)) {
+                Some(before) if before.told == shown.told && before.looks < LOOKS_MAX => {
+                    *before = PutUp { looks: before.looks + 1, ..shown };
+                    return;
+                }
                 Some(before) => *before = shown,
                 None => known.axes.push(shown),
             }
         }
         // Nobody may look any more.
-        let _ = self.states.send(text);
+        let _ = self.states.send(text(&ServerMessage::Axis(state)));
     }
 
     fn tell(&self, gate: &Shared, event: Event) {
-        if self.news.receiver_count() == 0 {
-            return;
-        }
+        // Also while nobody watches: who comes next finds it.
         if matches!(event, Event::Locked(_) | Event::Unlocked | Event::Bench) {
             self.look_at_bench(gate);
+        }
+        if self.news.receiver_count() == 0 {
+            return;
         }
         let message = match event {
             Event::Lease { axis, .. } => match gate.bench.axis(axis) {
@@ -198,6 +217,15 @@ impl Board {
         };
         // The last one may just have gone.
         let _ = self.news.send(News::Text(text(&message)));
+    }
+}
+
+impl PutUp {
+    /// The state with the age that its values have now.
+    fn older(&self, now: Instant) -> AxisState {
+        let (mut state, ms) = (self.state.clone(), now.since(self.at).as_secs_f64() * 1e3);
+        state.signals.iter_mut().for_each(|signal| signal.age_ms += ms);
+        state
     }
 }
 

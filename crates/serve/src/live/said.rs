@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use axum::body::Bytes;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
@@ -19,13 +20,32 @@ const STOPS_MAX: u32 = 20;
 /// Messages that wait; what is more waits in the viewer's socket.
 const WAITING_MAX: usize = 256;
 
-/// What waits for its turn: a message, or what is to be answered to one that is none.
-pub(super) type Said = Result<ClientMessage, Box<ServerMessage>>;
+/// What waits for its turn.
+pub(super) enum Said {
+    /// A message, and how often motion had been locked when it was read.
+    Message(ClientMessage, u64),
+    /// What is to be answered.
+    Told(Box<ServerMessage>),
+    /// Its client asks whether we are there.
+    Ping(Bytes),
+    /// It is there itself.
+    Pong,
+}
 
-/// What waits, in the order in which it came.
+/// Where what comes of a message needs a place.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Place {
+    Nowhere,
+    Answer,
+    Look,
+}
+
+/// What waits: what may move or stop axes, which waits for no answers that are not taken, and the
+/// rest. Each in the order in which it came.
 #[derive(Default)]
 pub(super) struct Waiting {
-    said: VecDeque<(Said, usize)>,
+    orders: VecDeque<(Said, usize)>,
+    rest: VecDeque<(Said, usize)>,
     bytes: usize,
 }
 
@@ -39,24 +59,32 @@ pub(super) struct Pace {
 impl Waiting {
     /// Whether more is read.
     pub fn has_room(&self) -> bool {
-        self.said.len() < WAITING_MAX && self.bytes < MESSAGE_MAX
+        self.orders.len() + self.rest.len() < WAITING_MAX && self.bytes < MESSAGE_MAX
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.said.is_empty()
+    /// What is next needs a place there. None when nothing waits.
+    pub fn next(&self) -> Option<Place> {
+        let (said, _) = self.orders.front().or_else(|| self.rest.front())?;
+        Some(said.place())
     }
 
     /// Takes what was said in so many bytes.
     pub fn push(&mut self, said: Said, bytes: usize) {
         self.bytes += bytes;
-        self.said.push_back((said, bytes));
+        let orders = matches!(said, Said::Message(..)) && said.place() == Place::Nowhere;
+        if orders { &mut self.orders } else { &mut self.rest }.push_back((said, bytes));
     }
 
-    /// Whose turn it is.
-    pub fn pop(&mut self) -> Option<Said> {
-        let (said, bytes) = self.said.pop_front()?;
+    /// Takes what is to be answered to what was said in so many bytes.
+    pub fn tell(&mut self, told: ServerMessage, bytes: usize) {
+        self.push(Said::Told(Box::new(told)), bytes);
+    }
+
+    /// Whose turn it is, and its bytes.
+    pub fn pop(&mut self) -> Option<(Said, usize)> {
+        let (said, bytes) = self.orders.pop_front().or_else(|| self.rest.pop_front())?;
         self.bytes -= bytes;
-        Some(said)
+        Some((said, bytes))
     }
 
     /// A stop of these axes, or of all, goes before what waits: what of that would move them again, or
@@ -67,20 +95,41 @@ impl Waiting {
         refuse: impl Fn(&ClientMessage, Refused) -> ServerMessage,
     ) {
         let concerns = |axis: &u16| axes.is_none_or(|axes| axes.contains(axis));
-        for (said, _) in &mut self.said {
-            let Ok(message) = said else { continue };
-            let void = match &*message {
-                ClientMessage::Command { axis, .. } => concerns(axis),
-                ClientMessage::Lease { axis, act, .. } => {
-                    matches!(act, LeaseAct::Take | LeaseAct::TakeOver) && concerns(axis)
-                }
-                ClientMessage::Release => axes.is_none(),
-                _ => false,
-            };
-            if void {
-                let refused = refuse(message, overtaken());
-                *said = Err(Box::new(refused));
+        let void = |message: &ClientMessage| match message {
+            ClientMessage::Command { axis, .. } => concerns(axis),
+            ClientMessage::Lease { axis, act, .. } => {
+                matches!(act, LeaseAct::Take | LeaseAct::TakeOver) && concerns(axis)
             }
+            ClientMessage::Release => axes.is_none(),
+            _ => false,
+        };
+        let rest = &mut self.rest;
+        self.orders.retain(|(said, bytes)| match said {
+            Said::Message(message, _) if void(message) => {
+                rest.push_back((Said::Told(Box::new(refuse(message, overtaken()))), *bytes));
+                false
+            }
+            _ => true,
+        });
+    }
+}
+
+impl Said {
+    fn place(&self) -> Place {
+        match self {
+            Self::Message(message, _) => match message {
+                ClientMessage::Command { .. }
+                | ClientMessage::Lease { .. }
+                | ClientMessage::Stop { .. }
+                | ClientMessage::Release => Place::Nowhere,
+                ClientMessage::Ping { .. } => Place::Answer,
+                ClientMessage::Subscribe { .. }
+                | ClientMessage::Unsubscribe { .. }
+                | ClientMessage::Frames { .. }
+                | ClientMessage::Explain { .. } => Place::Look,
+            },
+            Self::Told(_) => Place::Answer,
+            Self::Ping(_) | Self::Pong => Place::Nowhere,
         }
     }
 }
@@ -97,7 +146,11 @@ impl Pace {
         if self.count < MESSAGES_MAX {
             return;
         }
-        tokio::time::sleep((self.since + SPAN).since(clock::now())).await;
+        let left = (self.since + SPAN).since(clock::now());
+        // To sleep for nothing takes a millisecond.
+        if !left.is_zero() {
+            tokio::time::sleep(left).await;
+        }
         *self = Self::default();
     }
 
@@ -118,12 +171,13 @@ impl Pace {
 
 #[cfg(test)]
 mod tests {
+    use futures_util::FutureExt as _;
     use serde_json::{Value, from_value, json};
 
     use super::*;
 
     fn said(message: Value) -> Said {
-        Ok(from_value(message).unwrap())
+        Said::Message(from_value(message).unwrap(), 0)
     }
 
     fn lease(axis: u16, act: &str) -> Said {
@@ -151,7 +205,7 @@ mod tests {
         ];
         all.into_iter().for_each(|said| waiting.push(said, 10));
         waiting.stopped(axes, |_, _| ServerMessage::Unlocked);
-        std::iter::from_fn(|| waiting.pop()).filter(Result::is_err).count()
+        std::iter::from_fn(|| waiting.pop()).filter(|(s, _)| matches!(s, Said::Told(_))).count()
     }
 
     #[test]
@@ -160,6 +214,26 @@ mod tests {
             (void(Some(&[])), void(Some(&[0])), void(Some(&[0, 1])), void(None)),
             (0, 2, 4, 5)
         );
+    }
+
+    #[test]
+    fn what_ends_motion_waits_for_no_answer_that_is_not_taken() {
+        let mut waiting = Waiting::default();
+        assert_eq!(waiting.next(), None);
+        waiting.push(said(json!({ "type": "ping", "client_ms": 1 })), 1);
+        waiting.push(said(json!({ "type": "explain", "n": 1 })), 1);
+        waiting.tell(ServerMessage::Unlocked, 1);
+        assert_eq!(waiting.next(), Some(Place::Answer));
+        let orders = [command(0), lease(0, "drop"), said(json!({ "type": "release" }))];
+        orders.into_iter().for_each(|order| waiting.push(order, 1));
+        let places: Vec<_> = std::iter::from_fn(|| {
+            let next = waiting.next();
+            waiting.pop();
+            next
+        })
+        .collect();
+        let rest = [Place::Answer, Place::Look, Place::Answer];
+        assert_eq!((&places[..3], &places[3..]), (&[Place::Nowhere; 3][..], &rest[..]));
     }
 
     #[test]
@@ -172,7 +246,16 @@ mod tests {
         waiting.push(ping(), MESSAGE_MAX);
         assert!(!waiting.has_room());
         while waiting.pop().is_some() {}
-        assert!(waiting.is_empty() && waiting.has_room() && waiting.bytes == 0);
+        assert!(waiting.next().is_none() && waiting.has_room() && waiting.bytes == 0);
+    }
+
+    #[test]
+    fn who_said_its_messages_long_ago_does_not_wait() {
+        let mut pace = Pace { count: MESSAGES_MAX, ..Pace::default() };
+        clock::sleep_until(pace.since + SPAN);
+        // Not even for a timer's next tick.
+        assert!(pace.keep().now_or_never().is_some());
+        assert_eq!(pace.count, 0);
     }
 
     #[test]

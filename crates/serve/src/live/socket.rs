@@ -26,8 +26,6 @@ const READ: usize = 8 * 1024;
 pub(super) struct Ends {
     pub hears: WebSocketStream<Hears>,
     pub tells: WebSocketStream<Tells>,
-    /// Neither ever waits for the other. Encrypted, they share the cipher's state.
-    pub apart: bool,
 }
 
 /// Takes what arrives.
@@ -36,25 +34,28 @@ pub(super) struct Hears(Box<dyn AsyncRead + Send + Unpin>);
 /// Sends what is told.
 pub(super) struct Tells(Box<dyn AsyncWrite + Send + Unpin>);
 
-/// The ends of a connection that was a request until now.
-pub(super) async fn ends(upgraded: Upgraded) -> Ends {
+/// The ends of a connection that was a request until now. Neither waits for the other, but encrypted,
+/// where they share the cipher's state. None where it is plain and not what the server listens to: ends
+/// that share anything may not be given to threads that stand back.
+pub(super) async fn ends(upgraded: Upgraded, encrypts: bool) -> Option<Ends> {
     let config = WebSocketConfig::default()
         .read_buffer_size(READ)
         .max_message_size(Some(MESSAGE_MAX))
         .max_frame_size(Some(MESSAGE_MAX));
-    let (hears, tells, came, apart) = match upgraded.downcast::<TokioIo<TcpStream>>() {
+    let (hears, tells, came) = match upgraded.downcast::<TokioIo<TcpStream>>() {
         Ok(parts) => {
             let (read, write) = parts.io.into_inner().into_split();
-            (Hears(Box::new(read)), Tells(Box::new(write)), parts.read_buf.to_vec(), true)
+            (Hears(Box::new(read)), Tells(Box::new(write)), parts.read_buf.to_vec())
         }
-        Err(upgraded) => {
+        Err(upgraded) if encrypts => {
             let (read, write) = tokio::io::split(TokioIo::new(upgraded));
-            (Hears(Box::new(read)), Tells(Box::new(write)), Vec::new(), false)
+            (Hears(Box::new(read)), Tells(Box::new(write)), Vec::new())
         }
+        Err(_) => return None,
     };
     let hears = WebSocketStream::from_partially_read(hears, came, Role::Server, Some(config));
     let tells = WebSocketStream::from_raw_socket(tells, Role::Server, Some(config));
-    Ends { hears: hears.await, tells: tells.await, apart }
+    Some(Ends { hears: hears.await, tells: tells.await })
 }
 
 impl AsyncRead for Hears {

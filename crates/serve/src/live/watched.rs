@@ -9,7 +9,7 @@ use tokio::time::{Interval, MissedTickBehavior, interval};
 use tokio_tungstenite::tungstenite::Message;
 
 use super::{text, told};
-use crate::bench::{Bench, Channel, Frames, Gap};
+use crate::bench::{Bench, Channel, Frames, Gap, Wish};
 use crate::message::telemetry::{Sample, encode};
 use crate::message::{Refused, ServerMessage, Source};
 use crate::metrics::Metrics;
@@ -25,7 +25,7 @@ const ROUND: Duration = Duration::from_millis(33);
 
 /// What a viewer wants to see, or no longer.
 pub(super) enum Look {
-    Subscribe(u16, Channel),
+    Subscribe(u16, Wish),
     Unsubscribe(u16),
     /// That a filter wants.
     Frames(Option<String>),
@@ -52,8 +52,8 @@ impl Watched {
     /// Changes what is watched, and tells what there is to be told of that.
     pub fn look(&mut self, bench: &Bench, look: Look) -> Option<ServerMessage> {
         let (done, about, subject) = match look {
-            Look::Subscribe(number, channel) => {
-                (self.subscribe(number, channel), "subscribe", Some(number))
+            Look::Subscribe(number, wish) => {
+                (self.subscribe(bench, number, wish), "subscribe", Some(number))
             }
             Look::Unsubscribe(number) => {
                 self.channels.remove(&number);
@@ -73,12 +73,12 @@ impl Watched {
     }
 
     /// Sends a channel from now on, instead of what had its number.
-    fn subscribe(&mut self, number: u16, channel: Channel) -> Result<(), Refused> {
+    fn subscribe(&mut self, bench: &Bench, number: u16, wish: Wish) -> Result<(), Refused> {
         if self.channels.len() >= CHANNELS_MAX && !self.channels.contains_key(&number) {
             let what = format!("a viewer has at most {CHANNELS_MAX} channels");
             return Err(Refused::new("gateway.limit", what).hint("unsubscribe from one"));
         }
-        self.channels.insert(number, Told { channel, source: None });
+        self.channels.insert(number, Told { channel: bench.watch(wish)?, source: None });
         Ok(())
     }
 

@@ -95,14 +95,13 @@ fn a_stop_goes_before_what_its_viewer_said_before_it() {
     let site = Site::new();
     let mut ann = site.live_as("operator");
     next(&mut ann, "welcome");
-    // More than is done at once; all of it is sent together, the stop behind it.
-    let pings = (0..250).map(|n| json!({ "type": "ping", "client_ms": n }));
-    let before = [
+    // All of it is sent together and read together, the stop behind it.
+    let said = [
         json!({ "type": "lease", "axis": 0, "act": "take" }),
         json!({ "type": "release" }),
         json!({ "type": "stop", "reason": "enough" }),
     ];
-    for said in pings.chain(before) {
+    for said in said {
         ann.write(Message::text(said.to_string())).unwrap();
     }
     ann.flush().unwrap();
@@ -117,6 +116,41 @@ fn a_stop_goes_before_what_its_viewer_said_before_it() {
     assert_eq!(bench["lock"]["reason"], "enough", "what was said before it does not release it");
     tell(&mut ann, &json!({ "type": "release" }));
     next(&mut ann, "unlocked");
+    site.end();
+}
+
+#[test]
+fn who_watches_sees_the_motors_stop_when_the_server_ends() {
+    let mut site = Site::new();
+    let mut ann = site.live_as("operator");
+    next(&mut ann, "welcome");
+    tell(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
+    let epoch = next(&mut ann, "leased")["epoch"].clone();
+    for (verb, arguments) in
+        [("arm", json!({})), ("enable", json!({})), ("velocity", json!({ "velocity": 20.0 }))]
+    {
+        tell(
+            &mut ann,
+            &json!({ "type": "command", "axis": 0, "id": verb, "issued_ms": site::now_ms(),
+                "ttl_ms": 5000, "epoch": epoch, "verb": verb, "arguments": arguments }),
+        );
+        let outcome = next(&mut ann, "outcome");
+        assert_eq!(outcome["outcome"], "done", "{outcome}");
+    }
+    let server = site.server.take();
+    let ends = std::thread::spawn(move || drop(server));
+    let mut heard = Vec::new();
+    while let Ok(message) = ann.read() {
+        if let Message::Text(text) = message {
+            heard.push(serde_json::from_str::<Value>(&text).unwrap());
+        }
+    }
+    ends.join().unwrap();
+    let ended = |told: &Value| told["type"] == "axis" && told["id"] == 0 && told["lease"].is_null();
+    assert!(heard.iter().any(ended), "the lease's end: {heard:?}");
+    let class = |told: &Value| told["axes"][0]["class"].as_str().map(str::to_owned);
+    let mut stops = heard.iter().filter(|told| told["type"] == "stopped").filter_map(class);
+    assert_eq!(stops.next_back().as_deref(), Some("standing"), "{heard:?}");
     site.end();
 }
 
