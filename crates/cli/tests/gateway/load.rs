@@ -241,13 +241,13 @@ fn on_wire(axis: usize, since: Instant, passed: &[Passed]) -> Option<(f64, f64)>
     Some((took, took - ms(free.max(since))))
 }
 
-/// Says something over and over, and tells when it was on the wire.
+/// Says something over and over, and tells when it was on the wire after the instant that `say` tells.
 fn measure(
     bench: &Bench,
     live: &mut Live,
     axis: usize,
     (count, own_before): (usize, usize),
-    mut say: impl FnMut(&mut Live),
+    mut say: impl FnMut(&mut Live) -> Instant,
 ) -> [Times; 2] {
     let (mut took, mut more) = (Vec::new(), Vec::new());
     // Thrown out: it would wait for the drive before it in the list.
@@ -269,8 +269,7 @@ fn measure(
         for client_ms in 0..own_before {
             live.write(&json!({ "type": "ping", "client_ms": client_ms }));
         }
-        let since = clock::now();
-        say(live);
+        let since = say(live);
         passed.extend(bench.logs[axis].take());
         // A command that came too late for its lease is not.
         let Some((on_wire, later)) = on_wire(axis, since, &passed) else { continue };
@@ -281,23 +280,27 @@ fn measure(
     [Times::new(took), Times::new(more)]
 }
 
-fn stop(axis: usize) -> impl FnMut(&mut Live) {
+fn stop(axis: usize) -> impl FnMut(&mut Live) -> Instant {
     move |live| {
+        let since = clock::now();
         live.tell(&json!({ "type": "stop", "axes": [axis], "reason": "measured" }));
         live.until("stopped", |told| {
             told["axes"][0]["id"] == axis && told["axes"][0]["class"] == "standing"
         });
+        since
     }
 }
 
-/// A command, and the lease that it needs: on a machine that stood still for longer than a lease lasts
-/// it is over, and taken again.
-fn command(live: &mut Live) {
+/// A command. The lease that it needs is taken before: on a machine that stood still for longer than a
+/// lease lasts it is over.
+fn command(live: &mut Live) -> Instant {
     live.lease(0, "take");
+    let since = clock::now();
     let outcome = live.command(0, "stop", None);
     let code = outcome["error"]["code"].as_str().unwrap_or_default();
     let slow = ["gateway.lease", "gateway.expired"].contains(&code);
     assert!(outcome["outcome"] == "done" || slow, "{outcome}");
+    since
 }
 
 #[test]
