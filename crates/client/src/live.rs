@@ -48,6 +48,19 @@ pub(crate) enum Ask {
     Frames { filter: Option<String>, passing: Arc<Passing> },
 }
 
+impl Ask {
+    /// Tells whoever waits that it was not said.
+    fn refuse(self, why: Refused) {
+        // Who waited may have gone.
+        match self {
+            Self::Command { tell, .. } => drop(tell.send(Err(why))),
+            Self::Lease { tell, .. } => drop(tell.send(Err(why))),
+            Self::Watch { tell, .. } => drop(tell.send(Err(why))),
+            Self::Frames { passing, .. } => passing.refuse(why),
+        }
+    }
+}
+
 pub(crate) type Tell<T> = oneshot::Sender<Result<T, Refused>>;
 
 /// What is watched, and how often.

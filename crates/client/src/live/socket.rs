@@ -119,8 +119,13 @@ impl Task {
                 break why;
             }
         };
+        // From here on nothing more is taken, and what was not said yet never will be.
+        asked.close();
         self.known.set_lost(ended.clone());
         self.wake();
+        while let Some(ask) = asked.recv().await {
+            ask.refuse(Refused { executed: Some(false), ..ended.clone() });
+        }
         // Who waited has gone, or hears it; here and below.
         self.commands.into_values().for_each(|tell| drop(tell.send(Err(ended.clone()))));
         let leases = self.leases.into_values().flat_map(Asked::into_tells);
