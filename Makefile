@@ -66,7 +66,7 @@ python: package
 	$(CARGO) build --release --locked --quiet -p polepair-cli
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy --strict --config-file pyproject.toml ../../examples/python/*.py
-	cd crates/python && $(CURDIR)/$(PYTHON) -m pyright
+	cd crates/python && $(CURDIR)/$(PYTHON) -m pyright --pythonpath $(CURDIR)/$(PYTHON)
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub --allowlist stubtest-allowed.txt --ignore-unused-allowlist --mypy-config-file pyproject.toml
 	cd crates/python && $(CURDIR)/$(PYTHON) -m pytest
 
