@@ -48,7 +48,7 @@ pub(crate) struct Gate {
     pub board: live::Board,
     pub uploads: Arc<Semaphore>,
     /// What viewers are shown is written there, apart from what reads commands.
-    pub shows: live::Shows,
+    pub threads: live::Threads,
     sessions: AtomicU64,
 }
 
@@ -60,11 +60,11 @@ impl Gate {
         door: Door,
         hosts: Hosts,
         journal: Arc<Journal>,
-        shows: live::Shows,
+        threads: live::Threads,
     ) -> Self {
         let (metrics, board) = (Metrics::default(), live::Board::default());
         let (uploads, sessions) = (Arc::new(Semaphore::new(UPLOADS_MAX)), AtomicU64::new(1));
-        Self { bench, door, hosts, journal, metrics, board, uploads, shows, sessions }
+        Self { bench, door, hosts, journal, metrics, board, uploads, threads, sessions }
     }
 
     /// A name for a client that stays.

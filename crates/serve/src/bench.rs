@@ -195,10 +195,11 @@ impl Bench {
         let named = |what: &str| std::thread::Builder::new().name(format!("bench-{what}"));
         let mut threads = held(&self.0.threads);
         for link in &self.0.links {
-            let (hand, eyes) = (self.hand(link), self.eyes(link));
-            let started = named("hand").spawn(move || hand.run());
+            let (hand, eyes) = (Arc::new(Mutex::new(self.hand(link))), self.eyes(link));
+            let lent = Arc::downgrade(&hand);
+            let started = named("hand").spawn(move || Hand::run(&hand));
             let started = started.map_err(|error| no_thread(&error))?;
-            link.wire.looked_after_by(started.thread().clone());
+            link.wire.looked_after_by(started.thread().clone(), lent);
             threads.push(started);
             let watches = named("eyes").spawn(move || eyes.run());
             threads.push(watches.map_err(|error| no_thread(&error))?);
@@ -457,6 +458,8 @@ impl Bench {
                 link.wire.stop(StopThese { axes, who, reason, since, report });
             }
         }
+        // Every hand is called by now: none waits for the bytes of another's wire.
+        self.0.links.iter().for_each(|link| link.wire.send_stops());
         Reply::of(told, Ok(()))
     }
 

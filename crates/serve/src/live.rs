@@ -89,7 +89,8 @@ pub(crate) async fn upgrade(
         return Refused::new("gateway.busy", "as many watch as can").into_response();
     };
     let upgrading = hyper::upgrade::on(&mut request);
-    tokio::spawn(async move {
+    let hears = gate.threads.hears.clone();
+    hears.spawn(async move {
         // Whoever is gone by now does not watch.
         let Ok(upgraded) = upgrading.await else { return };
         gate.metrics.viewers.inc();
@@ -110,11 +111,14 @@ fn speaks(headers: &HeaderMap) -> bool {
     words.any(|word| word.trim_ascii() == PROTOCOL.as_bytes())
 }
 
-/// Where viewers are written to.
+/// Whose threads do what for viewers.
 #[derive(Debug)]
-pub(crate) struct Shows {
-    pub on: Handle,
-    /// Whether connections are encrypted; else its threads stand back.
+pub(crate) struct Threads {
+    /// They hear what viewers say, and do it. What strangers keep busy are others.
+    pub hears: Handle,
+    /// They write to viewers.
+    pub shows: Handle,
+    /// Whether connections are encrypted; else those that write stand back.
     pub encrypts: bool,
 }
 
@@ -138,7 +142,7 @@ struct Viewer {
 
 impl Viewer {
     async fn watch(gate: &Shared, caller: Caller, session: &Session, upgraded: Upgraded) {
-        let Some(ends) = socket::ends(upgraded, gate.shows.encrypts).await else {
+        let Some(ends) = socket::ends(upgraded, gate.threads.encrypts).await else {
             return tracing::error!("a viewer's connection is not what this server listens to");
         };
         let Ends { hears, tells } = ends;
@@ -157,7 +161,7 @@ impl Viewer {
         let (under_way, leasing) = (places(), places());
         let (gate, session) = (Arc::clone(gate), session.clone());
         let viewer = Self { gate, caller, session, answers, looks, under_way, leasing };
-        let mut writing = viewer.gate.shows.on.spawn(shown.write(tells, viewer.first()));
+        let mut writing = viewer.gate.threads.shows.spawn(shown.write(tells, viewer.first()));
         let told_to_end = tokio::select! {
             _ = &mut writing => false,
             () = viewer.read(hears) => true,

@@ -50,7 +50,7 @@ const JOURNAL: &str = "journal.jsonl";
 /// A server that runs.
 pub struct Server {
     /// What takes requests and commands, and what shows.
-    runtimes: Option<(Runtime, Runtime)>,
+    runtimes: Option<Runtimes>,
     /// What looks for viewers, and what ends that.
     board: Option<(JoinHandle<()>, oneshot::Sender<()>)>,
     gate: Shared,
@@ -59,6 +59,16 @@ pub struct Server {
     fingerprint: Option<String>,
     cut: u64,
     end: watch::Sender<bool>,
+}
+
+/// Threads for tasks: each group has its own, so that none waits in another's queue.
+struct Runtimes {
+    /// What strangers may ask: connections, handshakes, pages, REST.
+    door: Runtime,
+    /// What viewers say.
+    hears: Runtime,
+    /// What they are told.
+    shows: Runtime,
 }
 
 impl std::fmt::Debug for Server {
@@ -120,17 +130,19 @@ impl Server {
                 polepair_link::stand_back();
             }
         };
-        let (runtime, shows) = (runtime(|| {})?, runtime(stand)?);
-        let to = live::Shows { on: shows.handle().clone(), encrypts };
-        let gate = Arc::new(Gate::new(bench, door, hosts, journal, to));
+        let runtimes =
+            Runtimes { door: runtime(|| {})?, hears: runtime(|| {})?, shows: runtime(stand)? };
+        let (hears, shows) = (runtimes.hears.handle().clone(), runtimes.shows.handle().clone());
+        let threads = live::Threads { hears, shows, encrypts };
+        let gate = Arc::new(Gate::new(bench, door, hosts, journal, threads));
         let fingerprint = tls.as_ref().map(|tls| tls.fingerprint.clone());
         let (end, ended) = watch::channel(false);
         let (board_ends, board_ended) = oneshot::channel();
         let board = Some((Board::start(Arc::clone(&gate), board_ended)?, board_ends));
-        runtime.spawn(accept(listener, Arc::clone(&gate), tls, ended));
+        runtimes.door.spawn(accept(listener, Arc::clone(&gate), tls, ended));
         let shown = SocketAddr::new(shown(address), address.port());
         let url = format!("{}://{shown}/?once={once}", options.scheme());
-        let runtimes = Some((runtime, shows));
+        let runtimes = Some(runtimes);
         Ok(Self { runtimes, board, gate, address, url, fingerprint, cut, end })
     }
 
@@ -172,16 +184,16 @@ impl Server {
 
     /// Waits until somebody ends it, then stops what moves and closes everything.
     pub fn wait(mut self) {
-        if let Some((runtime, _)) = &self.runtimes {
+        if let Some(Runtimes { door, .. }) = &self.runtimes {
             let mut end = self.end.subscribe();
             // The sender is ours: it lives.
-            let _ = runtime.block_on(end.wait_for(|end| *end));
+            let _ = door.block_on(end.wait_for(|end| *end));
         }
         self.close();
     }
 
     fn close(&mut self) {
-        let Some((runtime, shows)) = self.runtimes.take() else { return };
+        let Some(Runtimes { door, hears, shows }) = self.runtimes.take() else { return };
         self.end.send_replace(true);
         // What moves is stopped before anything is waited for that only shows.
         self.gate.bench.shutdown();
@@ -189,12 +201,13 @@ impl Server {
             // One that panicked is over as well.
             let _ = end.send(());
             let _ = board.join();
-            runtime.block_on(self.gate.board.empty(LEAVE_MAX));
+            hears.block_on(self.gate.board.empty(LEAVE_MAX));
         }
         if let Err(error) = self.gate.journal.write("server", Deed::Ended, None, &json!({})) {
             tracing::error!(%error, "the journal does not keep its end");
         }
-        runtime.shutdown_timeout(LEAVE_MAX);
+        door.shutdown_timeout(LEAVE_MAX);
+        hears.shutdown_timeout(LEAVE_MAX);
         shows.shutdown_timeout(LEAVE_MAX);
     }
 }

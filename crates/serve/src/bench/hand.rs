@@ -1,7 +1,8 @@
 //! The hand on one wire: it alone lets anything through that moves an axis, one thing after the
-//! other, stops first. It never waits for a drive.
+//! other, stops first. It never waits for a drive. It has a thread; whoever says a stop lends it his
+//! own, too.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use polepair::{Axis, Running};
@@ -13,7 +14,7 @@ use super::clock::Clock;
 use super::desk::Desk;
 use super::halt::{Halt, Report};
 use super::lease::{Holder, Lost, Seat, Session};
-use super::shared::{Event, SERVER, Shared};
+use super::shared::{Event, SERVER, Shared, held};
 use super::wire::{AskLease, Commanded, Do, Order, StopThese, Tell, Wire, overtaken};
 use crate::message::{Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, Refused};
 
@@ -26,6 +27,8 @@ const LOOK_LATER_EVERY: Duration = Duration::from_millis(5);
 const FRESH: Duration = Duration::from_millis(20);
 /// Between two looks when nothing is under way: a link may be lost.
 const IDLE: Duration = Duration::from_millis(100);
+/// Stops that took no longer to send are sent in the thread of whoever says them.
+const BRISK: Duration = Duration::from_millis(1);
 /// Orders that are taken before everything else is looked at again.
 const ORDERS_AT_ONCE_MAX: usize = 64;
 
@@ -40,6 +43,8 @@ pub(super) struct Hand {
     closed: bool,
     /// When something new was last begun.
     begun: Instant,
+    /// The last stops went out at once: the far end takes what is written.
+    brisk: bool,
 }
 
 /// An axis, as its hand sees it.
@@ -75,21 +80,31 @@ impl Hand {
             stopped: 0,
         };
         let axes = wire.axes.iter().map(watched).collect();
-        let begun = shared.now();
-        Self { wire, desk, shared, axes, going: Vec::new(), lost: false, closed: false, begun }
+        let (begun, going) = (shared.now(), Vec::new());
+        Self { wire, desk, shared, axes, going, lost: false, closed: false, begun, brisk: true }
     }
 
     /// Looks after the wire until the bench closes and all that moved was told to stop.
-    pub fn run(mut self) {
+    pub fn run(this: &Mutex<Self>) {
+        let wire = Arc::clone(&held(this).wire);
         loop {
-            let next = self.turn();
-            if self.is_over() {
-                return;
-            }
-            if !self.wire.was_called() {
+            let next = {
+                let mut hand = held(this);
+                let next = hand.turn();
+                if hand.is_over() {
+                    return;
+                }
+                next
+            };
+            if !wire.was_called() {
                 std::thread::park_timeout(next);
             }
         }
+    }
+
+    /// Whether a stop can be sent without waiting, as far as is known.
+    pub const fn is_brisk(&self) -> bool {
+        self.brisk
     }
 
     /// Whether the bench is closed and nothing is left to stop.
@@ -128,8 +143,9 @@ impl Hand {
     }
 
     /// Sends what stops; what there is to write about it comes when all of them are on the wire.
-    fn take_stops(&mut self) {
+    pub fn take_stops(&mut self) {
         while let Some(StopThese { axes, who, reason, since, report }) = self.wire.next_stop() {
+            let began = self.shared.now();
             let mut ended = Vec::with_capacity(axes.len());
             for (axis, said) in axes {
                 self.axes[axis].stopped = said.max(self.axes[axis].stopped);
@@ -137,6 +153,7 @@ impl Hand {
                 self.halt(axis, since, report.clone());
                 ended.push((axis, lost));
             }
+            self.brisk = self.shared.now().since(began) <= BRISK;
             for (axis, lost) in ended {
                 if let Some(Lost { holder, .. }) = lost {
                     self.ended(axis, &holder, "stopped");
@@ -456,4 +473,41 @@ pub(super) fn outcome(id: String, error: Option<Refused>) -> Outcome {
         Some(None) => Ended::Unknown,
     };
     Outcome { id, outcome: ended, value: None, error, replayed: false }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::Options;
+
+    #[test]
+    fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
+        let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
+        let wire = Arc::new(Wire::new(vec![(7, link.axes()[0].clone())]));
+        let desk = Arc::new(Desk::new(&wire));
+        let clock = Clock::of(link.simulation().into_iter());
+        let shared = Arc::new(Shared::new(clock, Options::default()));
+        let hand = Hand::new(Arc::clone(&wire), desk, shared);
+        let hand = Arc::new(Mutex::new(hand));
+        // A thread that never looks.
+        wire.looked_after_by(std::thread::current(), Arc::downgrade(&hand));
+        let say = || {
+            let (axes, who, reason) = (vec![(0, 0)], Session::from("ann"), String::new());
+            wire.stop(StopThese { axes, who, reason, since: Instant::ZERO, report: None });
+            wire.send_stops();
+        };
+        let sent = || link.counters(&link.axes()[0]).sent;
+        let before = sent();
+        say();
+        assert!(sent() > before && held(&hand).axes[0].halt.is_some());
+        let before = sent();
+        let at_work = held(&hand);
+        say();
+        assert_eq!(sent(), before);
+        assert!(at_work.wire.next_stop().is_some(), "the hand finds it");
+        drop(at_work);
+        held(&hand).brisk = false;
+        say();
+        assert_eq!(sent(), before, "it may be long, and others are to be stopped as well");
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::thread::Thread;
 
 use polepair::Axis;
@@ -12,6 +12,7 @@ use polepair_core::time::Instant;
 use tokio::sync::oneshot;
 
 use super::halt::Report;
+use super::hand::Hand;
 use super::lease::Session;
 use super::shared::held;
 use crate::message::{LeaseGranted, LeaseTold, Outcome, Refused};
@@ -30,7 +31,7 @@ pub(super) struct Wire {
     /// With their numbers in the order in which they were said.
     orders: Mutex<VecDeque<(u64, Order)>>,
     stops: Mutex<VecDeque<StopThese>>,
-    hand: OnceLock<Thread>,
+    hand: OnceLock<(Thread, Weak<Mutex<Hand>>)>,
     leases: Mutex<Vec<Option<LeaseTold>>>,
     lost: Mutex<Option<String>>,
     clash: Mutex<Option<String>>,
@@ -176,8 +177,8 @@ impl Wire {
     }
 
     /// Whose thread is called when there is something to do.
-    pub fn looked_after_by(&self, thread: Thread) {
-        let _ = self.hand.set(thread);
+    pub fn looked_after_by(&self, thread: Thread, hand: Weak<Mutex<Hand>>) {
+        let _ = self.hand.set((thread, hand));
     }
 
     /// Gives an order.
@@ -234,8 +235,21 @@ impl Wire {
     /// Has the hand look now.
     pub fn call(&self) {
         self.called.store(true, Ordering::SeqCst);
-        if let Some(thread) = self.hand.get() {
+        if let Some((thread, _)) = self.hand.get() {
             thread.unpark();
+        }
+    }
+
+    /// Does here and now what the hand was called for, as far as it stops: its thread may be a while
+    /// in waking. Where the hand is at work, or a stop's bytes were long in going out, it is left to
+    /// that thread.
+    pub fn send_stops(&self) {
+        let hand = self.hand.get().and_then(|(_, hand)| hand.upgrade());
+        if let Some(hand) = hand
+            && let Ok(mut hand) = hand.try_lock()
+            && hand.is_brisk()
+        {
+            hand.take_stops();
         }
     }
 

@@ -44,7 +44,9 @@ pub(super) async fn ends(upgraded: Upgraded, encrypts: bool) -> Option<Ends> {
         .max_frame_size(Some(MESSAGE_MAX));
     let (hears, tells, came) = match upgraded.downcast::<TokioIo<TcpStream>>() {
         Ok(parts) => {
-            let (read, write) = parts.io.into_inner().into_split();
+            // From here on by the threads that this runs on, whoever took the connection.
+            let stream = parts.io.into_inner().into_std().and_then(TcpStream::from_std).ok()?;
+            let (read, write) = stream.into_split();
             (Hears(Box::new(read)), Tells(Box::new(write)), parts.read_buf.to_vec())
         }
         Err(upgraded) if encrypts => {
