@@ -102,9 +102,11 @@ impl Hand {
         }
     }
 
-    /// Whether a stop can be sent without waiting, as far as is known.
-    pub const fn is_brisk(&self) -> bool {
-        self.brisk
+    /// Whether a stop can be sent without waiting, as far as is known: to open a lost link again may
+    /// take seconds.
+    pub fn is_brisk(&self) -> bool {
+        let first = self.axes.first().map(|watched| watched.axis.connection());
+        self.brisk && first.is_some_and(|connection| connection.trouble().is_none())
     }
 
     /// Whether the bench is closed and nothing is left to stop.
@@ -480,34 +482,55 @@ mod tests {
     use super::*;
     use crate::bench::Options;
 
-    #[test]
-    fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
-        let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
+    /// The wire of a link's first axis, with a hand whose thread never looks.
+    fn wire_of(link: &polepair::Link) -> (Arc<Wire>, Arc<Mutex<Hand>>) {
         let wire = Arc::new(Wire::new(vec![(7, link.axes()[0].clone())]));
         let desk = Arc::new(Desk::new(&wire));
         let clock = Clock::of(link.simulation().into_iter());
         let shared = Arc::new(Shared::new(clock, Options::default()));
-        let hand = Hand::new(Arc::clone(&wire), desk, shared);
-        let hand = Arc::new(Mutex::new(hand));
-        // A thread that never looks.
+        let hand = Arc::new(Mutex::new(Hand::new(Arc::clone(&wire), desk, shared)));
         wire.looked_after_by(std::thread::current(), Arc::downgrade(&hand));
-        let say = || {
-            let (axes, who, reason) = (vec![(0, 0)], Session::from("ann"), String::new());
-            wire.stop(StopThese { axes, who, reason, since: Instant::ZERO, report: None });
-            wire.send_stops();
-        };
+        (wire, hand)
+    }
+
+    fn say_stop(wire: &Wire) {
+        let (axes, who, reason) = (vec![(0, 0)], Session::from("ann"), String::new());
+        wire.stop(StopThese { axes, who, reason, since: Instant::ZERO, report: None });
+        wire.send_stops();
+    }
+
+    #[test]
+    fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
+        let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
+        let (wire, hand) = wire_of(&link);
         let sent = || link.counters(&link.axes()[0]).sent;
         let before = sent();
-        say();
+        say_stop(&wire);
         assert!(sent() > before && held(&hand).axes[0].halt.is_some());
         let before = sent();
         let at_work = held(&hand);
-        say();
+        say_stop(&wire);
         assert_eq!(sent(), before);
         assert!(at_work.wire.next_stop().is_some(), "the hand finds it");
         drop(at_work);
         held(&hand).brisk = false;
-        say();
+        say_stop(&wire);
         assert_eq!(sent(), before, "it may be long, and others are to be stopped as well");
+    }
+
+    #[test]
+    fn a_lost_link_is_opened_again_by_no_one_who_says_a_stop() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let url = format!("tmcl+tcp://{address}?profile=tmcm-171#1");
+        let link = polepair::connect(&url).unwrap();
+        let (wire, _hand) = wire_of(&link);
+        drop(listener.accept().unwrap());
+        let connection = link.axes()[0].connection();
+        while connection.trouble().is_none() {
+            connection.catch_up();
+        }
+        say_stop(&wire);
+        assert!(wire.next_stop().is_some(), "it is its hand's");
     }
 }
