@@ -52,4 +52,6 @@ pub enum Deed {
     Release,
     /// A simulated drive or its time is meddled with.
     Simulation,
+    /// What was done here and could not be written: the detail says how many records, and why.
+    Missing,
 }

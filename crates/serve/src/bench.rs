@@ -32,6 +32,7 @@ mod frames;
 mod halt;
 mod hand;
 mod lease;
+mod notes;
 mod once;
 mod open;
 mod parameters;
@@ -66,11 +67,12 @@ use eyes::Eyes;
 use frames::{Reader, Traffic};
 use halt::Report;
 use hand::{Hand, outcome};
+use notes::Scribe;
 use once::First;
 use open::{Link, Opened};
 use shared::{Shared, held};
 use telemetry::Telemetry;
-use wire::{AskLease, Commanded, Do, Order, StopThese, Told};
+use wire::{AskLease, Commanded, Do, Order, StopThese, Told, Wire};
 
 pub use captures::CAPTURE_MAX;
 pub use frames::Frames;
@@ -87,6 +89,8 @@ pub const LEASE: Duration = Duration::from_millis(1500);
 const TTL_MAX_MS: f64 = 10_000.0;
 /// How long closing waits for motors to come to rest.
 const CLOSE_MAX: Duration = Duration::from_secs(12);
+/// How long it waits for the journal's disk.
+const WRITE_MAX: Duration = Duration::from_secs(5);
 
 /// How a bench is opened.
 pub struct Options {
@@ -129,6 +133,8 @@ struct Inner {
     /// In virtual time, what threads do otherwise.
     by_hand: Mutex<ByHand>,
     threads: Mutex<Vec<JoinHandle<()>>>,
+    /// What writes the journal; it ends last.
+    scribe: Mutex<Option<JoinHandle<()>>>,
 }
 
 /// What looks after a bench in virtual time.
@@ -138,6 +144,7 @@ struct ByHand {
     eyes: Vec<Eyes>,
     ears: Vec<Ears>,
     reader: Option<Reader>,
+    scribe: Option<Scribe>,
 }
 
 /// Where an axis is found.
@@ -166,7 +173,9 @@ impl Bench {
     pub fn open(urls: &[String], options: Options) -> Result<Self, Refused> {
         let traffic = Arc::new(Traffic::default());
         let Opened { links, roots, axes, clock } = open::open(urls, &options.connector, &traffic)?;
-        let shared = Arc::new(Shared::new(clock, options));
+        let shared = Arc::new(Shared::new(clock, &options));
+        let clock = shared.clock.clone();
+        let scribe = Scribe::new(Arc::clone(&shared.notes), options.journal, clock);
         let telemetry = Arc::new(Telemetry::new(axes.len()));
         let opened = shared.now();
         for link in &links {
@@ -182,17 +191,20 @@ impl Bench {
             captures: Captures::default(),
             by_hand: Mutex::default(),
             threads: Mutex::default(),
+            scribe: Mutex::default(),
         }));
         match bench.0.shared.clock.is_real() {
-            true => bench.start(roots)?,
-            false => bench.look_after(&roots)?,
+            true => bench.start(roots, scribe)?,
+            false => bench.look_after(&roots, scribe)?,
         }
         Ok(bench)
     }
 
     /// Gives everything that looks after a link a thread.
-    fn start(&self, roots: Vec<(u16, polepair::Link)>) -> Result<(), Refused> {
+    fn start(&self, roots: Vec<(u16, polepair::Link)>, scribe: Scribe) -> Result<(), Refused> {
         let named = |what: &str| std::thread::Builder::new().name(format!("bench-{what}"));
+        let writes = named("scribe").spawn(move || scribe.run());
+        *held(&self.0.scribe) = Some(writes.map_err(|error| no_thread(&error))?);
         let mut threads = held(&self.0.threads);
         for link in &self.0.links {
             let (hand, eyes) = (Arc::new(Mutex::new(self.hand(link))), self.eyes(link));
@@ -220,8 +232,9 @@ impl Bench {
     }
 
     /// Keeps what looks after the links, for [`pass`](Self::pass).
-    fn look_after(&self, roots: &[(u16, polepair::Link)]) -> Result<(), Refused> {
+    fn look_after(&self, roots: &[(u16, polepair::Link)], scribe: Scribe) -> Result<(), Refused> {
         let mut by_hand = held(&self.0.by_hand);
+        by_hand.scribe = Some(scribe);
         by_hand.hands.extend(self.0.links.iter().map(|link| self.hand(link)));
         by_hand.eyes.extend(self.0.links.iter().map(|link| self.eyes(link)));
         by_hand.reader = Some(self.reader());
@@ -353,7 +366,7 @@ impl Bench {
         let detail = json!({ "id": id, "verb": verb, "arguments": arguments });
         let CommandOrder { issued_ms, ttl_ms, epoch, .. } = order;
         let told = Told { id: id.clone(), issued_ms, ttl_ms, epoch };
-        self.carry_out(axis, session, told, detail, || meant(&order))
+        self.carry_out(axis, session, told, detail, meant(&order))
     }
 
     /// Sends a request in the protocol's own text, for which no limits stand: once, under a lease and
@@ -362,74 +375,96 @@ impl Bench {
         let RawOrder { id, issued_ms, ttl_ms, epoch, text } = order;
         let detail = json!({ "id": id, "raw": text });
         let told = Told { id, issued_ms, ttl_ms, epoch };
-        self.carry_out(axis, session, told, detail, || Ok(Do::Say(text)))
+        self.carry_out(axis, session, told, detail, Ok(Do::Say(text)))
     }
 
+    /// Announces a command, and gives the order once that is kept. What ends motion waits for nothing.
     fn carry_out(
         &self,
         axis: u16,
         session: &Session,
         order: Told,
         detail: serde_json::Value,
-        deed: impl FnOnce() -> Result<Do, Refused>,
+        deed: Result<Do, Refused>,
     ) -> Reply<Outcome> {
-        let (tell, told) = oneshot::channel();
         let id = order.id.clone();
-        match self.announce(axis, session, &order, detail) {
-            Ok(First::Yes) => {
-                let begun = deed().and_then(|deed| self.begin(axis, session, order, deed, tell));
-                if let Err(error) = &begun {
-                    // Nothing was sent, and nothing will be: also for whoever says it again.
-                    self.0.shared.ended(session, axis, &outcome(id, Some(error.clone())));
+        let refused = |error| Reply::ready(Ok(outcome(id, Some(error))));
+        let (wire, place, said) = match self.first(axis, &order) {
+            Ok((First::Yes, wire, place, said)) => (Arc::clone(wire), place, said),
+            Ok((First::Ended(outcome), ..)) => return Reply::ready(Ok(outcome)),
+            Ok((First::UnderWay(told), ..)) => return Reply::of(told, Ok(())),
+            Err(error) => return refused(error),
+        };
+        let (tell, told) = oneshot::channel();
+        let (shared, session) = (Arc::clone(&self.0.shared), session.clone());
+        let ends_motion = deed.as_ref().is_ok_and(Do::ends_motion);
+        let now = shared.now();
+        let go = {
+            let (shared, session) = (Arc::clone(&shared), session.clone());
+            move |kept: Result<(), Refused>| match (kept, deed) {
+                (Ok(()), Ok(deed)) => {
+                    let prepared = None;
+                    let commanded = Commanded { axis: place, session, order, deed, prepared, tell };
+                    wire.order_announced(said, Order::Command(Box::new(commanded)));
                 }
-                Reply::of(told, begun)
+                (Ok(()), Err(error)) => {
+                    let outcome = outcome(order.id, Some(error));
+                    shared.ended((&session, axis), outcome, false, tell);
+                }
+                (Err(error), _) => {
+                    // Nothing was sent, and nothing will be: also for whoever says it again.
+                    let outcome = outcome(order.id, Some(error));
+                    shared.once().ended(&outcome);
+                    // Who has gone does not want to know.
+                    let _ = tell.send(Ok(outcome));
+                }
             }
-            Ok(First::Ended(outcome)) => Reply::ready(Ok(outcome)),
-            Ok(First::UnderWay(told)) => Reply::of(told, Ok(())),
-            Err(error) => Reply::ready(Ok(outcome(id, Some(error)))),
+        };
+        let what = (&session, Deed::Command, Some(axis));
+        if ends_motion {
+            shared.notes.done(what, detail, now, None);
+            go(Ok(()));
+        } else {
+            shared.notes.announce(what, detail, now, Box::new(go));
         }
+        Reply::of(told, Ok(()))
     }
 
-    fn announce(
-        &self,
-        axis: u16,
-        session: &Session,
-        order: &Told,
-        detail: serde_json::Value,
-    ) -> Result<First, Refused> {
-        self.seat(axis)?;
+    /// Whether a command was seen, and the number that it has on its wire if not.
+    fn first(&self, axis: u16, order: &Told) -> Result<(First, &Arc<Wire>, usize, u64), Refused> {
+        let (link, place) = self.seat(axis)?;
         let Told { id, issued_ms, ttl_ms, .. } = order;
         if !issued_ms.is_finite() || !(0.0..=TTL_MAX_MS).contains(ttl_ms) {
             let what = format!("a command is good for 0 to {TTL_MAX_MS} ms");
             return Err(Refused::new("gateway.request", what));
         }
+        let said = link.wire.announced()?;
         let now = self.0.shared.now();
         // However far ahead its clock is, within what is let through.
         let stale = now + Duration::from_secs_f64((ttl_ms + 1000.0) / 1e3);
-        let first = self.0.shared.once().first(id, stale, now)?;
-        if matches!(first, First::Yes) {
-            let note = Note { who: session, deed: Deed::Command, axis: Some(axis), detail };
-            if let Err(error) = self.0.shared.journal.note(note) {
-                let outcome = outcome(id.clone(), Some(error.clone()));
-                self.0.shared.once().ended(&outcome);
-                return Err(error);
-            }
-        }
-        Ok(first)
+        Ok((self.0.shared.once().first(id, stale, now)?, &link.wire, place, said))
     }
 
-    fn begin(
+    /// Announces what is not for a hand, and does it once that is kept.
+    fn announce<T: Send + 'static>(
         &self,
-        axis: u16,
-        session: &Session,
-        order: Told,
-        deed: Do,
-        tell: wire::Tell<Outcome>,
-    ) -> Result<(), Refused> {
-        let (link, place) = self.seat(axis)?;
-        let session = session.clone();
-        let commanded = Commanded { axis: place, session, order, deed, prepared: None, tell };
-        link.wire.order(Order::Command(Box::new(commanded)))
+        what: (&Session, Deed, Option<u16>),
+        detail: serde_json::Value,
+        then: impl FnOnce() -> Result<T, Refused> + Send + 'static,
+    ) -> Reply<T> {
+        let (tell, told) = oneshot::channel();
+        let go = move |kept: Result<(), Refused>| {
+            // Who has gone does not want to know.
+            let _ = tell.send(kept.and_then(|()| then()));
+        };
+        let Shared { notes, .. } = &*self.0.shared;
+        notes.announce(what, detail, self.0.shared.now(), Box::new(go));
+        Reply::of(told, Ok(()))
+    }
+
+    /// Has the journal keep what is no matter of links. The reply tells when it does.
+    pub fn note(&self, who: &str, deed: Deed, detail: serde_json::Value) -> Reply<()> {
+        self.announce((&who.into(), deed, None), detail, || Ok(()))
     }
 
     /// Stops axes, whoever commands them: their leases end. All of them where none is named, and then
@@ -472,35 +507,36 @@ impl Bench {
     /// Lets motion again after a stop of everything. `locks` is how often everything had been stopped
     /// when this was said: whoever says it knows of no later stop.
     ///
-    /// # Errors
-    /// `gateway.expired` when everything was stopped since; when the journal does not keep it.
-    pub fn release(&self, session: &Session, locks: u64) -> Result<(), Refused> {
-        let Inner { shared, .. } = &*self.0;
-        if shared.locks() != locks {
-            return Err(overtaken());
+    /// The reply is `gateway.expired` when everything was stopped since.
+    pub fn release(&self, session: &Session, locks: u64) -> Reply<()> {
+        if self.0.shared.locks() != locks {
+            return Reply::ready(Err(overtaken()));
         }
-        let note = Note { who: session, deed: Deed::Release, axis: None, detail: json!({}) };
-        shared.journal.note(note)?;
-        if shared.unlock_motion(locks) { Ok(()) } else { Err(overtaken()) }
+        let shared = Arc::clone(&self.0.shared);
+        self.announce((session, Deed::Release, None), json!({}), move || {
+            if shared.unlock_motion(locks) { Ok(()) } else { Err(overtaken()) }
+        })
     }
 
     /// Does something to a simulated drive: the axis of that place among those of its link.
     ///
-    /// # Errors
-    /// `E205` where there is no such link or axis, `gateway.simulated` where it is a real one,
-    /// `gateway.request` for what cannot be done to it.
-    pub fn act(&self, session: &Session, link: u16, drive: u16, act: &Act) -> Result<(), Refused> {
+    /// The reply is `E212` where there is no such link or axis, `gateway.simulated` where it is a real
+    /// one, `gateway.request` for what cannot be done to it.
+    pub fn act(&self, session: &Session, link: u16, drive: u16, act: &Act) -> Reply<()> {
         let place = (usize::from(link), usize::from(drive));
         let seat = self.0.axes.iter().find(|seat| (seat.link, seat.place) == place);
-        let seat = seat.ok_or_else(|| {
-            Refused::new("E212", format!("link {link} of the bench has no axis {drive}"))
-                .hint("both count from 0, in the order of the bench's list")
-        })?;
-        let simulated = seat.drive.as_ref().ok_or_else(not_simulated)?;
-        let detail = json!({ "act": act.act, "value": act.value });
-        let (deed, axis) = (Deed::Simulation, Some(seat.info.id));
-        self.0.shared.journal.note(Note { who: session, deed, axis, detail })?;
-        simulated.act(&act.act, act.value)
+        let Some(seat) = seat else {
+            let what = format!("link {link} of the bench has no axis {drive}");
+            let hint = "both count from 0, in the order of the bench's list";
+            return Reply::ready(Err(Refused::new("E212", what).hint(hint)));
+        };
+        let Some(simulated) = seat.drive.clone() else {
+            return Reply::ready(Err(not_simulated()));
+        };
+        let (detail, act) = (json!({ "act": act.act, "value": act.value }), act.clone());
+        self.announce((session, Deed::Simulation, Some(seat.info.id)), detail, move || {
+            simulated.act(&act.act, act.value)
+        })
     }
 
     /// What is true of a simulated motor, whatever its drive reports.
@@ -511,16 +547,20 @@ impl Bench {
 
     /// Sets how many times faster than real motors the simulated ones live.
     ///
-    /// # Errors
-    /// `gateway.simulated` where none is simulated, `gateway.request` for a scale that is none.
-    pub fn pace(&self, session: &Session, pace: Pace) -> Result<(), Refused> {
+    /// The reply is `gateway.simulated` where none is simulated, `gateway.request` for a scale that is
+    /// none.
+    pub fn pace(&self, session: &Session, pace: Pace) -> Reply<()> {
+        if open::time_scale(&self.0.links).is_none() {
+            return Reply::ready(Err(not_simulated()));
+        }
         let detail = json!({ "time_scale": pace.time_scale });
-        open::time_scale(&self.0.links).ok_or_else(not_simulated)?;
-        let note = Note { who: session, deed: Deed::Simulation, axis: None, detail };
-        self.0.shared.journal.note(note)?;
-        open::set_time_scale(&self.0.links, pace.time_scale)?;
-        self.0.shared.tell(Event::Bench);
-        Ok(())
+        let set = open::set_time_scale(&self.0.links, pace.time_scale);
+        let shared = Arc::clone(&self.0.shared);
+        self.announce((session, Deed::Simulation, None), detail, move || {
+            set()?;
+            shared.tell(Event::Bench);
+            Ok(())
+        })
     }
 
     /// Lets time pass: in virtual time everything that is due meanwhile is done, else it sleeps.
@@ -540,7 +580,8 @@ impl Bench {
         }
     }
 
-    /// Stops what moves, and ends. Commands are refused from now on.
+    /// Stops what moves, and ends. Commands are refused from now on; the journal is still kept, until
+    /// it is [closed](Self::close_journal).
     pub fn shutdown(&self) {
         self.0.shared.close();
         self.0.links.iter().for_each(|link| link.wire.call());
@@ -560,6 +601,28 @@ impl Bench {
         });
     }
 
+    /// Has all that was noted written, and ends the journal. Waits for its disk, but not for ever.
+    ///
+    /// # Errors
+    /// `gateway.journal` when the disk takes nothing: what waits is lost.
+    pub fn close_journal(&self) -> Result<(), Refused> {
+        self.0.shared.notes.close();
+        if let Some(mut scribe) = held(&self.0.by_hand).scribe.take() {
+            scribe.turn();
+        }
+        let Some(scribe) = held(&self.0.scribe).take() else { return Ok(()) };
+        let end = polepair_link::clock::now() + WRITE_MAX;
+        while !scribe.is_finished() {
+            if polepair_link::clock::now() >= end {
+                return Err(notes::stalled());
+            }
+            polepair_link::clock::sleep_until(polepair_link::clock::now() + STEP);
+        }
+        // One that panicked is over as well.
+        let _ = scribe.join();
+        Ok(())
+    }
+
     fn seat(&self, id: u16) -> Result<(&Link, usize), Refused> {
         let seat = self.0.axes.get(usize::from(id)).ok_or_else(|| {
             Refused::new("E212", format!("the bench has no axis {id}"))
@@ -572,9 +635,12 @@ impl Bench {
 impl ByHand {
     /// Does what is due.
     fn turn(&mut self) {
+        // What is announced is kept before hands look, what they did after.
+        self.scribe.iter_mut().for_each(Scribe::turn);
         for hand in &mut self.hands {
             hand.turn();
         }
+        self.scribe.iter_mut().for_each(Scribe::turn);
         for eyes in &mut self.eyes {
             eyes.sample();
         }

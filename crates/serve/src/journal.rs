@@ -33,15 +33,22 @@ pub const RECORD_MAX: usize = 64 * 1024;
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
+    /// Whoever writes has it while the disk takes its time.
     tail: Mutex<Tail>,
+    written: Mutex<Written>,
 }
 
 #[derive(Debug)]
 struct Tail {
     file: File,
-    next: u64,
-    length: u64,
     hash: [u8; 32],
+}
+
+/// What there is to be read.
+#[derive(Debug)]
+struct Written {
+    records: u64,
+    length: u64,
     /// Where records 0, [`STRIDE`], 2 [`STRIDE`], … begin.
     places: Vec<u64>,
 }
@@ -89,8 +96,9 @@ impl Journal {
             file.set_len(verified.length).map_err(failed)?;
         }
         let Verified { records, length, hash, cut } = verified;
-        let tail = Mutex::new(Tail { file, next: records, length, hash, places });
-        Ok((Self { path: path.to_owned(), tail }, cut))
+        let tail = Mutex::new(Tail { file, hash });
+        let written = Mutex::new(Written { records, length, places });
+        Ok((Self { path: path.to_owned(), tail, written }, cut))
     }
 
     /// Writes a record. It is in the system's hands when this returns.
@@ -104,8 +112,11 @@ impl Journal {
         axis: Option<u16>,
         detail: &Value,
     ) -> Result<u64, Refused> {
-        let mut tail = self.tail();
-        let n = tail.next;
+        let mut tail = self.tail.lock().unwrap_or_else(PoisonError::into_inner);
+        let (n, length) = {
+            let written = self.written();
+            (written.records, written.length)
+        };
         let ms = clock::wall_ns(clock::now()) as f64 / 1e6;
         let covered = Covered { n, ms, who, deed, axis, detail };
         let text = serde_json::to_string(&covered).map_err(|error| full(&error))?;
@@ -116,23 +127,23 @@ impl Journal {
         }
         if let Err(error) = tail.file.write_all(line.as_bytes()) {
             // Half a record would break the chain for all that come after.
-            let _ = tail.file.set_len(tail.length);
+            let _ = tail.file.set_len(length);
             return Err(full(&error));
         }
-        if n.is_multiple_of(STRIDE) {
-            let at = tail.length;
-            tail.places.push(at);
-        }
-        tail.length += line.len() as u64;
         tail.hash = *hash.as_bytes();
-        tail.next += 1;
+        let mut written = self.written();
+        if n.is_multiple_of(STRIDE) {
+            written.places.push(length);
+        }
+        written.length += line.len() as u64;
+        written.records += 1;
         Ok(n)
     }
 
     /// How many records it has. Each lease is one, so by this its epochs are never given twice.
     #[must_use]
     pub fn count(&self) -> u64 {
-        self.tail().next
+        self.written().records
     }
 
     /// Records after the one of that number, or from the first; at most `count`, and [`RECORDS_MAX`].
@@ -142,9 +153,9 @@ impl Journal {
     pub fn records(&self, after: Option<u64>, count: usize) -> Result<Vec<JournalRecord>, Refused> {
         let first = after.map_or(0, |n| n.saturating_add(1));
         let (place, length) = {
-            let tail = self.tail();
+            let written = self.written();
             let stride = usize::try_from(first / STRIDE).unwrap_or(usize::MAX);
-            (tail.places.get(stride).copied(), tail.length)
+            (written.places.get(stride).copied(), written.length)
         };
         let Some(place) = place else { return Ok(Vec::new()) };
         let mut file = File::open(&self.path).map_err(|error| full(&error))?;
@@ -164,8 +175,8 @@ impl Journal {
         Ok(records)
     }
 
-    fn tail(&self) -> MutexGuard<'_, Tail> {
-        self.tail.lock().unwrap_or_else(PoisonError::into_inner)
+    fn written(&self) -> MutexGuard<'_, Written> {
+        self.written.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

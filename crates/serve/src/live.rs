@@ -302,10 +302,7 @@ impl Viewer {
                 return Some(ServerMessage::Pong { client_ms, server_ms });
             }
             ClientMessage::Stop { axes, reason } => self.stop(StopOrder { axes, reason }),
-            ClientMessage::Release => {
-                let released = self.gate.bench.release(&self.session, locks);
-                return released.err().map(|refused| told(refused, Some(about), None));
-            }
+            ClientMessage::Release => return self.release(locks),
             ClientMessage::Command { axis, command } => return self.command(axis, command),
             ClientMessage::Lease { axis, act, epoch } => return self.lease(axis, act, epoch),
             shown => return self.show(shown, look),
@@ -362,6 +359,23 @@ impl Viewer {
                 drop(place);
             });
         }
+    }
+
+    /// That motion is let again is told by an event, to everybody.
+    fn release(&self, locks: u64) -> Option<ServerMessage> {
+        let about = Some("release");
+        let Ok(place) = Arc::clone(&self.leasing).try_acquire_owned() else {
+            return Some(told(busy(), about, None));
+        };
+        let released = self.gate.bench.release(&self.session, locks);
+        let answers = self.answers.clone();
+        tokio::spawn(async move {
+            if let Err(refused) = released.await {
+                let _ = answers.send(Message::Text(text(&told(refused, about, None)))).await;
+            }
+            drop(place);
+        });
+        None
     }
 
     fn command(&self, axis: u16, order: CommandOrder) -> Option<ServerMessage> {

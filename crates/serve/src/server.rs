@@ -119,7 +119,7 @@ impl Server {
             "version": env!("CARGO_PKG_VERSION"), "links": links, "address": address,
             "scopes": options.scopes.iter().collect::<Vec<_>>(), "cut": cut,
         });
-        journal.write("server", Deed::Started, None, &detail)?;
+        bench.note("server", Deed::Started, detail).wait()?;
         let door = Door::new(grants, options.scopes, address.port(), options.tls);
         let hosts = Hosts::new(options.scheme(), address.ip(), address.port(), &options.names);
         let once = door.once()?.reveal();
@@ -203,7 +203,8 @@ impl Server {
             let _ = board.join();
             hears.block_on(self.gate.board.empty(LEAVE_MAX));
         }
-        if let Err(error) = self.gate.journal.write("server", Deed::Ended, None, &json!({})) {
+        let ended = self.gate.bench.note("server", Deed::Ended, json!({}));
+        if let Err(error) = self.gate.bench.close_journal().and_then(|()| ended.wait()) {
             tracing::error!(%error, "the journal does not keep its end");
         }
         door.shutdown_timeout(LEAVE_MAX);
@@ -220,7 +221,7 @@ impl Drop for Server {
 
 impl bench::Journal for Journal {
     fn note(&self, note: bench::Note<'_>) -> Result<(), crate::message::Refused> {
-        self.write(note.who, note.deed, note.axis, &note.detail).map(drop)
+        self.write(note.who, note.deed, note.axis, note.detail).map(drop)
     }
 }
 

@@ -147,10 +147,10 @@ fn a_stop_of_everything_needs_no_lease_and_locks_motion_until_it_is_released() {
     assert_eq!(code(&desk.tell(&ann, epoch, "velocity", Some(9.0))), "gateway.locked");
     let before = desk.bench.locks();
     desk.hear(desk.bench.stop(&bob, &StopOrder::default())).unwrap();
-    let late = desk.bench.release(&ann, before).unwrap_err();
+    let late = desk.hear(desk.bench.release(&ann, before)).unwrap_err();
     assert_eq!(late.code, "gateway.expired", "ann knows nothing of the second stop");
     assert!(desk.bench.snapshot().lock.is_some());
-    desk.bench.release(&bob, desk.bench.locks()).unwrap();
+    desk.hear(desk.bench.release(&bob, desk.bench.locks())).unwrap();
     let epoch = desk.take(&ann, 0);
     assert_eq!(desk.tell(&ann, epoch, "arm", None).outcome, Ended::Done);
     assert_eq!(desk.tell(&ann, epoch, "velocity", Some(9.0)).outcome, Ended::Done);
@@ -254,10 +254,14 @@ fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
     assert_eq!(desk.bench.truth(0).unwrap().starts, starts);
     let stopped = desk.hear(desk.bench.stop(&ann, &StopOrder::default())).unwrap();
     assert_eq!(stopped.axes[0].class, StopClass::Standing);
+    let taken = desk.hear(desk.bench.lease(0, &ann, LeaseAct::Take, 0)).unwrap_err();
+    assert_eq!((&*taken.code, desk.bench.axis(0).unwrap().lease), ("gateway.busy", None));
+    *kept.full.lock().unwrap() = false;
+    desk.bench.pass(2000 * MS);
     let notes = kept.notes.lock().unwrap();
     let deeds: Vec<Deed> = notes.iter().map(|(_, deed)| *deed).collect();
     assert_eq!(deeds[..2], [Deed::Lease, Deed::Command]);
-    assert!(deeds.contains(&Deed::Stop) && deeds.contains(&Deed::Outcome));
+    assert_eq!(deeds.last(), Some(&Deed::Missing), "what it refused was done, and is told of");
 }
 
 /// Clients that hold leases, lose touch, forget to renew, take over, stop and release, by seed.
@@ -322,7 +326,8 @@ impl Crowd {
             89..93 => self.clients[n].away_until = now + self.below(4000) as f64,
             93..95 => self.stop_all(&who),
             95..99 if self.locked => {
-                self.desk.bench.release(&who, self.desk.bench.locks()).unwrap();
+                let released = self.desk.bench.release(&who, self.desk.bench.locks());
+                self.desk.hear(released).unwrap();
                 self.locked = false;
             }
             _ => drop(self.desk.bench.lease(0, &who, LeaseAct::Renew, epoch.wrapping_sub(1))),

@@ -41,7 +41,7 @@ pub(super) async fn act(
     Path((link, drive)): Path<(String, String)>,
     Input(act): Input<Act>,
 ) -> Answer<()> {
-    gate.bench.act(&by_rest(&caller), number(&link)?, number(&drive)?, &act).map(Json)
+    gate.bench.act(&by_rest(&caller), number(&link)?, number(&drive)?, &act).await.map(Json)
 }
 
 /// Set how fast simulated time passes
@@ -52,5 +52,5 @@ pub(super) async fn pace(
     Extension(caller): Extension<Caller>,
     Input(pace): Input<Pace>,
 ) -> Answer<()> {
-    gate.bench.pace(&by_rest(&caller), pace).map(Json)
+    gate.bench.pace(&by_rest(&caller), pace).await.map(Json)
 }

@@ -25,7 +25,7 @@ pub(super) async fn login(State(gate): State<Shared>, request: Request) -> Respo
         Ok(Input(Login { token })) => gate.door.login(&token, peer),
         Err(refused) => Err(refused),
     };
-    match noted(&gate, tried, peer) {
+    match noted(&gate, tried, peer).await {
         Ok((caller, cookie)) => {
             let scopes = caller.scopes.iter().collect();
             (cookies(cookie), Json(Session { scopes })).into_response()
@@ -63,7 +63,7 @@ pub(super) async fn page(State(gate): State<Shared>, request: Request) -> Respon
             Method::GET => gate.door.login_once(token, peer),
             _ => Err(Refused::new("gateway.method", "this is for GET")),
         };
-        return match noted(&gate, tried, peer) {
+        return match noted(&gate, tried, peer).await {
             Ok((_, cookie)) => {
                 let there = (cookies(cookie), [(header::LOCATION, "/")]);
                 (StatusCode::SEE_OTHER, there.0, there.1).into_response()
@@ -81,7 +81,7 @@ fn cookies(cookie: String) -> [(HeaderName, String); 1] {
 }
 
 /// Notes who came in or failed to. What was tried is noted nowhere.
-fn noted(
+async fn noted(
     gate: &Shared,
     tried: Result<(Caller, String), Refused>,
     peer: std::net::IpAddr,
@@ -93,6 +93,6 @@ fn noted(
         Err(_) => return tried,
     };
     tracing::info!(%peer, who, ok, "login");
-    gate.journal.write(who, Deed::Login, None, &json!({ "peer": peer, "ok": ok }))?;
+    gate.bench.note(who, Deed::Login, json!({ "peer": peer, "ok": ok })).await?;
     tried
 }

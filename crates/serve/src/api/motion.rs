@@ -146,5 +146,5 @@ pub(super) async fn release(
     State(gate): State<Shared>,
     Extension(caller): Extension<Caller>,
 ) -> Answer<()> {
-    gate.bench.release(&by_rest(&caller), gate.bench.locks()).map(Json)
+    gate.bench.release(&by_rest(&caller), gate.bench.locks()).await.map(Json)
 }

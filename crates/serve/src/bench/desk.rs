@@ -49,14 +49,14 @@ impl Desk {
         }));
     }
 
-    /// Makes a command ready, and gives it back to the hand.
-    pub fn prepare(&self, mut commanded: Commanded) {
+    /// Makes a command ready, and gives it back to the hand. A stop that comes between goes before.
+    pub fn prepare(&self, said: u64, mut commanded: Commanded) {
         let Some(wire) = self.wire.upgrade() else { return };
         self.leave(Box::new(move |may| {
             let Do::Run(command) = commanded.deed else { return };
             let axis = &wire.axes[commanded.axis].1;
             commanded.prepared = Some(may.and_then(|()| Ok(axis.prepare(command)?)));
-            wire.order_next(Order::Command(Box::new(commanded)));
+            wire.order_next(said, Order::Command(Box::new(commanded)));
         }));
     }
 

@@ -14,7 +14,7 @@ use super::clock::Clock;
 use super::desk::Desk;
 use super::halt::{Halt, Report};
 use super::lease::{Holder, Lost, Seat, Session};
-use super::shared::{Event, SERVER, Shared, held};
+use super::shared::{Event, Shared, held};
 use super::wire::{AskLease, Commanded, Do, Order, StopThese, Tell, Wire, overtaken};
 use crate::message::{Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, Refused};
 
@@ -189,7 +189,7 @@ impl Hand {
         if moved {
             self.halt(axis, self.shared.now(), None);
             let (id, detail) = (self.axes[axis].id, json!({ "reason": why }));
-            self.shared.noted(SERVER, Deed::Stop, Some(id), detail);
+            self.shared.noted_by_server(Deed::Stop, id, detail);
         }
         self.ended(axis, &lost.holder, why);
     }
@@ -274,9 +274,10 @@ impl Hand {
                 self.tell(*commanded, Some(overtaken()));
             }
             Order::Lease(ask) => self.lease(ask),
-            Order::Command(commanded) => self.command(*commanded),
+            Order::Command(commanded) => self.command(said, *commanded),
             Order::Write { axis, session, epoch, go } => go(self.may(axis, &session, epoch, false)),
             Order::Gone(session) => self.gone(&session),
+            Order::NotKept { axis, epoch } => self.not_kept(axis, epoch),
         }
     }
 
@@ -292,37 +293,77 @@ impl Hand {
 
     fn lease(&mut self, ask: AskLease) {
         let AskLease { axis, session, act, epoch, tell } = ask;
-        let (now, lasts) = (self.shared.now(), self.shared.lease);
-        let refused = self.shared.is_closing() || self.lost;
-        let seat = &mut self.axes[axis].seat;
         let granted = match act {
-            LeaseAct::Take | LeaseAct::TakeOver if refused => Err(closing(self.lost)),
-            LeaseAct::Take => seat.take(&session, false, now, lasts),
-            LeaseAct::TakeOver => seat.take(&session, true, now, lasts),
-            LeaseAct::Renew => seat.renew(&session, epoch, now, lasts).map(|held| (held, None)),
+            LeaseAct::Take | LeaseAct::TakeOver => {
+                return self.take(axis, &session, act == LeaseAct::TakeOver, tell);
+            }
+            LeaseAct::Renew => self.renew(axis, &session, epoch).map(Some),
             LeaseAct::Drop => {
-                let given_back = seat.give_back(&session, epoch, now);
-                let told = given_back.map(|lost| {
+                let given_back = self.axes[axis].seat.give_back(&session, epoch, self.shared.now());
+                given_back.map(|lost| {
                     lost.into_iter().for_each(|lost| self.lose(axis, lost, "given back"));
                     None
-                });
-                // Who has gone does not want to know, here and below.
-                let _ = tell.send(told);
-                return;
+                })
             }
         };
-        let granted = granted.map(|(held, lost)| {
-            let over = lost.is_some();
-            lost.into_iter().for_each(|lost| self.lose(axis, lost, "taken over"));
-            if act != LeaseAct::Renew {
-                let deed = if over { Deed::TakeOver } else { Deed::Lease };
-                let (id, detail) = (self.axes[axis].id, json!({ "epoch": held.epoch }));
-                self.shared.noted(&session, deed, Some(id), detail);
-            }
-            self.show(axis);
-            Some(LeaseGranted { epoch: held.epoch, expires_ms: Clock::ms(held.until) })
-        });
+        // Who has gone does not want to know, here and below.
         let _ = tell.send(granted);
+    }
+
+    fn renew(
+        &mut self,
+        axis: usize,
+        session: &Session,
+        epoch: u64,
+    ) -> Result<LeaseGranted, Refused> {
+        let (now, lasts) = (self.shared.now(), self.shared.lease);
+        let held = self.axes[axis].seat.renew(session, epoch, now, lasts)?;
+        self.show(axis);
+        Ok(granted(&held))
+    }
+
+    /// Gives a lease, and tells so once the journal has it: its epoch is never given again.
+    fn take(
+        &mut self,
+        axis: usize,
+        session: &Session,
+        over: bool,
+        tell: Tell<Option<LeaseGranted>>,
+    ) {
+        let (now, lasts) = (self.shared.now(), self.shared.lease);
+        let closes = self.shared.is_closing() || self.lost;
+        let may = if closes { Err(closing(self.lost)) } else { self.shared.notes.takes(now) };
+        let seat = &mut self.axes[axis].seat;
+        let before = seat.holder().map(|holder| holder.epoch);
+        let (held, lost) = match may.and_then(|()| seat.take(session, over, now, lasts)) {
+            Ok(taken) => taken,
+            Err(refused) => return drop(tell.send(Err(refused))),
+        };
+        let over = lost.is_some();
+        lost.into_iter().for_each(|lost| self.lose(axis, lost, "taken over"));
+        self.show(axis);
+        if before == Some(held.epoch) {
+            return drop(tell.send(Ok(Some(granted(&held)))));
+        }
+        let (wire, epoch) = (Arc::clone(&self.wire), held.epoch);
+        let then = move |kept: Result<(), Refused>| {
+            if kept.is_err() {
+                wire.order_next(0, Order::NotKept { axis, epoch });
+            }
+            let _ = tell.send(kept.map(|()| Some(granted(&held))));
+        };
+        let (id, deed) = (self.axes[axis].id, if over { Deed::TakeOver } else { Deed::Lease });
+        let (what, detail) = ((session, deed, Some(id)), json!({ "epoch": epoch }));
+        self.shared.notes.announce(what, detail, now, Box::new(then));
+    }
+
+    /// Nobody was told that this lease was given.
+    fn not_kept(&mut self, axis: usize, epoch: u64) {
+        let seat = &mut self.axes[axis].seat;
+        let its = seat.holder().is_some_and(|holder| holder.epoch == epoch);
+        if let Some(lost) = its.then(|| seat.end()).flatten() {
+            self.lose(axis, lost, "the journal does not keep it");
+        }
     }
 
     /// Whether a session may have an axis do something now.
@@ -343,8 +384,14 @@ impl Hand {
         Ok(())
     }
 
-    fn command(&mut self, commanded: Commanded) {
-        match self.start(&commanded) {
+    fn command(&mut self, said: u64, commanded: Commanded) {
+        let started = self.start(&commanded);
+        if started.is_ok() && commanded.deed.ends_motion() {
+            // It did not wait for the journal, as what was said before it may still do.
+            let stopped = &mut self.axes[commanded.axis].stopped;
+            *stopped = said.max(*stopped);
+        }
+        match started {
             Ok(Started::Running(running)) => {
                 let Commanded { axis, session, order, deed, tell, .. } = commanded;
                 let enables = matches!(deed, Do::Run(command) if command.verb == Verb::Enable);
@@ -358,17 +405,16 @@ impl Hand {
             Ok(Started::Done) => self.tell(commanded, None),
             Ok(Started::ToBePrepared) => {
                 // Where the limits depend on where it stands, that is asked first, not here.
-                self.desk.prepare(commanded);
+                self.desk.prepare(said, commanded);
             }
             Err(error) => self.tell(commanded, Some(error)),
         }
     }
 
     fn tell(&self, commanded: Commanded, error: Option<Refused>) {
-        let Commanded { axis, session, order, tell, .. } = commanded;
-        let outcome = outcome(order.id, error);
-        self.shared.ended(&session, self.axes[axis].id, &outcome);
-        let _ = tell.send(Ok(outcome));
+        let Commanded { axis, session, order, deed, tell, .. } = commanded;
+        let (whose, outcome) = ((&session, self.axes[axis].id), outcome(order.id, error));
+        self.shared.ended(whose, outcome, deed.ends_motion(), tell);
     }
 
     fn start(&self, commanded: &Commanded) -> Result<Started, Refused> {
@@ -410,13 +456,13 @@ impl Hand {
                 Err(error) => (None, Some(Refused::from(error))),
             };
             let Going { axis, session, id, deed, tell, .. } = self.going.swap_remove(at);
-            if error.is_none() && deed.ends_motion() {
+            if error.is_none() && deed.stops() {
                 self.axes[axis].seat.stopped();
             }
             let value = value.filter(|_| matches!(deed, Do::Say(_)));
             let outcome = Outcome { value, ..outcome(id, error) };
-            self.shared.ended(&session, self.axes[axis].id, &outcome);
-            let _ = tell.send(Ok(outcome));
+            let whose = (&session, self.axes[axis].id);
+            self.shared.ended(whose, outcome, deed.ends_motion(), tell);
         }
     }
 
@@ -427,7 +473,7 @@ impl Hand {
             let (news, over) = halt.look(watched.id, &watched.axis, now);
             if let Some(stopped) = news {
                 let detail = json!({ "class": stopped.class, "ms": stopped.ms });
-                self.shared.noted(SERVER, Deed::Outcome, Some(watched.id), detail);
+                self.shared.noted_by_server(Deed::Outcome, watched.id, detail);
                 self.shared.tell(Event::Stopped(stopped));
             }
             if over {
@@ -460,6 +506,10 @@ fn fresh(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), Refused> {
     Ok(())
 }
 
+fn granted(held: &Holder) -> LeaseGranted {
+    LeaseGranted { epoch: held.epoch, expires_ms: Clock::ms(held.until) }
+}
+
 fn closing(lost: bool) -> Refused {
     match lost {
         true => Refused::new("gateway.busy", "the link is lost").hint("see to its cable and power"),
@@ -487,7 +537,7 @@ mod tests {
         let wire = Arc::new(Wire::new(vec![(7, link.axes()[0].clone())]));
         let desk = Arc::new(Desk::new(&wire));
         let clock = Clock::of(link.simulation().into_iter());
-        let shared = Arc::new(Shared::new(clock, Options::default()));
+        let shared = Arc::new(Shared::new(clock, &Options::default()));
         let hand = Arc::new(Mutex::new(Hand::new(Arc::clone(&wire), desk, shared)));
         wire.looked_after_by(std::thread::current(), Arc::downgrade(&hand));
         (wire, hand)

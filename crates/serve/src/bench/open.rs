@@ -186,9 +186,13 @@ pub(super) fn time_scale(links: &[Link]) -> Option<f64> {
 }
 
 /// Sets it, for all of them.
-pub(super) fn set_time_scale(links: &[Link], scale: f64) -> Result<(), Refused> {
-    let mut simulations = links.iter().filter_map(|link| link.simulation.as_ref());
-    Ok(simulations.try_for_each(|(simulation, _)| simulation.set_scale(scale))?)
+pub(super) fn set_time_scale(
+    links: &[Link],
+    scale: f64,
+) -> impl FnOnce() -> Result<(), Refused> + Send + 'static {
+    let simulations = links.iter().filter_map(|link| Some(link.simulation.as_ref()?.0.clone()));
+    let simulations: Vec<Simulation> = simulations.collect();
+    move || Ok(simulations.iter().try_for_each(|simulation| simulation.set_scale(scale))?)
 }
 
 /// Lets virtual time pass, once for each simulation: links of one share its world.

@@ -2,6 +2,7 @@
 //! motor: parameters that could are left to commands.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use polepair::{Amount, Axis};
 use polepair_core::profile::{Access, Parameter, ParameterId};
@@ -9,10 +10,11 @@ use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::describe::parameter_info;
+use super::desk::Desk;
 use super::lease::Session;
 use super::reply::Reply;
-use super::shared::{Note, Shared};
-use super::wire::Order;
+use super::shared::Shared;
+use super::wire::{Go, Order, Tell, Wire};
 use super::{Bench, Link};
 use crate::message::{Change, Deed, Given, ParameterInfo, ParameterRead, Refused, WriteParameters};
 
@@ -64,16 +66,12 @@ impl Bench {
             }
             let (epoch, dry) = (write.epoch, write.dry_run);
             let writer = Writer::new(self, link, place, axis, session, write);
-            let desk = std::sync::Arc::clone(&link.desk);
+            let desk = Arc::clone(&link.desk);
             if dry {
                 desk.ask(tell, move || writer.plan().map(|plan| plan.0));
                 return Ok(());
             }
-            let go = Box::new(move |may: Result<(), Refused>| match may {
-                Ok(()) => desk.ask(tell, move || writer.write()),
-                // Who has gone does not want to know.
-                Err(refused) => drop(tell.send(Err(refused))),
-            });
+            let go = Box::new(move |may| writer.write(desk, may, tell));
             let session = session.clone();
             link.wire.order(Order::Write { axis: place, session, epoch, go })
         });
@@ -113,8 +111,8 @@ struct Writer {
     keep: bool,
     /// Numbers are as they lie in the drive.
     raw: bool,
-    wire: std::sync::Arc<super::wire::Wire>,
-    shared: std::sync::Arc<Shared>,
+    wire: Arc<Wire>,
+    shared: Arc<Shared>,
 }
 
 impl Writer {
@@ -186,18 +184,37 @@ impl Writer {
         })
     }
 
-    fn write(&self) -> Result<Vec<Change>, Refused> {
-        let (changes, writes) = self.plan()?;
-        let detail = json!({ "keep": self.keep, "changes": changes });
-        let (deed, axis) = (Deed::Parameters, Some(self.id));
-        self.shared.journal.note(Note { who: &self.session, deed, axis, detail })?;
+    /// Plans at the desk, announces the plan, and writes there what it says.
+    fn write(self, desk: Arc<Desk>, may: Result<(), Refused>, tell: Tell<Vec<Change>>) {
+        // Who has gone does not want to know, here and below.
+        if let Err(refused) = may {
+            return drop(tell.send(Err(refused)));
+        }
+        let again = Arc::clone(&desk);
+        desk.leave(Box::new(move |may| {
+            let (changes, writes) = match may.and_then(|()| self.plan()) {
+                Ok(plan) => plan,
+                Err(refused) => return drop(tell.send(Err(refused))),
+            };
+            let detail = json!({ "keep": self.keep, "changes": changes });
+            let (session, shared) = (self.session.clone(), Arc::clone(&self.shared));
+            let what = (&session, Deed::Parameters, Some(self.id));
+            let then: Go = Box::new(move |kept| match kept {
+                Ok(()) => again.ask(tell, move || self.carry_out(&writes).map(|()| changes)),
+                Err(refused) => drop(tell.send(Err(refused))),
+            });
+            shared.notes.announce(what, detail, shared.now(), then);
+        }));
+    }
+
+    fn carry_out(&self, writes: &[Wanted]) -> Result<(), Refused> {
         let written = writes.iter().try_for_each(|wanted| {
             self.still_holds()?;
             Ok(self.axis.write(wanted.id, wanted.raw, self.keep)?)
         });
         let detail = json!({ "error": written.as_ref().err() });
         self.shared.noted(&self.session, Deed::Outcome, Some(self.id), detail);
-        written.map(|()| changes)
+        written
     }
 
     /// A lease that ended meanwhile ends the writing as well.

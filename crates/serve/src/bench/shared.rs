@@ -11,7 +11,10 @@ use tokio::sync::broadcast;
 
 use super::Options;
 use super::clock::Clock;
+use super::lease::Session;
+use super::notes::Notes;
 use super::once::Once;
+use super::wire::{Go, Tell};
 use crate::message::{AxisStopped, Deed, LeaseTold, LockTold, Outcome, Refused};
 
 /// Things that happened and that a listener has not heard yet.
@@ -21,13 +24,14 @@ pub(super) const SERVER: &str = "server";
 
 /// Keeps what is done: see [`Options::journal`](super::Options::journal).
 ///
-/// It is told before anything is sent, stops excepted: those go first. It is called on threads that
-/// look after motors, so it must not wait for a disk.
+/// It is told before anything is sent, stops excepted: those go first. One thread calls it, which looks
+/// after nothing else, so it may wait for a disk.
 pub trait Journal: Send + Sync {
-    /// Takes a note.
+    /// Takes a note, and returns once it is kept.
     ///
     /// # Errors
-    /// When it cannot be kept: what it announces is then not done, stops excepted.
+    /// When it cannot be kept: what it announces is then not done, and a [`Deed::Missing`] counts what
+    /// was done.
     fn note(&self, note: Note<'_>) -> Result<(), Refused>;
 }
 
@@ -41,7 +45,7 @@ pub struct Note<'a> {
     /// The axis that it concerns.
     pub axis: Option<u16>,
     /// The rest.
-    pub detail: Value,
+    pub detail: &'a Value,
 }
 
 /// A journal that keeps nothing, for benches that nobody else commands.
@@ -79,9 +83,9 @@ pub(super) struct Shared {
     pub clock: Clock,
     pub lease: Duration,
     pub last_epoch: u64,
-    pub journal: Arc<dyn Journal>,
+    pub notes: Arc<Notes>,
     pub events: broadcast::Sender<Event>,
-    once: Mutex<Once>,
+    once: Arc<Mutex<Once>>,
     lock: Mutex<Option<LockTold>>,
     /// How often motion was locked; changed with the lock in hand.
     locks: AtomicU64,
@@ -95,14 +99,14 @@ impl std::fmt::Debug for Shared {
 }
 
 impl Shared {
-    pub fn new(clock: Clock, options: Options) -> Self {
+    pub fn new(clock: Clock, options: &Options) -> Self {
         Self {
             clock,
             lease: options.lease,
             last_epoch: options.last_epoch,
-            journal: options.journal,
+            notes: Arc::default(),
             events: broadcast::Sender::new(EVENTS_MAX),
-            once: Mutex::default(),
+            once: Arc::default(),
             lock: Mutex::default(),
             locks: AtomicU64::new(0),
             closing: AtomicBool::new(false),
@@ -151,21 +155,42 @@ impl Shared {
         let _ = self.events.send(event);
     }
 
-    /// Notes in the journal what was done already and cannot be refused any more.
-    pub fn noted(&self, who: &str, deed: Deed, axis: Option<u16>, detail: Value) {
-        let note = Note { who, deed, axis, detail };
-        if let Err(error) = self.journal.note(note) {
-            tracing::error!(%error, "the journal does not keep what is done");
-        }
+    /// Has the journal keep what was done already and cannot be refused any more.
+    pub fn noted(&self, who: &Session, deed: Deed, axis: Option<u16>, detail: Value) {
+        self.notes.done((who, deed, axis), detail, self.now(), None);
     }
 
-    /// Notes how a command ended, for whoever says it again as well.
-    pub fn ended(&self, who: &str, axis: u16, outcome: &Outcome) {
-        self.once().ended(outcome);
+    /// Has the journal keep what nobody asked for.
+    pub fn noted_by_server(&self, deed: Deed, axis: u16, detail: Value) {
+        self.noted(&SERVER.into(), deed, Some(axis), detail);
+    }
+
+    /// Has the journal keep how a command ended, and then tells it to whoever said it, then or again.
+    /// What ends motion is told at once.
+    pub fn ended(
+        &self,
+        (who, axis): (&Session, u16),
+        outcome: Outcome,
+        ends_motion: bool,
+        tell: Tell<Outcome>,
+    ) {
         let detail = json!({
             "id": outcome.id, "outcome": outcome.outcome, "error": outcome.error,
         });
-        self.noted(who, Deed::Outcome, Some(axis), detail);
+        let once = Arc::clone(&self.once);
+        let told = move |_| {
+            held(&once).ended(&outcome);
+            // Who has gone does not want to know.
+            let _ = tell.send(Ok(outcome));
+        };
+        let then: Option<Go> = match ends_motion {
+            true => {
+                told(Ok(()));
+                None
+            }
+            false => Some(Box::new(told)),
+        };
+        self.notes.done((who, Deed::Outcome, Some(axis)), detail, self.now(), then);
     }
 
     pub fn close(&self) {
@@ -174,6 +199,13 @@ impl Shared {
 
     pub fn is_closing(&self) -> bool {
         self.closing.load(Ordering::SeqCst)
+    }
+}
+
+impl Drop for Shared {
+    /// Whoever could note something has gone.
+    fn drop(&mut self) {
+        self.notes.close();
     }
 }
 

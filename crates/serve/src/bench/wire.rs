@@ -51,6 +51,8 @@ pub(super) enum Order {
     Write { axis: usize, session: Session, epoch: u64, go: Go },
     /// A client has gone: its leases end.
     Gone(Session),
+    /// The journal did not keep that a lease was given.
+    NotKept { axis: usize, epoch: u64 },
 }
 
 /// What goes on when it is known whether it may. It must not wait.
@@ -112,8 +114,13 @@ impl Do {
     }
 
     /// Whether nothing moves once it is done.
-    pub fn ends_motion(&self) -> bool {
+    pub fn stops(&self) -> bool {
         matches!(self, Self::Run(command) if command.verb.is_stop())
+    }
+
+    /// Whether it only keeps an axis from moving: it waits for no journal.
+    pub fn ends_motion(&self) -> bool {
+        self.stops() || *self == Self::Arm(false)
     }
 }
 
@@ -141,6 +148,10 @@ impl AskLease {
 pub(crate) fn overtaken() -> Refused {
     Refused::new("gateway.expired", "a stop was said after this")
         .hint("say it again, if it still holds")
+}
+
+fn full() -> Refused {
+    Refused::new("gateway.busy", "too many commands wait for this link").hint("ask less often")
 }
 
 impl StopThese {
@@ -186,8 +197,7 @@ impl Wire {
         {
             let mut orders = held(&self.orders);
             if orders.len() == ORDERS_MAX {
-                let what = "too many commands wait for this link";
-                return Err(Refused::new("gateway.busy", what).hint("ask less often"));
+                return Err(full());
             }
             orders.push_back((self.number(), order));
         }
@@ -195,9 +205,24 @@ impl Wire {
         Ok(())
     }
 
-    /// Gives an order that had its place already; its lease tells whether a stop came between.
-    pub fn order_next(&self, order: Order) {
-        held(&self.orders).push_front((u64::MAX, order));
+    /// Takes a number for an order that is given when the journal has it: a stop that comes between
+    /// goes before.
+    pub fn announced(&self) -> Result<u64, Refused> {
+        match held(&self.orders).len() < ORDERS_MAX {
+            true => Ok(self.number()),
+            false => Err(full()),
+        }
+    }
+
+    /// Gives an order that was announced. There is room: no more are announced at once than notes wait.
+    pub fn order_announced(&self, said: u64, order: Order) {
+        held(&self.orders).push_back((said, order));
+        self.call();
+    }
+
+    /// Gives an order that had its place already, with the number that it had.
+    pub fn order_next(&self, said: u64, order: Order) {
+        held(&self.orders).push_front((said, order));
         self.call();
     }
 

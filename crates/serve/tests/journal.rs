@@ -1,0 +1,183 @@
+//! A journal whose disk stalls: stops leave all the same, motion does not, and nothing is lost unsaid.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::{Duration, Instant};
+
+use polepair_link::clock;
+use polepair_serve::bench::{self, Bench, Note, Options, Reply, Session};
+use polepair_serve::journal::{Journal, verify};
+use polepair_serve::message::{
+    Arguments, CommandOrder, Ended, LeaseAct, Outcome, Refused, StopClass, StopOrder,
+};
+use serde_json::Value;
+
+/// A journal's file on a disk that stalls when it is told to.
+struct Disk {
+    journal: Journal,
+    stalls: Mutex<bool>,
+    called: Condvar,
+}
+
+impl Disk {
+    fn stall(&self, stalls: bool) {
+        *self.stalls.lock().unwrap() = stalls;
+        self.called.notify_all();
+    }
+}
+
+impl bench::Journal for Disk {
+    fn note(&self, note: Note<'_>) -> Result<(), Refused> {
+        drop(self.called.wait_while(self.stalls.lock().unwrap(), |stalls| *stalls).unwrap());
+        self.journal.write(note.who, note.deed, note.axis, note.detail).map(drop)
+    }
+}
+
+/// A simulated drive that turns, in real time, under ann's lease.
+struct Site {
+    bench: Bench,
+    disk: Arc<Disk>,
+    file: PathBuf,
+    ann: Session,
+    epoch: u64,
+    ids: u32,
+}
+
+impl Site {
+    fn new(name: &str) -> Self {
+        let file = format!("polepair-stalls-{name}-{}.jsonl", std::process::id());
+        let file = std::env::temp_dir().join(file);
+        let _ = std::fs::remove_file(&file);
+        let (journal, _) = Journal::open(&file).unwrap();
+        let disk = Disk { journal, stalls: Mutex::default(), called: Condvar::new() };
+        let (disk, ann) = (Arc::new(disk), Session::from("ann"));
+        // Long enough to outlive what is tried here.
+        let lease = Duration::from_secs(60);
+        let options = Options { journal: disk.clone(), lease, ..Options::default() };
+        let bench = Bench::open(&["sim:tmcl".into()], options).unwrap();
+        let epoch = bench.lease(0, &ann, LeaseAct::Take, 0).wait().unwrap().unwrap().epoch;
+        let mut site = Self { bench, disk, file, ann, epoch, ids: 0 };
+        for (verb, velocity) in [("arm", None), ("velocity", Some(10.0))] {
+            let outcome = site.tell(verb, velocity).wait().unwrap();
+            assert_eq!(outcome.outcome, Ended::Done, "{verb}: {:?}", outcome.error);
+        }
+        site
+    }
+
+    fn tell(&mut self, verb: &str, velocity: Option<f64>) -> Reply<Outcome> {
+        self.ids += 1;
+        let order = CommandOrder {
+            id: format!("id-{}", self.ids),
+            issued_ms: self.bench.now_ms(),
+            ttl_ms: 10_000.0,
+            epoch: self.epoch,
+            verb: verb.into(),
+            arguments: Arguments { velocity, ..Arguments::default() },
+        };
+        self.bench.command(0, &self.ann, order)
+    }
+
+    fn stop(&self, reason: &str) {
+        let order = StopOrder { axes: Some(vec![0]), reason: reason.into() };
+        let stopped = self.bench.stop(&"bob".into(), &order).wait().unwrap();
+        assert_eq!(stopped.axes[0].class, StopClass::Standing, "{stopped:?}");
+    }
+
+    fn starts(&self) -> u64 {
+        self.bench.truth(0).unwrap().starts
+    }
+
+    /// Ends it, and returns what was written, if that is whole.
+    fn end(self) -> Vec<Value> {
+        self.bench.shutdown();
+        self.bench.close_journal().unwrap();
+        let text = std::fs::read_to_string(&self.file).unwrap();
+        let records: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        let verified = verify(&self.file).unwrap().unwrap();
+        assert_eq!((verified.records, verified.cut), (records.len() as u64, 0));
+        std::fs::remove_file(&self.file).unwrap();
+        records
+    }
+}
+
+fn code(outcome: &Outcome) -> &str {
+    outcome.error.as_ref().map_or("", |error| &*error.code)
+}
+
+fn pause(ms: u64) {
+    clock::sleep_until(clock::now() + Duration::from_millis(ms));
+}
+
+#[test]
+fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
+    let mut site = Site::new("counted");
+    let starts = site.starts();
+    site.disk.stall(true);
+    let mut late = site.tell("velocity", Some(20.0));
+    site.stop("");
+    assert!(site.bench.truth(0).unwrap().velocity.abs() < 0.1);
+    assert!(late.take().is_none() && site.starts() == starts, "not kept, not done");
+    pause(1100);
+    let since = Instant::now();
+    let refused = site.tell("velocity", Some(20.0)).wait().unwrap();
+    assert_eq!((refused.outcome, code(&refused)), (Ended::NotDone, "gateway.journal"));
+    let taken = site.bench.lease(0, &site.ann, LeaseAct::Take, 0).wait().unwrap_err();
+    assert_eq!(taken.code, "gateway.journal");
+    let released = site.bench.release(&site.ann, site.bench.locks()).wait().unwrap_err();
+    assert_eq!(released.code, "gateway.journal");
+    assert!(since.elapsed() < Duration::from_millis(500), "refused at once: {:?}", since.elapsed());
+    let reason = "x".repeat(50_000);
+    (0..100).for_each(|_| site.stop(&reason));
+    pause(1000);
+    site.disk.stall(false);
+    let late = late.wait().unwrap();
+    assert_eq!((late.outcome, code(&late)), (Ended::NotDone, "gateway.journal"));
+    assert_eq!(site.starts(), starts, "what was announced long ago is not done");
+    // What waited is written, and motion is let again.
+    let end = Instant::now() + Duration::from_secs(60);
+    site.epoch = loop {
+        match site.bench.lease(0, &site.ann, LeaseAct::Take, 0).wait() {
+            Ok(lease) => break lease.unwrap().epoch,
+            Err(refused) => assert!(Instant::now() < end, "{refused:?}"),
+        }
+        pause(1);
+    };
+    assert_eq!(site.tell("arm", None).wait().unwrap().outcome, Ended::Done);
+    let records = site.end();
+    let deeds = |deed: &str| records.iter().filter(|r| r["deed"] == deed).collect::<Vec<_>>();
+    let missing: u64 =
+        deeds("missing").iter().map(|r| r["detail"]["count"].as_u64().unwrap()).sum();
+    let told = |r: &&&Value| r["detail"].get("class").is_none();
+    let (stops, outcomes) = (deeds("stop").len() as u64, deeds("outcome"));
+    let classes = outcomes.iter().filter(|r| r["detail"].get("class").is_some()).count() as u64;
+    assert!(missing > 0 && stops < 101, "{missing} {stops}");
+    // Each stop has a record of its own, and one or more of how far it came.
+    assert!(stops + classes + missing >= 202, "{stops} {classes} {missing}");
+    let of_late = outcomes.iter().filter(told).any(|r| r["detail"]["id"] == *late.id);
+    assert!(of_late, "it was written that it was to be done, so also that it was not");
+}
+
+#[test]
+fn what_waits_for_the_disk_is_not_done_behind_a_stop() {
+    for how in ["stop", "disarm", "bob"] {
+        let mut site = Site::new(how);
+        let starts = site.starts();
+        site.disk.stall(true);
+        let moves = site.tell("velocity", Some(20.0));
+        match how {
+            "bob" => site.stop("too fast"),
+            verb => {
+                let outcome = site.tell(verb, None).wait().unwrap();
+                assert_eq!(outcome.outcome, Ended::Done, "{verb}: {outcome:?}");
+            }
+        }
+        site.disk.stall(false);
+        let outcome = moves.wait().unwrap();
+        let told = (outcome.outcome, code(&outcome));
+        assert_eq!(told, (Ended::NotDone, "gateway.expired"), "{how}: {outcome:?}");
+        assert_eq!(site.starts(), starts, "{how}");
+        let records = site.end();
+        let of = |id: &str| records.iter().filter(|r| r["detail"]["id"] == *id).count();
+        assert_eq!(of(&outcome.id), 2, "announced, and how it ended");
+    }
+}
