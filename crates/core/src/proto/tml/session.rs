@@ -515,7 +515,7 @@ impl Session {
     /// Whether what was said answers what was asked, now or a moment ago.
     fn judge(&mut self, now: Instant, said: &Online) -> bool {
         if self.answers_aside(said) {
-            self.counters.late += 1;
+            self.counters.answered += 1;
             return true;
         }
         let pending = self.pending.filter(|pending| pending.attempts > 0);
