@@ -668,6 +668,14 @@ pub trait Axes {
 
     /// What happened on the wire so far.
     fn counters(&self) -> Counters;
+
+    /// Takes one more axis in, behind all that there are: those keep their places, states and
+    /// requests. Of several lanes on a wire it goes to the one of that number, 0 for one alone.
+    /// `None` where no axis can be added: no such lane, a lane that does not know how, or 256 axes.
+    fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
+        let _ = (lane, profile, address);
+        None
+    }
 }
 
 /// A lane with its host erased: what connections and simulated worlds hold.

@@ -1,6 +1,7 @@
 //! One host and the axes it serves: jobs take turns on the wire, stops first; plans are run here.
 //!
-//! All storage is made when the lane is made, or a path is begun; nothing allocates afterwards.
+//! All storage is made when the lane is made, an axis joins it, or a path is begun; nothing allocates
+//! afterwards.
 
 mod cycle;
 mod execute;
@@ -35,8 +36,8 @@ use job::{Asked, Run, Steps, Task, Write};
 pub use news::NEWS_MAX;
 use news::Tidings;
 use path::Path;
-pub use slot::BoxedDriver;
 use slot::Slot;
+pub use slot::{BoxedDriver, MakeDriver};
 use table::Table;
 pub use transfer::{Piece, Transfer, TransferKind};
 
@@ -60,6 +61,8 @@ pub struct Lane<M: Medium, H: Host<M>> {
     cycle: Option<Box<Cycle>>,
     /// What happened and nobody has taken yet, while somebody listens.
     tidings: Option<Box<Tidings>>,
+    /// What makes the driver of an axis that joins.
+    make: Option<MakeDriver<H::Request, H::Answer>>,
     medium: PhantomData<fn() -> M>,
 }
 
@@ -84,8 +87,15 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
             parts: VecDeque::with_capacity(if groups { PARTS_MAX } else { 0 }),
             cycle: None,
             tidings: None,
+            make: None,
             medium: PhantomData,
         }
+    }
+
+    /// The same lane, which axes can [join](Axes::join).
+    #[must_use]
+    pub fn growing(self, make: MakeDriver<H::Request, H::Answer>) -> Self {
+        Self { make: Some(make), ..self }
     }
 
     /// The host, for what only its protocol has.
@@ -522,6 +532,17 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 
     fn counters(&self) -> Counters {
         self.host.counters()
+    }
+
+    fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
+        let make = self.make.filter(|_| lane == 0)?;
+        let axis = AxisIndex(u8::try_from(self.slots.len()).ok()?);
+        self.slots.push(Slot::new(make(profile, address)));
+        self.host.joined(address);
+        if let (Some(tidings), Some(slot)) = (&mut self.tidings, self.slots.last()) {
+            tidings.know(&slot.state);
+        }
+        Some(axis)
     }
 }
 

@@ -25,9 +25,12 @@ const APART: &str = "axes that follow one beat must be of one protocol, on one w
 /// A lane whose host and drivers are erased.
 pub type BoxedLane = Box<dyn AnyLane<Can>>;
 
-/// Several lanes that share a CAN wire, as one set of axes: those of the first lane come first.
+/// Several lanes that share a CAN wire, as one set of axes: those of the first lane come first, and
+/// those that joined later last.
 pub struct Mux {
     lanes: Vec<BoxedLane>,
+    /// Of each axis its lane, and its place there.
+    places: Vec<(usize, AxisIndex)>,
     /// The lane that may send next, so that none starves.
     turn: usize,
 }
@@ -46,19 +49,19 @@ impl Mux {
         let line = lanes.first()?.line();
         let axes: usize = lanes.iter().map(|lane| lane.axes()).sum();
         let agreed = lanes.iter().all(|lane| lane.line() == line);
-        (agreed && axes <= 256).then_some(Self { lanes, turn: 0 })
+        if !agreed || axes > 256 {
+            return None;
+        }
+        let of = |(n, lane): (usize, &BoxedLane)| {
+            (0..=u8::MAX).map(AxisIndex).take(lane.axes()).map(move |axis| (n, axis))
+        };
+        let places = lanes.iter().enumerate().flat_map(of).collect();
+        Some(Self { lanes, places, turn: 0 })
     }
 
     /// The lane of an axis, and the axis' place in it.
     fn place(&self, axis: AxisIndex) -> Option<(usize, AxisIndex)> {
-        let mut index = usize::from(axis.0);
-        for (n, lane) in self.lanes.iter().enumerate() {
-            match index.checked_sub(lane.axes()) {
-                None => return Some((n, AxisIndex(index as u8))),
-                Some(rest) => index = rest,
-            }
-        }
-        None
+        self.places.get(usize::from(axis.0)).copied()
     }
 
     /// The lane that all these axes are in, and their places in it.
@@ -125,7 +128,7 @@ impl Station<Can> for Mux {
 
 impl Axes for Mux {
     fn axes(&self) -> usize {
-        self.lanes.iter().map(|lane| lane.axes()).sum()
+        self.places.len()
     }
 
     fn address(&self, axis: AxisIndex) -> Option<u32> {
@@ -285,15 +288,10 @@ impl Axes for Mux {
     }
 
     fn poll_news(&mut self, now: Instant) -> Option<News> {
-        let mut before = 0;
-        for lane in &mut self.lanes {
-            if let Some(news) = lane.poll_news(now) {
-                return Some(News { axis: AxisIndex(before + news.axis.0), ..news });
-            }
-            // The last lane's axes may end at 256.
-            before = before.wrapping_add(lane.axes() as u8);
-        }
-        None
+        let first = |(n, lane): (usize, &mut BoxedLane)| Some((n, lane.poll_news(now)?));
+        let (n, news) = self.lanes.iter_mut().enumerate().find_map(first)?;
+        let place = self.places.iter().position(|place| *place == (n, news.axis))?;
+        Some(News { axis: AxisIndex(place as u8), ..news })
     }
 
     fn rehearse(
@@ -318,5 +316,12 @@ impl Axes for Mux {
 
     fn counters(&self) -> Counters {
         self.lanes.iter().map(|lane| lane.counters()).fold(Counters::default(), Counters::plus)
+    }
+
+    fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
+        let axis = AxisIndex(u8::try_from(self.places.len()).ok()?);
+        let own = self.lanes.get_mut(lane)?.join(0, profile, address)?;
+        self.places.push((lane, own));
+        Some(axis)
     }
 }

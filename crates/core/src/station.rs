@@ -184,6 +184,11 @@ pub trait Host<M: Medium>: Station<M> {
         0
     }
 
+    /// One more drive, of that address, is to be asked from now on.
+    fn joined(&mut self, address: u32) {
+        let _ = address;
+    }
+
     /// Takes bytes of a long value that is being read under `ticket`, and tells how many. The drive
     /// is paced by it. `None` when nothing of that kind is under way.
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {

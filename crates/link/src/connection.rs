@@ -7,6 +7,7 @@
 //! listens for what nobody asked for. It is started when it is first needed, and gives way to a
 //! caller at once.
 
+mod aside;
 mod engine;
 mod keeper;
 mod lead;
@@ -29,6 +30,7 @@ use engine::{Engine, Request};
 use slots::Slots;
 use state::State;
 
+pub use aside::Aside;
 pub use mailbox::{Listening, Mailbox, Notice};
 pub use slots::PENDING_MAX;
 
@@ -125,6 +127,18 @@ impl Connection {
     /// Takes in what has arrived and nobody has read, without waiting, unless somebody reads.
     pub fn catch_up(&self) {
         self.0.0.catch_up();
+    }
+
+    /// Lends the link out, as soon as nothing of this connection is under way: until the answer is
+    /// dropped, what is submitted here waits and is not sent, and nobody waits for that in
+    /// [`submit`](Self::submit). `None` when something was under way all the time until then, or
+    /// when the link is of another medium.
+    ///
+    /// # Errors
+    /// [`LinkError`] while the link is down.
+    pub fn set_aside<M: Medium>(&self, until: Instant) -> Result<Option<Aside<M>>, LinkError> {
+        let lent = self.0.0.set_aside(until)?;
+        Ok(lent.and_then(|lent| lent.downcast().ok()).map(|lent| *lent))
     }
 
     /// Why the link is down, if it is.

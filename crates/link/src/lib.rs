@@ -54,7 +54,7 @@ pub mod udp;
 pub mod wake;
 
 pub use connection::{
-    AnyLane, Connection, Interrupter, Listening, Mailbox, Notice, Pending, Waited,
+    AnyLane, Aside, Connection, Interrupter, Listening, Mailbox, Notice, Pending, Waited,
 };
 pub use error::{Cause, LinkError};
 pub use limit::{is_private, open_files, stand_back};

@@ -436,6 +436,38 @@ fn a_stop_overtakes_what_is_queued() {
 }
 
 #[test]
+fn a_link_is_lent_between_exchanges_and_what_waits_goes_on_behind() {
+    let (drive, connection) = served(ToyDevice::answering_after(2));
+    let over = in_ms(600);
+    let poller = {
+        let connection = connection.clone();
+        thread::spawn(move || {
+            while clock::now() < over {
+                assert_eq!(put(&connection, 1).wait(in_ms(5000)), done(2));
+            }
+        })
+    };
+    let mut lent = 0;
+    while clock::now() < over {
+        let aside = connection.set_aside::<Stream>(in_ms(1000)).unwrap().expect("between two");
+        let beside = connected(aside.link());
+        assert_eq!(put(&beside, 5).wait(in_ms(1000)), done(6));
+        let before = drive.asked();
+        let mut stop = order(&connection, Verb::Stop);
+        assert_eq!(stop.wait(in_ms(20)), Waited::TimedOut, "it waits, and its caller does not");
+        assert_eq!(drive.asked(), before, "nothing is sent meanwhile");
+        drop(beside);
+        let late = aside.link();
+        drop(aside);
+        assert!(late.send(&[0; 8]).is_err(), "it is no longer theirs");
+        assert_eq!(stop.wait(in_ms(1000)), done(STOP_VALUE + 1));
+        lent += 1;
+    }
+    poller.join().unwrap();
+    assert!(lent > 3, "{lent}");
+}
+
+#[test]
 fn tcp_reaches_a_served_drive_client_after_client() {
     let server = TcpServer::bind("0").unwrap();
     let address = server.address().to_string();

@@ -10,6 +10,7 @@
 //! ```
 
 mod given;
+mod kept;
 mod options;
 mod rack;
 mod spoken;
@@ -27,6 +28,7 @@ use crate::simulate::{self, Description, Pace, Simulation};
 use crate::url::{Number, Target, Url};
 use crate::wire::{AnyLink, OpenWire, SharedLink};
 use crate::words;
+pub(crate) use kept::{Kept, Lent};
 use options::{line_of, rate, standard, wire_options};
 use polepair_core::medium::{Can, CanLine, Frame, MediumKind, Stream};
 use polepair_core::mux::Mux;
@@ -204,12 +206,13 @@ impl Connector {
         simulation: Option<Simulation>,
         ask: bool,
     ) -> Result<Link, Error> {
-        let (mut axes, mut wires) = (Vec::new(), Vec::new());
+        let (mut axes, mut wires, mut kept) = (Vec::new(), Vec::new(), Vec::new());
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
             axes.extend(self.axes(&url, lines, simulation.as_ref(), ask)?);
             wires.extend(Line::wire_of(lines));
+            kept.push(lines.iter().map(Line::kept).collect());
         }
-        let link = Link { url, axes, wires, simulation };
+        let link = Link { url, axes, wires, kept, simulation };
         link.url.names.iter().try_for_each(|name| link.named(name).map(drop))?;
         Ok(link)
     }
@@ -237,7 +240,8 @@ impl Connector {
             if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
         let seats = vec![Seat::default(); numbers.len()];
         let relay = url.axes.first().copied();
-        Ok(Line { wire: 0, link, spoken, options, numbers, relay, seats })
+        let all = Arc::default();
+        Ok(Line { wire: 0, link, spoken, options, numbers, relay, seats, all })
     }
 
     /// The axes of one wire, on one connection: a line for each protocol that is spoken on it.
@@ -461,6 +465,7 @@ fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
 }
 
 /// One protocol on an opened wire, and what is to be found there.
+#[derive(Clone)]
 pub(crate) struct Line {
     /// Which wire: lines of one share it.
     pub(crate) wire: usize,
@@ -472,6 +477,8 @@ pub(crate) struct Line {
     relay: Option<u32>,
     /// What is known of each axis, whoever answers.
     seats: Vec<Seat>,
+    /// What a rack says of all that it has there, also of axes that nobody named.
+    all: Arc<[(u32, Seat)]>,
 }
 
 /// What a rack says of the drive at an address.
@@ -582,6 +589,8 @@ pub struct Link {
     url: Url,
     axes: Vec<Axis>,
     wires: Vec<OpenWire>,
+    /// What is spoken on each wire.
+    kept: Vec<Arc<[Kept]>>,
     simulation: Option<Simulation>,
 }
 

@@ -211,7 +211,7 @@ fn look_for(
                 if stray > 0 {
                     hear(twice(&about, stray));
                 }
-                found.push(Found { number, profile, identified, clash: None });
+                found.push(Found { identified, ..Found::named(line, number, profile) });
             }
             Probe::Forbidden(hint) => {
                 hear(Check::wrong(&about, Exit::Usage, "cannot be asked on this line", hint));

@@ -119,11 +119,19 @@ impl Link {
     /// # Errors
     /// What asking brings; drives that refuse to tell are listened to all the same.
     pub fn events(&self) -> Result<Events, Error> {
-        self.axes().iter().try_for_each(Axis::learn)?;
+        self.events_from(0)
+    }
+
+    /// The same of the axes from that place on alone: of those that were
+    /// [taken in](Link::take_in) later.
+    ///
+    /// # Errors
+    /// As [`events`](Self::events).
+    pub fn events_from(&self, first: usize) -> Result<Events, Error> {
+        let axes = || self.axes().iter().enumerate().skip(first);
+        axes().try_for_each(|(_, axis)| axis.learn())?;
         let mut events = Events::new(self.simulation());
-        for (place, axis) in self.axes().iter().enumerate() {
-            events.add(place, axis);
-        }
+        axes().for_each(|(place, axis)| events.add(place, axis));
         events.listen(false);
         Ok(events)
     }

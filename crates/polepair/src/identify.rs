@@ -48,6 +48,7 @@ pub(crate) struct Prober<'a> {
     candidates: Vec<(&'static Profile, Identity)>,
     patience: Option<Duration>,
     looking: bool,
+    broken: &'a dyn Fn() -> bool,
 }
 
 /// What one address gave.
@@ -69,7 +70,7 @@ impl<'a> Prober<'a> {
         let known = config.all_profiles().filter(speaks);
         let candidates = known.filter_map(|p| Some((p, p.identity?)));
         let candidates = candidates.take(CANDIDATES_MAX).collect();
-        Self { line, candidates, patience: None, looking: false }
+        Self { line, candidates, patience: None, looking: false, broken: &|| false }
     }
 
     /// Asks for one product alone: whoever is another is served by the generic profile.
@@ -88,6 +89,12 @@ impl<'a> Prober<'a> {
     /// Takes silence for an empty address without trying twice: most are.
     pub(crate) fn looking(mut self) -> Self {
         self.looking = true;
+        self
+    }
+
+    /// Asks nothing more once `broken` says so; what was not found out by then is silence.
+    pub(crate) fn until(mut self, broken: &'a dyn Fn() -> bool) -> Self {
+        self.broken = broken;
         self
     }
 
@@ -130,6 +137,9 @@ impl<'a> Prober<'a> {
         let (mut heard, mut best) = (false, None::<(u32, usize, i64)>);
         let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
+            if (self.broken)() {
+                return Ok(Probe::Silent);
+            }
             let outcome = match asked.iter().find(|(q, _)| same(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
                 None => self.ask(&connection, before + n, identity.ask),
@@ -156,7 +166,7 @@ impl<'a> Prober<'a> {
                 return Ok(if damaged { Probe::Damaged } else { Probe::Silent });
             }
         }
-        if !heard {
+        if !heard && !(self.broken)() {
             heard = self.generic_answers(&connection, before, generic);
         }
         let counters = connection.with(|axes, _| axes.counters());
@@ -208,7 +218,7 @@ fn same(asked: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
 }
 
 /// Somebody said something, if only no.
-const fn answered(outcome: Outcome) -> bool {
+pub(crate) const fn answered(outcome: Outcome) -> bool {
     match outcome {
         Outcome::Done(_) => true,
         Outcome::NotDone(failure) | Outcome::Unknown(failure) => {

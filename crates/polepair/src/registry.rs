@@ -8,6 +8,7 @@ use polepair_core::lane::{BoxedDriver, Lane};
 use polepair_core::medium::{CanLine, Frame, Medium, MediumKind};
 use polepair_core::profile::Profile;
 use polepair_core::proto::{self, GROUP, HostOptions, Protocol};
+use polepair_core::station::Host;
 use polepair_sim::rack::RackWire;
 use polepair_sim::serial_line::Serial;
 use std::any::Any;
@@ -207,17 +208,25 @@ impl<M: Medium> proto::Visitor for Maker<'_, M> {
             return;
         }
         let addresses: Vec<u32> = self.axes.iter().map(|(_, address)| *address).collect();
-        let drivers = self.axes.iter().map(|&(profile, address)| {
-            let driver: BoxedDriver<_, _> = Box::new(P::driver(profile, address));
-            driver
-        });
+        let drivers = self.axes.iter().map(|&(profile, address)| driver::<P>(profile, address));
         let host = P::host(&self.options, &addresses);
         let lane: Box<dyn AnyLane<P::Medium>> =
-            Box::new(Lane::<P::Medium, P::Host>::new(host, drivers));
+            Box::new(Lane::<P::Medium, P::Host>::new(host, drivers).growing(driver::<P>));
         // The media are the same, as was asked above; the compiler must be shown.
         let lane: Box<dyn Any> = Box::new(lane);
         self.made = lane.downcast::<Box<dyn AnyLane<M>>>().ok().map(|lane| *lane);
     }
+}
+
+type Asked<P> = <<P as Protocol>::Host as Host<<P as Protocol>::Medium>>::Request;
+type Answered<P> = <<P as Protocol>::Host as Host<<P as Protocol>::Medium>>::Answer;
+
+/// The driver of one axis.
+fn driver<P: Protocol>(
+    profile: &'static Profile,
+    address: u32,
+) -> BoxedDriver<Asked<P>, Answered<P>> {
+    Box::new(P::driver(profile, address))
 }
 
 /// What a scan of a CAN bus can know of a protocol without a host.

@@ -10,10 +10,14 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod look;
+
+pub use look::{Answers, Look};
+
 use crate::bus::{self, Seat};
 use crate::connect::{Connector, Line};
 use crate::error::Error;
-use crate::identify::{Identified, Probe, Prober};
+use crate::identify::Identified;
 use crate::registry::Listener;
 use crate::url::{Number, Target, Url};
 use crate::wire::{Shared, SharedLink};
@@ -31,14 +35,19 @@ const ANSWERS_MS: u32 = 250;
 /// Frames that a scan listens to at most.
 const FRAMES_MAX: usize = 20_000;
 
+/// How often a scan that listens looks whether somebody cannot wait.
+const LOOK_MS: u32 = 10;
+
 /// What a scan tried and found.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Scan {
     /// What was tried, in words: link, protocol, line, addresses.
     pub tried: Vec<String>,
     /// Who answered, by address.
     pub found: Vec<Found>,
-    /// Addresses that were not asked any more because `progress` broke the scan off.
+    /// Axes that the link has already, where it was open: whether they answer.
+    pub axes: Vec<Answers>,
+    /// Addresses that were not asked any more because the scan was broken off.
     pub unasked: usize,
 }
 
@@ -47,6 +56,8 @@ pub struct Scan {
 pub struct Found {
     /// Its address.
     pub number: u32,
+    /// The word of the protocol that it answered to.
+    pub protocol: &'static str,
     /// What it is, or the protocol's generic profile.
     pub profile: &'static Profile,
     /// How that is known, and the firmware where it tells it.
@@ -57,8 +68,9 @@ pub struct Found {
 
 impl Found {
     /// One of which the profile is known without asking.
-    pub(crate) const fn named(number: u32, profile: &'static Profile) -> Self {
-        Self { number, profile, identified: Identified::Named, clash: None }
+    pub(crate) const fn named(line: &Line, number: u32, profile: &'static Profile) -> Self {
+        let (protocol, identified) = (line.spoken.name, Identified::Named);
+        Self { number, protocol, profile, identified, clash: None }
     }
 }
 
@@ -101,30 +113,14 @@ pub fn scan(
     });
     let (mut lines, _simulation) = connector.lines_of(&whole.collect::<Vec<_>>())?;
     bus::guests_last(&mut lines, |line| &line.spoken);
-    let numbers = numbers.into();
-    let mut scan = Scan { tried: Vec::new(), found: Vec::new(), unasked: 0 };
-    let mut seats: Vec<(usize, Seat)> = Vec::new();
-    for line in &lines {
-        let wanted = match (&numbers.0, axes.is_empty()) {
-            (Some(range), _) => range.clone().take(ADDRESSES_MAX).collect(),
-            (None, false) => {
-                axes.iter().copied().filter(|axis| !Number(*axis).is_group()).collect()
-            }
-            (None, true) => line.spoken.addresses.clone().take(ADDRESSES_MAX).collect::<Vec<_>>(),
-        };
-        let every = numbers.0.is_none() && axes.is_empty();
-        let mut wanted = candidates(line, wanted, every, &mut scan.tried)?;
-        leave_alone(line, &seats, &mut wanted, &mut scan.tried);
-        let from = scan.found.len();
-        ask(connector, line, &wanted, &mut scan, progress)?;
-        if scan.unasked > 0 {
-            break;
+    let mut look = Look::own(connector, lines, axes, numbers.into());
+    while let Some(at) = look.next(&|| false)? {
+        match progress(at) {
+            ControlFlow::Continue(()) => look.ask(&|| false)?,
+            ControlFlow::Break(()) => look.break_off(),
         }
-        let seat = |found: &Found| (line.wire, line.seat(found.number));
-        seats.extend(scan.found[from..].iter().map(seat));
     }
-    tell_clashes(&seats, &mut scan.found);
-    Ok(scan)
+    Ok(look.finish())
 }
 
 /// Takes addresses out that a drive found before has an identifier of: a question there might be a
@@ -135,7 +131,9 @@ fn leave_alone(
     wanted: &mut Vec<u32>,
     tried: &mut Vec<String>,
 ) {
-    for (_, seat) in seats.iter().filter(|(wire, _)| *wire == line.wire) {
+    let others =
+        |(wire, seat): &&(usize, Seat)| *wire == line.wire && seat.spoken.name != line.spoken.name;
+    for (_, seat) in seats.iter().filter(others) {
         let meets = |number: &u32| line.seat(*number).meets(seat).map(|(id, _)| (*number, id));
         let left: Vec<(u32, u32)> = wanted.iter().filter_map(meets).collect();
         let (Some((first, id)), Some((last, _))) = (left.first(), left.last()) else { continue };
@@ -152,10 +150,12 @@ fn leave_alone(
     }
 }
 
-/// Notes with each drive which other has an identifier of its.
-fn tell_clashes(seats: &[(usize, Seat)], found: &mut [Found]) {
+/// Notes with each drive which other has an identifier of its, also of those that were known.
+fn tell_clashes(seats: &[(usize, Seat)], known: &[(usize, Seat)], found: &mut [Found]) {
     for (n, (wire, seat)) in seats.iter().enumerate() {
-        for (_, other) in others(seats, n).filter(|(other, _)| other == wire) {
+        let others = seats.iter().enumerate().filter(|(other, _)| *other != n);
+        let others = others.map(|(_, other)| other).chain(known);
+        for (_, other) in others.filter(|(other, _)| other == wire) {
             let Some((id, extended)) = seat.meets(other) else { continue };
             let what = match extended {
                 true => "the 29-bit identifiers".to_owned(),
@@ -171,52 +171,11 @@ fn tell_clashes(seats: &[(usize, Seat)], found: &mut [Found]) {
     }
 }
 
-fn others<T>(all: &[T], but: usize) -> impl Iterator<Item = &T> {
-    all.iter().enumerate().filter(move |(n, _)| *n != but).map(|(_, one)| one)
-}
-
-/// Asks each address who is there, until `progress` breaks it off.
-fn ask(
-    connector: &Connector,
-    line: &Line,
-    wanted: &[u32],
-    scan: &mut Scan,
-    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> Result<(), Error> {
-    let prober = Prober::new(line, &connector.config).looking();
-    let mut damaged: Vec<u32> = Vec::new();
-    for (done, &number) in wanted.iter().enumerate() {
-        if progress(Progress { number, done, of: wanted.len() }).is_break() {
-            scan.unasked = wanted.len() - done;
-            return Ok(());
-        }
-        match prober.probe(number)? {
-            Probe::Silent => {}
-            Probe::Damaged => damaged.push(number),
-            Probe::Forbidden(hint) => scan.tried.push(format!("not address {number}: {hint}")),
-            Probe::Found { profile, identified, stray } => {
-                let clash = (stray > 0).then(|| {
-                    format!("{stray} answers too many or damaged: two drives with this address?")
-                });
-                scan.found.push(Found { number, profile, identified, clash });
-            }
-        }
-    }
-    if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
-        scan.tried.push(format!(
-            "{} addresses from {first} to {last} where only damaged answers came: two drives with \
-             one address, noise, or another baud rate?",
-            damaged.len()
-        ));
-    }
-    Ok(())
-}
-
 /// Every address at which somebody may be. The ends come first: drives have one of them from the
 /// factory.
 pub(crate) fn everybody(line: &Line) -> Result<Vec<u32>, Error> {
     let every = line.spoken.addresses.clone().take(ADDRESSES_MAX).collect();
-    let mut wanted = candidates(line, every, true, &mut Vec::new())?;
+    let mut wanted = candidates(line, every, true, &mut Vec::new(), &|| false)?;
     if let Some(last) = wanted.pop() {
         wanted.insert(wanted.len().min(1), last);
     }
@@ -230,6 +189,7 @@ fn candidates(
     mut wanted: Vec<u32>,
     every: bool,
     tried: &mut Vec<String>,
+    broken: &dyn Fn() -> bool,
 ) -> Result<Vec<u32>, Error> {
     let (name, protocol) = (line.link.describe(), line.spoken.name);
     let rate = match (&line.link, line.options.baud, line.options.bit_rate) {
@@ -241,10 +201,10 @@ fn candidates(
     let mut said = format!("addresses {} to {}", first.unwrap_or(0), last.unwrap_or(0));
     if let SharedLink::Can(link) = &line.link {
         let listener = Listener::new(protocol, line.options);
-        let mut heard = listen(link, &listener, LISTEN_MS)?;
+        let mut heard = listen(link, &listener, LISTEN_MS, broken)?;
         if let Some(question) = &listener.question {
             link.send(question)?;
-            heard.extend(listen(link, &listener, ANSWERS_MS)?);
+            heard.extend(listen(link, &listener, ANSWERS_MS, broken)?);
             wanted.retain(|number| heard.contains(number));
             said.push_str(", all with one question");
         }
@@ -258,19 +218,28 @@ fn candidates(
 }
 
 /// Whoever speaks, until for so long nobody new did.
-fn listen(link: &Shared<Can>, listener: &Listener, ms: u32) -> Result<Vec<u32>, Error> {
+fn listen(
+    link: &Shared<Can>,
+    listener: &Listener,
+    ms: u32,
+    broken: &dyn Fn() -> bool,
+) -> Result<Vec<u32>, Error> {
     let (mut heard, mut frame) = (Vec::new(), Frame::default());
     let mut until = link.now().plus_ms(ms);
     for _ in 0..FRAMES_MAX {
-        match link.receive(&mut frame, until)? {
-            Received::TimedOut => break,
+        let now = link.now();
+        if broken() {
+            break;
+        }
+        match link.receive(&mut frame, until.min(now.plus_ms(LOOK_MS)))? {
+            Received::TimedOut if now >= until => break,
             Received::Bytes { at, .. } => {
                 if let Some(number) = listener.sender(&frame).filter(|n| !heard.contains(n)) {
                     heard.push(number);
                     until = until.max(at.plus_ms(ms));
                 }
             }
-            Received::Line { .. } | Received::Woken => {}
+            Received::Line { .. } | Received::Woken | Received::TimedOut => {}
         }
     }
     Ok(heard)
@@ -283,6 +252,17 @@ pub struct Numbers(Option<RangeInclusive<u32>>);
 impl Numbers {
     /// Every address of the protocol, or those that the connection string names.
     pub const ALL: Self = Self(None);
+}
+
+impl Numbers {
+    /// Those of them that can be asked on a line, or the ones that somebody named.
+    fn of(&self, line: &Line, named: &[u32]) -> Vec<u32> {
+        match &self.0 {
+            Some(range) => range.clone().take(ADDRESSES_MAX).collect(),
+            None if named.is_empty() => line.spoken.addresses.clone().take(ADDRESSES_MAX).collect(),
+            None => named.iter().copied().filter(|axis| !Number(*axis).is_group()).collect(),
+        }
+    }
 }
 
 impl From<RangeInclusive<u32>> for Numbers {

@@ -211,11 +211,11 @@ fn look(
             Probe::Silent | Probe::Damaged => Some(prober.silent(number)),
         };
         let one = match (chosen, probe) {
-            (Some(profile), _) => Found::named(number, profile),
+            (Some(profile), _) => Found::named(line, number, profile),
             (None, Probe::Found { profile, identified, .. }) => {
-                Found { number, profile, identified, clash: None }
+                Found { identified, ..Found::named(line, number, profile) }
             }
-            (None, _) => Found::named(number, line.spoken.generic),
+            (None, _) => Found::named(line, number, line.spoken.generic),
         };
         for axis in connector.axes_found(line, std::slice::from_ref(&one))? {
             // One that only listens may obey. What it says is heard when all are waited for.

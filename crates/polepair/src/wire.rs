@@ -77,6 +77,16 @@ impl SharedLink {
         }
     }
 
+    /// A link that its connection lends; taps see it there.
+    pub(crate) fn lent_serial(link: Box<dyn Link<Stream>>) -> Self {
+        Self::Serial(Shared(Arc::from(link)))
+    }
+
+    /// The same on CAN.
+    pub(crate) fn lent_can(link: Box<dyn Link<Can>>) -> Self {
+        Self::Can(Shared(Arc::from(link)))
+    }
+
     /// The same link with a tap on its bytes; frames of a bus are not tapped.
     pub(crate) fn watched(&self, tap: impl Tap<Stream> + 'static) -> Self {
         match self {

@@ -1,7 +1,7 @@
 //! What happens to axes unasked, kept for those who listen.
 
-use alloc::boxed::Box;
 use alloc::collections::VecDeque;
+use alloc::vec::Vec;
 
 use super::slot::Slot;
 use crate::axis::{Change, News, State, Told};
@@ -17,7 +17,7 @@ pub const NEWS_MAX: usize = 1024;
 pub struct Tidings {
     waiting: VecDeque<News>,
     missed: u32,
-    known: Box<[Known]>,
+    known: Vec<Known>,
 }
 
 /// What listeners know of an axis: the next time, only what differs is told.
@@ -38,6 +38,11 @@ impl Tidings {
     pub fn new<'a>(states: impl Iterator<Item = &'a State>) -> Self {
         let known = states.map(Known::of).collect();
         Self { waiting: VecDeque::with_capacity(NEWS_MAX), missed: 0, known }
+    }
+
+    /// One more axis, of which this is known.
+    pub fn know(&mut self, state: &State) {
+        self.known.push(Known::of(state));
     }
 
     /// The next change.

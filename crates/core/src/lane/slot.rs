@@ -16,6 +16,9 @@ use crate::time::Instant;
 /// A driver behind a pointer, so that one lane serves several families.
 pub type BoxedDriver<R, A> = Box<dyn Driver<Request = R, Answer = A> + Send>;
 
+/// Makes the driver of a product at an address.
+pub type MakeDriver<R, A> = fn(&'static Profile, u32) -> BoxedDriver<R, A>;
+
 /// A parameter that some scale depends on, and what is known of it.
 #[derive(Clone, Copy, Debug)]
 struct Factor {

@@ -1,5 +1,6 @@
 //! A connection's insides with the medium erased: serial lines and CAN buses look alike from here.
 
+use std::any::Any;
 use std::task;
 
 use polepair_core::axis::Axes;
@@ -9,7 +10,7 @@ use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
 use super::mailbox::{Listener, Mailbox};
-use super::{Shared, Waited, keeper, lead};
+use super::{Shared, Waited, aside, keeper, lead};
 use crate::error::LinkError;
 use crate::link::Losses;
 
@@ -34,6 +35,7 @@ pub(super) trait Engine: Send + Sync {
     fn catch_up(&self);
     fn interrupt(&self);
     fn dismiss(&self);
+    fn set_aside(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError>;
     #[cfg(test)]
     fn slots(&self) -> usize;
 }
@@ -112,6 +114,10 @@ impl<M: Medium> Engine for Shared<M> {
 
     fn dismiss(&self) {
         keeper::dismiss(self);
+    }
+
+    fn set_aside(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError> {
+        aside::set_aside(self, until)
     }
 
     #[cfg(test)]

@@ -17,7 +17,7 @@ use super::{NOT_SENT, Request, Shared, Waited};
 use crate::link::Received;
 
 /// Reads before a submission that throw out what came while nobody read.
-const STALE_READS_MAX: usize = 64;
+pub(super) const STALE_READS_MAX: usize = 64;
 /// The same, for those who catch up with what came.
 const UNREAD_MAX: usize = 1 << 17;
 /// What has lain unread for less than this before a request goes out is no different from what
@@ -149,7 +149,7 @@ pub(super) fn round<'a, M: Medium>(
 }
 
 /// Sleeps until the leader has something for this ticket, or leaves.
-fn follow<'a, M: Medium>(
+pub(super) fn follow<'a, M: Medium>(
     shared: &'a Shared<M>,
     mut state: Guard<'a, M>,
     ticket: Ticket,
@@ -280,7 +280,7 @@ pub(super) fn catch_up<M: Medium>(shared: &Shared<M>) {
 
 /// Takes what came while nobody read: before the next request goes out, a late answer must not
 /// pass for an answer to that.
-fn read_stale<M: Medium>(state: &mut State<M>, reads_max: usize) {
+pub(super) fn read_stale<M: Medium>(state: &mut State<M>, reads_max: usize) {
     let mut buffer = M::buffer();
     for _ in 0..reads_max {
         match state.link.receive(buffer.borrow_mut(), Instant::ZERO) {

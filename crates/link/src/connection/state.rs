@@ -61,6 +61,8 @@ pub(super) enum Leader {
     Nobody,
     Caller,
     Keeper,
+    /// Somebody else, to whom the link is lent: nothing is sent here meanwhile.
+    Aside,
 }
 
 /// What the keeper does.
@@ -216,6 +218,13 @@ impl<M: Medium> State<M> {
         }
     }
 
+    /// Sets the line as the lane has it, whoever set it otherwise.
+    pub(super) fn restore_line(&mut self) {
+        if let Err(error) = self.link.set_line(self.line) {
+            self.lose(error);
+        }
+    }
+
     /// Goes on with a link opened again.
     pub(super) fn regain(&mut self, link: Box<dyn Link<M>>) {
         self.link = Arc::from(link);
@@ -243,7 +252,7 @@ impl<M: Medium> State<M> {
     }
 
     fn transmit(&mut self, now: Instant) -> bool {
-        if self.trouble.is_some() {
+        if self.trouble.is_some() || self.leader == Leader::Aside {
             return false;
         }
         let Some(len) = self.lane.poll_transmit(now, self.out.borrow_mut()) else { return false };

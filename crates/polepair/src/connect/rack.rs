@@ -13,6 +13,7 @@ use crate::words;
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
 use std::path::Path;
+use std::sync::Arc;
 
 impl Connector {
     /// Opens the links of a simulated rack, or one of them.
@@ -206,11 +207,12 @@ fn rack_line(
     // Of a group it is known that one of its drives is mounted somehow.
     let mounting = all.iter().find_map(|(_, seat)| seat.mounting.clone());
     let groups = groups.map(|axis| (*axis, Seat { mounting: mounting.clone(), ..Seat::default() }));
+    let everything = Arc::from(&*all);
     let (numbers, seats) = all.into_iter().filter(wanted).chain(groups).unzip();
     options.wire = options.wire.or(description.standard(n));
     // Behind a relay are axes that the host must not be taken for either.
     let beside = description.host(n, &spoken);
     options.host = options.host.or(beside).or_else(|| spoken.other_host(&addresses));
     let relay = addresses.first().copied().filter(|_| addresses.len() > here);
-    Ok(Line { wire: n, link, spoken, options, numbers, relay, seats })
+    Ok(Line { wire: n, link, spoken, options, numbers, relay, seats, all: everything })
 }

@@ -336,6 +336,14 @@ impl Host<Stream> for SerialHost {
     fn counters(&self) -> Counters {
         self.session.counters
     }
+
+    fn joined(&mut self, _address: u32) {
+        // A drive that is not alone is not told another rate, or the others no longer understand.
+        if self.session.wire() != Wire::Rs232 {
+            self.rate = Rate::new(self.line.baud, None);
+            self.session.fallback = Fallback::Spent;
+        }
+    }
 }
 
 /// How TML lies in CAN frames.

@@ -205,6 +205,10 @@ impl Session {
     }
 
     #[inline]
+    pub(super) const fn wire(&self) -> Wire {
+        self.place.wire
+    }
+
     pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
         if self.count > EVENTS_MAX - EVENTS_KEPT || self.gather.is_draining() {
             return Err(ask);

@@ -1,0 +1,195 @@
+//! What an open link remembers of how it was opened, so that more drives can be looked for and taken
+//! in. The link itself is its connections' alone: one that was lost is not kept open here.
+
+use super::{Line, Link, Seat};
+use crate::axis::Axis;
+use crate::error::Error;
+use crate::identify::Identified;
+use crate::mounting::Mounted;
+use crate::registry::Spoken;
+use crate::scan::Found;
+use crate::url::Number;
+use crate::wire::SharedLink;
+use polepair_core::medium::{Can, MediumKind, Stream};
+use polepair_core::profile::Profile;
+use polepair_core::proto::HostOptions;
+use polepair_link::{Aside, Connection};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long a look waits until nothing else is under way on a link.
+const QUIET_MAX: Duration = Duration::from_secs(2);
+
+/// One protocol on a wire, without the wire.
+#[derive(Clone)]
+pub(crate) struct Kept {
+    wire: usize,
+    pub(crate) spoken: Spoken,
+    options: HostOptions,
+    relay: Option<u32>,
+    all: Arc<[(u32, Seat)]>,
+}
+
+impl std::fmt::Debug for Kept {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.spoken.name)
+    }
+}
+
+/// A connection that is set aside; its link is lent for as long as this is there.
+pub(crate) enum Lent {
+    Serial(Aside<Stream>),
+    Can(Aside<Can>),
+}
+
+impl Lent {
+    /// The link of a connection.
+    pub(crate) fn of(connection: &Connection, medium: MediumKind) -> Result<Self, Error> {
+        let until = connection.now() + QUIET_MAX;
+        let lent = match medium {
+            MediumKind::Serial => connection.set_aside(until)?.map(Self::Serial),
+            MediumKind::Can => connection.set_aside(until)?.map(Self::Can),
+        };
+        lent.ok_or_else(|| {
+            let what = format!("something is under way on {} all the time", connection.describe());
+            Error::usage("E220", what, "end it first: nobody can be looked for meanwhile")
+        })
+    }
+
+    pub(crate) fn link(&self) -> SharedLink {
+        match self {
+            Self::Serial(aside) => SharedLink::lent_serial(aside.link()),
+            Self::Can(aside) => SharedLink::lent_can(aside.link()),
+        }
+    }
+}
+
+impl Line {
+    /// What is remembered of it.
+    pub(super) fn kept(&self) -> Kept {
+        let Self { wire, spoken, options, relay, all, .. } = self;
+        let (spoken, all) = (spoken.clone(), Arc::clone(all));
+        Kept { wire: *wire, spoken, options: *options, relay: *relay, all }
+    }
+}
+
+impl Kept {
+    /// The same, where its wire is the only one that matters.
+    pub(crate) fn alone(self) -> Self {
+        Self { wire: 0, ..self }
+    }
+
+    /// The same on a link.
+    pub(crate) fn on(&self, link: SharedLink) -> Line {
+        let Self { wire, spoken, options, relay, all } = self.clone();
+        let (numbers, seats) = (Vec::new(), Vec::new());
+        Line { wire, link, spoken, options, numbers, relay, seats, all }
+    }
+
+    /// What a rack says of an address.
+    fn seat(&self, number: u32) -> Seat {
+        let known = self.all.iter().find(|(other, _)| *other == number);
+        known.map_or_else(Seat::default, |(_, seat)| seat.clone())
+    }
+
+    /// What a rack says that a found drive is, where what answers can be it.
+    fn profile(&self, found: &Found, seat: &Seat) -> Result<&'static Profile, Error> {
+        match &seat.profile {
+            None => Ok(found.profile),
+            Some((expected, _)) if std::ptr::eq(*expected, found.profile) => Ok(found.profile),
+            Some((expected, _)) if expected.identity.is_none() => Ok(expected),
+            Some((expected, place)) => {
+                let reason = format!("what answers at {} is no `{}`", found.number, expected.name);
+                let error = place.as_ref().map(|place| place.error(&reason).into());
+                Err(error.unwrap_or_else(|| Error::usage("E213", reason, "")))
+            }
+        }
+    }
+}
+
+impl Link {
+    /// The axes of a wire, with their places among all of the link, in the order of its connection.
+    pub(crate) fn axes_on(&self, wire: usize) -> Vec<(usize, &Axis)> {
+        let mut connections: Vec<&Connection> = Vec::new();
+        let mut of_wire = Vec::new();
+        for (place, axis) in self.axes.iter().enumerate() {
+            let n = connections.iter().position(|known| known.is(&axis.connection));
+            let n = n.unwrap_or_else(|| {
+                connections.push(&axis.connection);
+                connections.len() - 1
+            });
+            if n == wire {
+                of_wire.push((place, axis));
+            }
+        }
+        of_wire
+    }
+
+    /// What is spoken on a wire.
+    pub(crate) fn kept_on(&self, wire: usize) -> Result<&Arc<[Kept]>, Error> {
+        self.kept.get(wire).ok_or_else(|| {
+            let what = format!("this link has no wire {wire}");
+            Error::usage("E212", what, "wires count from 0")
+        })
+    }
+
+    /// The same link with drives that a [look](crate::scan::Look) found on a wire, behind the axes
+    /// that it has. Nothing is sent. What those axes are doing goes on, and this link's handles and
+    /// the new one's are the same axes. What a rack says of an address (name, mounting and its limits)
+    /// holds for the drive.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E212` for a wire that there is not, for an address that is an axis already
+    /// or that no drive can have, `E213` where a rack says that there is another drive, `E220` when no
+    /// more axes fit: the link is as it was.
+    pub fn take_in(&self, wire: usize, found: &[Found]) -> Result<Self, Error> {
+        let kept = self.kept_on(wire)?;
+        let known = self.axes_on(wire);
+        let connection = known.first().map(|(_, axis)| axis.connection.clone());
+        let connection = connection.ok_or_else(|| Error::usage("E212", "no axis is there", ""))?;
+        let mut ready: Vec<(usize, &Found, Seat, &'static Profile)> = Vec::new();
+        for found in found {
+            let lane = kept.iter().position(|kept| kept.spoken.name == found.protocol);
+            let lane = lane.ok_or_else(|| {
+                let what = format!("nobody speaks {} on this wire", found.protocol);
+                Error::usage("E212", what, "look for drives on this link first")
+            })?;
+            kept[lane].spoken.check(found.number)?;
+            let same =
+                |number: u32, protocol: &str| number == found.number && protocol == found.protocol;
+            if known.iter().any(|(_, axis)| same(axis.number, axis.protocol))
+                || ready.iter().any(|(_, other, ..)| same(other.number, other.protocol))
+            {
+                let what = format!("the drive at {} is an axis already", Number(found.number));
+                return Err(Error::usage("E212", what, "it need not be taken in"));
+            }
+            let seat = kept[lane].seat(found.number);
+            let profile = kept[lane].profile(found, &seat)?;
+            ready.push((lane, found, seat, profile));
+        }
+        let model = known[0].1.clone();
+        let mut link = self.clone();
+        for (lane, found, seat, profile) in ready {
+            let joined = connection.with(|axes, _| axes.join(lane, profile, found.number));
+            let index = joined.ok_or_else(|| {
+                Error::usage("E220", "no more axes fit on this link", "256 are the most")
+            })?;
+            let mounted = seat.mounting.map(|m| Arc::new(Mounted::new(m, profile)));
+            let identified = match std::ptr::eq(profile, found.profile) {
+                true => found.identified.clone(),
+                false => Identified::Named,
+            };
+            link.axes.push(Axis {
+                index,
+                number: found.number,
+                name: seat.name,
+                protocol: kept[lane].spoken.name,
+                profile,
+                identified,
+                mounted,
+                ..model.clone()
+            });
+        }
+        Ok(link)
+    }
+}

@@ -1,0 +1,138 @@
+//! Drives that are looked for on a link that is open, and taken in while it goes on.
+
+use std::cell::Cell;
+use std::time::Duration;
+
+use polepair::scan::{Look, Numbers, Scan};
+use polepair::{Axis, Connector, Link};
+use polepair_core::profile::Signal;
+
+const RACK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-bus.toml");
+
+fn open(url: &str) -> Link {
+    Connector::default().connect(url).expect("every drive answers")
+}
+
+fn look(link: &Link, numbers: impl Into<Numbers>) -> Scan {
+    let connector = Connector::default();
+    let mut look = Look::on(&connector, link, 0, numbers).expect("a wire");
+    while look.next(&|| false).expect("the link is there").is_some() {
+        look.ask(&|| false).expect("the link is there");
+    }
+    look.finish()
+}
+
+fn numbers(link: &Link) -> Vec<u32> {
+    link.axes().iter().map(Axis::number).collect()
+}
+
+/// Tells an axis to turn, and sees that it does. A servo amplifier waits for an input first: it is
+/// asked for its position.
+fn turns(link: &Link, axis: &Axis) {
+    if axis.protocol() == "modbus-rtu" {
+        axis.arm(true);
+        return drop(axis.signals(&[Signal::Position]).expect("a position"));
+    }
+    // Some drives are ready a while after they were switched on.
+    link.sleep(Duration::from_secs(2));
+    axis.arm(true);
+    if axis.profile().plan(polepair_core::axis::Verb::Enable).is_some() {
+        axis.enable().unwrap_or_else(|error| panic!("{}: {error}", axis.label()));
+    }
+    axis.velocity(10.0).unwrap_or_else(|error| panic!("{}: {error}", axis.label()));
+    link.sleep(Duration::from_millis(800));
+    let speed = axis.signals(&[Signal::Velocity]).expect("a speed")[0].value;
+    assert!((speed - 10.0).abs() < 2.0, "{}: {speed} rad/s", axis.label());
+}
+
+#[test]
+fn serial_drives_are_found_and_taken_in_while_the_others_go_on() {
+    for (url, all) in [
+        ("sim:tmcl?axes=3&time=virtual#1", [1, 3, 4]),
+        ("sim:modbus-rtu?axes=3&time=virtual#1", [1, 2, 3]),
+        ("sim:tml?axes=3&wire=rs485&time=virtual#1", [1, 2, 3]),
+    ] {
+        let link = open(url);
+        turns(&link, &link.axes()[0]);
+        let scan = look(&link, 1..=6);
+        let found: Vec<_> = scan.found.iter().map(|one| one.number).collect();
+        assert_eq!(found, all[1..], "{url}: {:?}", scan.tried);
+        assert_eq!((scan.axes.len(), scan.axes[0].answers), (1, true), "{url}: {:?}", scan.axes);
+        assert_eq!(scan.axes[0].clash, None, "{url}");
+        let both = link.take_in(0, &scan.found).expect("they are new");
+        assert_eq!(numbers(&both), all, "{url}");
+        assert!(both.axes()[0].state().armed, "{url}: what it was doing goes on");
+        turns(&both, &both.axes()[2]);
+        let twice = both.take_in(0, &scan.found).expect_err("they are there");
+        assert_eq!(twice.code(), "E212", "{twice}");
+    }
+}
+
+#[test]
+fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
+    let link = open(&format!("sim:{RACK}?time=virtual#spindle,port"));
+    let events = link.events().expect("both tell what they send");
+    let names = |link: &Link| link.axes().iter().map(|a| a.name().to_owned()).collect::<Vec<_>>();
+    assert_eq!(names(&link), ["spindle", "port"]);
+    let scan = look(&link, Numbers::ALL);
+    let mut found: Vec<_> = scan.found.iter().map(|one| (one.protocol, one.number)).collect();
+    found.sort_unstable();
+    let there = [("technocan", 5), ("technocan", 7), ("thruster", 12)];
+    assert_eq!(found, there, "{:?}", scan.tried);
+    assert!(scan.axes.iter().all(|axis| axis.answers), "{:?}", scan.axes);
+    let link = link.take_in(0, &scan.found).expect("they are new");
+    assert_eq!(names(&link), ["spindle", "port", "x", "y", "starboard"]);
+    turns(&link, &link.axes()[0]);
+    turns(&link, &link.axes()[3]);
+    // An axis that joined tells its news as itself.
+    while events.poll().is_some() {}
+    let (seen, all) = (link.events().expect("all tell"), [0, 1, 2, 3, 4]);
+    for place in all {
+        link.axes()[place].arm(!link.axes()[place].state().armed);
+    }
+    let armed: Vec<_> = std::iter::from_fn(|| seen.poll())
+        .filter(|event| event.to_string().ends_with("armed"))
+        .map(|event| event.place)
+        .collect();
+    assert_eq!(armed, all);
+}
+
+#[test]
+fn a_look_that_is_broken_off_leaves_the_link_as_it_was() {
+    let link = open("sim:tmcl?axes=3&time=virtual#1");
+    let connector = Connector::default();
+    let mut look = Look::on(&connector, &link, 0, 1..=200).expect("a wire");
+    let now = || link.axes()[0].connection().now();
+    let mut one = Duration::ZERO;
+    for _ in 0..10 {
+        let begun = now();
+        assert!(look.next(&|| false).expect("the link is there").is_some());
+        look.ask(&|| false).expect("the link is there");
+        one = now().since(begun);
+    }
+    // Asked once more whether it may go on: one question is out by then, and no other follows.
+    let (begun, asked) = (now(), Cell::new(0));
+    let broken = || asked.replace(asked.get() + 1) > 0;
+    look.ask(&broken).expect("the link is there");
+    assert!(now().since(begun) <= one, "{:?} is more than {one:?}", now().since(begun));
+    assert_eq!(look.next(&|| false).expect("the link is there"), None);
+    let scan = look.finish();
+    assert_eq!(scan.unasked, 190);
+    assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [3, 4]);
+    turns(&link, &link.axes()[0]);
+}
+
+#[test]
+fn an_axis_that_is_gone_is_told_of() {
+    let link = open("sim:tmcl?axes=3&time=virtual#1,3");
+    link.simulation().expect("a simulation").act(
+        0,
+        1,
+        polepair_core::drives::bench::Act::Supply(0.0),
+    );
+    link.sleep(Duration::from_millis(100));
+    let scan = look(&link, 1..=4);
+    let answers: Vec<_> = scan.axes.iter().map(|axis| (axis.number, axis.answers)).collect();
+    assert_eq!(answers, [(1, true), (3, false)]);
+    assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [4]);
+}
