@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::LookView;
 use crate::scope::Scope;
 
 /// What there is: links, axes, what they can do. Values are in [`AxisState`](super::AxisState).
@@ -14,10 +15,12 @@ pub struct BenchView {
     pub scopes: Vec<Scope>,
     /// Every link, in the order of the command line.
     pub links: Vec<LinkView>,
-    /// Every axis, in order of links, then addresses.
+    /// Every axis, in order of links, then addresses; behind them those that were taken in later.
     pub axes: Vec<AxisInfo>,
     /// Addresses at which more than one drive answers.
     pub clashes: Vec<Clash>,
+    /// Of each link on which somebody looked for drives, the last look.
+    pub looks: Vec<LookView>,
     /// Motion is locked since a stop of everything; `null` while it is not.
     #[schema(required)]
     pub lock: Option<LockTold>,

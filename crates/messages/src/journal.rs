@@ -50,6 +50,10 @@ pub enum Deed {
     Stop,
     /// Motion is let again.
     Release,
+    /// Somebody looks for drives on a link.
+    Look,
+    /// Drives that were found become axes.
+    TakeIn,
     /// A simulated drive or its time is meddled with.
     Simulation,
     /// What was done here and could not be written: the detail says how many records, and why.

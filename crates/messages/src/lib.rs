@@ -11,7 +11,7 @@
 //! - `…_ms` without more is a time since 1970 in milliseconds, for people and for the age of commands;
 //!   `…_us` counts from the server's start, which [`Welcome::t0_ms`] places in that time.
 //! - An axis is its index in [`BenchView::axes`], a link its index in [`BenchView::links`]; both stay
-//!   the same while the server runs.
+//!   the same while the server runs. Drives that are taken in later come behind all others.
 //! - An answer that is an error is [`ErrorBody`], whatever the path. [`Refused::executed`] says whether
 //!   a drive may have done it.
 //! - Epochs of leases only ever rise, over restarts too; 0 is nobody's.
@@ -24,6 +24,7 @@ mod capture;
 mod command;
 mod journal;
 mod live;
+mod look;
 mod meeting;
 mod refused;
 pub mod scope;
@@ -46,6 +47,7 @@ pub use command::{
 };
 pub use journal::{Deed, JournalRecord};
 pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};
+pub use look::{AskedAxis, DriveAt, FoundDrive, LookOrder, LookState, LookView, TakeIn, TakenIn};
 pub use meeting::{PORT, PROOF_BYTES, PROTOCOL, fingerprint, of_digits, proof};
 pub use refused::{ErrorBody, Refused};
 pub use scope::{Scope, Scopes};

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{
-    AxisState, BenchView, CommandOrder, ExplainedField, FrameItem, LockTold, Outcome, Refused,
-    Stopped,
+    AxisState, BenchView, CommandOrder, ExplainedField, FrameItem, LockTold, LookView, Outcome,
+    Refused, Stopped,
 };
 use crate::scope::Scope;
 
@@ -147,6 +147,8 @@ pub enum ServerMessage {
     Locked(LockTold),
     /// Motion is let again.
     Unlocked,
+    /// A look for drives is further, at most ten times a second; its end is always told.
+    Look(LookView),
     /// Frames.
     Frames {
         /// In order.

@@ -51,7 +51,7 @@ impl Refused {
             "gateway.scope" | "gateway.origin" => 403,
             "gateway.missing" | "E212" | "E205" | "E213" => 404,
             "gateway.method" => 405,
-            "gateway.lease" | "gateway.expired" | "gateway.simulated" => 409,
+            "gateway.lease" | "gateway.expired" | "gateway.simulated" | "gateway.look" => 409,
             "gateway.size" => 413,
             "gateway.host" => 421,
             "gateway.locked" => 423,

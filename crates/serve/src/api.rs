@@ -6,6 +6,7 @@ mod bench;
 mod capture;
 mod entry;
 mod input;
+mod look;
 mod motion;
 mod openapi;
 mod record;
@@ -163,6 +164,8 @@ pub(crate) const COMMAND: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw
 /// Taking one in moves nothing and writes nothing: whoever may see, may.
 const CAPTURES: &str = "/api/v1/captures";
 
+const LOOK: &str = "/api/v1/links/{id}/look";
+
 /// Who asks for it does not show a token before it has the answer.
 const PROOF: &str = "/api/v1/proof/{challenge}";
 
@@ -178,6 +181,10 @@ pub const ROUTES: &[Route] = &[
     route("GET", "/api/v1/journal", READ, || get(record::journal)),
     route("GET", "/api/v1/openapi.json", READ, || get(record::openapi)),
     route("GET", "/metrics", READ, || get(record::metrics)),
+    route("GET", LOOK, READ, || get(look::show)),
+    route("POST", LOOK, CONFIGURE, || post(look::begin)),
+    route("DELETE", LOOK, CONFIGURE, || delete(look::break_off)),
+    route("POST", "/api/v1/links/{id}/look/take", CONFIGURE, || post(look::take_in)),
     route("GET", "/api/v1/axes/{id}", READ, || get(axis::show)),
     route("GET", "/api/v1/axes/{id}/signals/{words}", READ, || get(axis::signals)),
     route("GET", "/api/v1/axes/{id}/parameters", READ, || get(axis::parameters)),

@@ -29,9 +29,11 @@ mod ears;
 mod explained;
 mod eyes;
 mod frames;
+mod grown;
 mod halt;
 mod hand;
 mod lease;
+mod look;
 mod notes;
 mod once;
 mod open;
@@ -41,6 +43,7 @@ mod shared;
 mod simulated;
 mod state;
 mod telemetry;
+mod threads;
 mod wire;
 
 use std::sync::{Arc, Mutex};
@@ -48,7 +51,6 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use polepair::Connector;
-use polepair::events::Events;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::drives::bench::Truth;
 use polepair_core::profile::Signal;
@@ -65,6 +67,7 @@ use clock::{Clock, STEP};
 use ears::Ears;
 use eyes::Eyes;
 use frames::{Reader, Traffic};
+use grown::Grown;
 use halt::Report;
 use hand::{Hand, outcome};
 use notes::Scribe;
@@ -125,13 +128,17 @@ pub struct Bench(Arc<Inner>);
 struct Inner {
     shared: Arc<Shared>,
     links: Vec<Link>,
-    axes: Vec<Seat>,
+    axes: Grown<Seat>,
+    /// Axes are taken in by one at a time.
+    growing: Mutex<()>,
     opened: Instant,
     telemetry: Arc<Telemetry>,
     traffic: Arc<Traffic>,
     captures: Captures,
     /// In virtual time, what threads do otherwise.
     by_hand: Mutex<ByHand>,
+    /// The same of those that hear; there are more whenever drives are taken in.
+    ears: Mutex<Vec<Ears>>,
     threads: Mutex<Vec<JoinHandle<()>>>,
     /// What writes the journal; it ends last.
     scribe: Mutex<Option<JoinHandle<()>>>,
@@ -142,7 +149,6 @@ struct Inner {
 struct ByHand {
     hands: Vec<Hand>,
     eyes: Vec<Eyes>,
-    ears: Vec<Ears>,
     reader: Option<Reader>,
     scribe: Option<Scribe>,
 }
@@ -184,12 +190,14 @@ impl Bench {
         let bench = Self(Arc::new(Inner {
             shared,
             links,
-            axes,
+            axes: Grown::new(open::AXES_MAX, axes),
+            growing: Mutex::default(),
             opened,
             telemetry,
             traffic,
             captures: Captures::default(),
             by_hand: Mutex::default(),
+            ears: Mutex::default(),
             threads: Mutex::default(),
             scribe: Mutex::default(),
         }));
@@ -198,80 +206,6 @@ impl Bench {
             false => bench.look_after(&roots, scribe)?,
         }
         Ok(bench)
-    }
-
-    /// Gives everything that looks after a link a thread.
-    fn start(&self, roots: Vec<(u16, polepair::Link)>, scribe: Scribe) -> Result<(), Refused> {
-        let named = |what: &str| std::thread::Builder::new().name(format!("bench-{what}"));
-        let writes = named("scribe").spawn(move || scribe.run());
-        *held(&self.0.scribe) = Some(writes.map_err(|error| no_thread(&error))?);
-        let mut threads = held(&self.0.threads);
-        for link in &self.0.links {
-            let (hand, eyes) = (Arc::new(Mutex::new(self.hand(link))), self.eyes(link));
-            let lent = Arc::downgrade(&hand);
-            let started = named("hand").spawn(move || Hand::run(&hand));
-            let started = started.map_err(|error| no_thread(&error))?;
-            link.wire.looked_after_by(started.thread().clone(), lent);
-            threads.push(started);
-            let watches = named("eyes").spawn(move || eyes.run());
-            threads.push(watches.map_err(|error| no_thread(&error))?);
-        }
-        let reader = self.reader();
-        let reads = named("frames").spawn(move || reader.run());
-        threads.push(reads.map_err(|error| no_thread(&error))?);
-        for (base, link) in roots {
-            let hears = self.listener(base, &link);
-            // To listen, drives are asked first what they send; nobody waits for that.
-            let listens = named("ears").spawn(move || match link.events() {
-                Ok(events) => hears(events).run(),
-                Err(error) => tracing::warn!(%error, "what drives send unasked is not heard"),
-            });
-            threads.push(listens.map_err(|error| no_thread(&error))?);
-        }
-        Ok(())
-    }
-
-    /// Keeps what looks after the links, for [`pass`](Self::pass).
-    fn look_after(&self, roots: &[(u16, polepair::Link)], scribe: Scribe) -> Result<(), Refused> {
-        let mut by_hand = held(&self.0.by_hand);
-        by_hand.scribe = Some(scribe);
-        by_hand.hands.extend(self.0.links.iter().map(|link| self.hand(link)));
-        by_hand.eyes.extend(self.0.links.iter().map(|link| self.eyes(link)));
-        by_hand.reader = Some(self.reader());
-        for (base, link) in roots {
-            by_hand.ears.push(self.listener(*base, link)(link.events()?));
-        }
-        Ok(())
-    }
-
-    fn hand(&self, link: &Link) -> Hand {
-        Hand::new(Arc::clone(&link.wire), Arc::clone(&link.desk), Arc::clone(&self.0.shared))
-    }
-
-    fn eyes(&self, link: &Link) -> Eyes {
-        Eyes::new(link, &self.0.shared, &self.0.telemetry)
-    }
-
-    /// What explains frames.
-    fn reader(&self) -> Reader {
-        let Inner { links, traffic, shared, .. } = &*self.0;
-        let decoders = links.iter().map(Link::decoder).collect();
-        let zeros = links.iter().map(|link| link.wire.time().1).collect();
-        let (traffic, shared) = (Arc::clone(traffic), Arc::clone(shared));
-        Reader { traffic, shared, decoders, zeros, count: 0 }
-    }
-
-    /// What hears an opened connection string, once it has its events.
-    fn listener(
-        &self,
-        base: u16,
-        link: &polepair::Link,
-    ) -> impl FnOnce(Events) -> Ears + Send + 'static {
-        let seats = &self.0.axes[usize::from(base)..][..link.axes().len()];
-        let wires: Vec<_> = seats.iter().map(|seat| self.0.links[seat.link].wire.clone()).collect();
-        let zeros = wires.iter().map(|wire| wire.time().1).collect();
-        let (telemetry, shared) = (self.0.telemetry.clone(), self.0.shared.clone());
-        move |events| Ears { events, base, zeros, wires, telemetry, shared, lost: 0 }
     }
 
     /// When `…_us` began, in milliseconds since 1970.
@@ -308,6 +242,7 @@ impl Bench {
             links: links.iter().map(Link::view).collect(),
             axes: axes.iter().map(|seat| self.seen(&seat.info)).collect(),
             clashes: links.iter().filter_map(Link::clash).collect(),
+            looks: links.iter().filter_map(|link| link.search.told()).collect(),
             lock: shared.lock().clone(),
             time_scale: open::time_scale(links),
         }
@@ -475,6 +410,7 @@ impl Bench {
     pub fn stop(&self, session: &Session, order: &StopOrder) -> Reply<Stopped> {
         let since = self.0.shared.now();
         if order.axes.is_none() {
+            self.0.links.iter().for_each(|link| link.wire.looking.break_off());
             let (by, at_ms) = (session.to_string(), Clock::ms(since));
             let lock = LockTold { by, at_ms, reason: order.reason.clone() };
             self.0.shared.lock_motion(lock);
@@ -572,6 +508,7 @@ impl Bench {
         loop {
             self.0.links.iter().for_each(|link| while link.desk.work() {});
             held(&self.0.by_hand).turn();
+            held(&self.0.ears).iter_mut().for_each(Ears::turn);
             let left = end.since(self.0.shared.now()).min(STEP);
             if left.is_zero() {
                 return;
@@ -643,8 +580,8 @@ impl ByHand {
         self.scribe.iter_mut().for_each(Scribe::turn);
         for eyes in &mut self.eyes {
             eyes.sample();
+            eyes.look();
         }
-        self.ears.iter_mut().for_each(Ears::turn);
         self.reader.iter_mut().for_each(|reader| reader.turn(Duration::ZERO));
     }
 }
@@ -680,10 +617,6 @@ fn meant(order: &CommandOrder) -> Result<Do, Refused> {
 
 fn not_simulated() -> Refused {
     Refused::new("gateway.simulated", "this is no simulation").hint("only simulated drives can")
-}
-
-fn no_thread(error: &std::io::Error) -> Refused {
-    Refused::new("gateway.busy", format!("no thread can be started: {error}"))
 }
 
 impl Link {

@@ -136,6 +136,7 @@ mod tests {
             links: vec![],
             axes: vec![],
             clashes: vec![],
+            looks: vec![],
             lock: None,
             time_scale: None,
         };

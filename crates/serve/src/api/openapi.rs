@@ -2,7 +2,7 @@
 
 use utoipa::OpenApi;
 
-use super::{axis, bench, capture, entry, motion, record};
+use super::{axis, bench, capture, entry, look, motion, record};
 use crate::message::{ClientMessage, ServerMessage};
 
 /// What is described.
@@ -19,6 +19,10 @@ use crate::message::{ClientMessage, ServerMessage};
         bench::show,
         bench::act,
         bench::pace,
+        look::show,
+        look::begin,
+        look::break_off,
+        look::take_in,
         axis::show,
         axis::signals,
         axis::parameters,

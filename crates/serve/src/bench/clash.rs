@@ -49,6 +49,11 @@ impl Watch {
         self.seen.take_if(|seen| now.since(*seen) > SHOWN).map(|_| None)
     }
 
+    /// Takes what was counted so far for explained.
+    pub fn pass_over(&mut self, counters: Counters) {
+        self.count(counters);
+    }
+
     /// How many came since the last look that nobody asked for: frames of somebody else's talk, and
     /// late answers beyond those that are owed, for each request is answered once at most.
     fn count(&mut self, counters: Counters) -> u64 {

@@ -23,6 +23,8 @@ pub(super) struct Ears {
     pub events: Events,
     /// The number of its first axis.
     pub base: u16,
+    /// That axis' place on the link.
+    pub first: usize,
     /// For each axis, when the bench's time began on its wire.
     pub zeros: Vec<Instant>,
     pub wires: Vec<Arc<Wire>>,
@@ -68,10 +70,11 @@ impl Ears {
             }
             _ => return,
         };
-        let Some(zero) = self.zeros.get(event.place).filter(|_| event.axis.is_some()) else {
+        let place = event.place.checked_sub(self.first).filter(|_| event.axis.is_some());
+        let Some((place, zero)) = place.and_then(|n| Some((n, self.zeros.get(n)?))) else {
             return;
         };
         let sample = Sample { t_us: event.at.since(*zero).as_micros() as u64, value };
-        self.telemetry.push(self.base + event.place as u16, what, sample);
+        self.telemetry.push(self.base + place as u16, what, sample);
     }
 }

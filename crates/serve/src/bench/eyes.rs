@@ -11,6 +11,7 @@ use polepair_core::time::Instant;
 
 use super::clash::Watch;
 use super::desk::Desk;
+use super::look::Searcher;
 use super::open::Link;
 use super::shared::{Event, Shared};
 use super::telemetry::{Telemetry, What};
@@ -25,6 +26,8 @@ const PATIENCE: Duration = Duration::from_secs(1);
 const AHEAD: Duration = Duration::from_millis(200);
 /// Between two looks whether there is anything to do.
 const IDLE: Duration = Duration::from_millis(20);
+/// Watched values that are asked for between two addresses of a look for drives.
+const DUE_AT_ONCE_MAX: usize = 16;
 
 /// What looks at a wire.
 pub(super) struct Eyes {
@@ -38,6 +41,7 @@ pub(super) struct Eyes {
     /// Questions take half of the time at most.
     rest_until: Instant,
     others: Watch,
+    search: Searcher,
 }
 
 /// An axis, and what is still to be asked of it.
@@ -52,15 +56,8 @@ struct Looked {
 
 impl Eyes {
     pub fn new(link: &Link, shared: &Arc<Shared>, telemetry: &Arc<Telemetry>) -> Self {
-        let looked = |(id, axis): &(u16, Axis)| Looked {
-            id: *id,
-            ids: ids(axis),
-            axis: axis.clone(),
-            to_ask: Vec::new(),
-            next: Instant::ZERO,
-        };
-        Self {
-            axes: link.wire.axes.iter().map(looked).collect(),
+        let mut eyes = Self {
+            axes: Vec::new(),
             wire: Arc::clone(&link.wire),
             desk: Arc::clone(&link.desk),
             shared: Arc::clone(shared),
@@ -68,6 +65,24 @@ impl Eyes {
             turn: 0,
             rest_until: Instant::ZERO,
             others: Watch::default(),
+            search: Searcher::new(link, shared),
+        };
+        eyes.grow();
+        eyes
+    }
+
+    /// Looks at axes that joined, too.
+    fn grow(&mut self) {
+        let looked = |(id, axis): &(u16, Axis)| Looked {
+            id: *id,
+            ids: ids(axis),
+            axis: axis.clone(),
+            to_ask: Vec::new(),
+            next: Instant::ZERO,
+        };
+        let known = self.axes.len();
+        if known < self.wire.axes.len() {
+            self.axes.extend(self.wire.axes.iter().skip(known).map(looked));
         }
     }
 
@@ -75,6 +90,16 @@ impl Eyes {
     pub fn run(mut self) {
         while !self.shared.is_closing() {
             if self.desk.work() {
+                continue;
+            }
+            if self.look() {
+                // Between two addresses whatever is due goes on.
+                for _ in 0..DUE_AT_ONCE_MAX {
+                    if self.desk.work() || !self.sample() {
+                        break;
+                    }
+                }
+                self.ask();
                 continue;
             }
             let watched = self.sample();
@@ -96,9 +121,20 @@ impl Eyes {
         while self.desk.work() {}
     }
 
+    /// Asks the next address of a look for drives. False when nobody looks.
+    pub fn look(&mut self) -> bool {
+        let looks = self.search.step();
+        if looks && let Some(first) = self.axes.first() {
+            // What an address asked in vain may still say is nobody's clash.
+            self.others.pass_over(first.axis.connection().with(|axes, _| axes.counters()));
+        }
+        looks
+    }
+
     /// Asks for what somebody watches and the drive does not send, once, if it is due: what waits
     /// longest first, so that all come where the wire cannot carry all. False when nothing is.
     pub fn sample(&mut self) -> bool {
+        self.grow();
         let (now, zero) = self.wire.time();
         let now_us = now.since(zero).as_micros() as u64;
         let sources = self.axes.iter().flat_map(|looked| {

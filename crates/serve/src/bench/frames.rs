@@ -36,6 +36,8 @@ pub(super) struct Traffic {
     called: Condvar,
     watching: AtomicUsize,
     viewers: Mutex<Vec<Weak<Mutex<Waiting>>>>,
+    /// Decoders that wires get instead of theirs.
+    decoders: Mutex<Vec<(usize, Decoder)>>,
     explained: Mutex<VecDeque<(u64, Vec<ExplainedField>)>>,
 }
 
@@ -162,6 +164,11 @@ impl Traffic {
         Ear { wire, traffic: Arc::clone(self) }
     }
 
+    /// Explains the frames of a wire by another decoder from now on.
+    pub fn explain_by(&self, wire: usize, decoder: Decoder) {
+        held(&self.decoders).push((wire, decoder));
+    }
+
     fn hear(&self, wire: usize, at: Instant, direction: Direction, what: impl FnOnce() -> What) {
         if self.watching.load(Ordering::Relaxed) == 0 {
             return;
@@ -250,6 +257,9 @@ impl Reader {
     /// Explains what was heard; waits for something at most so long.
     pub fn turn(&mut self, at_most: Duration) {
         let Heard { units, lost } = self.traffic.wait(at_most);
+        for (wire, decoder) in held(&self.traffic.decoders).drain(..) {
+            self.decoders[wire] = decoder;
+        }
         if lost > 0 {
             let viewers = held(&self.traffic.viewers);
             let all = viewers.iter().filter_map(Weak::upgrade);

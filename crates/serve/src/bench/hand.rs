@@ -14,7 +14,9 @@ use super::clock::Clock;
 use super::desk::Desk;
 use super::halt::{Halt, Report};
 use super::lease::{Holder, Lost, Seat, Session};
+use super::look;
 use super::shared::{Event, Shared, held};
+use super::state::axis_state;
 use super::wire::{AskLease, Commanded, Do, Order, StopThese, Tell, Wire, overtaken};
 use crate::message::{Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, Refused};
 
@@ -71,17 +73,29 @@ struct Going {
 
 impl Hand {
     pub fn new(wire: Arc<Wire>, desk: Arc<Desk>, shared: Arc<Shared>) -> Self {
+        let (begun, axes) = (shared.now(), Vec::new());
+        let going = Vec::new();
+        let (lost, closed, brisk) = (false, false, true);
+        let mut hand = Self { wire, desk, shared, axes, going, lost, closed, begun, brisk };
+        hand.grow();
+        hand
+    }
+
+    /// Looks after axes that joined: they are on the wire's list before anything is said of them.
+    fn grow(&mut self) {
+        let last_epoch = self.shared.last_epoch;
         let watched = |(id, axis): &(u16, Axis)| Watched {
             id: *id,
             axis: axis.clone(),
-            seat: Seat::after(shared.last_epoch),
+            seat: Seat::after(last_epoch),
             halt: None,
             owed: false,
             stopped: 0,
         };
-        let axes = wire.axes.iter().map(watched).collect();
-        let (begun, going) = (shared.now(), Vec::new());
-        Self { wire, desk, shared, axes, going, lost: false, closed: false, begun, brisk: true }
+        let known = self.axes.len();
+        if known < self.wire.axes.len() {
+            self.axes.extend(self.wire.axes.iter().skip(known).map(watched));
+        }
     }
 
     /// Looks after the wire until the bench closes and all that moved was told to stop.
@@ -147,6 +161,8 @@ impl Hand {
     /// Sends what stops; what there is to write about it comes when all of them are on the wire.
     pub fn take_stops(&mut self) {
         while let Some(StopThese { axes, who, reason, since, report }) = self.wire.next_stop() {
+            self.grow();
+            self.wire.looking.break_off();
             let began = self.shared.now();
             let mut ended = Vec::with_capacity(axes.len());
             for (axis, said) in axes {
@@ -264,6 +280,7 @@ impl Hand {
     }
 
     fn obey(&mut self, said: u64, order: Order) {
+        self.grow();
         let late = |axis: usize| said < self.axes[axis].stopped;
         match order {
             Order::Lease(ask) if ask.takes() && late(ask.axis) => {
@@ -278,7 +295,40 @@ impl Hand {
             Order::Write { axis, session, epoch, go } => go(self.may(axis, &session, epoch, false)),
             Order::Gone(session) => self.gone(&session),
             Order::NotKept { axis, epoch } => self.not_kept(axis, epoch),
+            Order::Look(go) => {
+                let may = self.may_look();
+                if may.is_ok() {
+                    // Before anybody else has a turn: what is commanded now would wait for it.
+                    self.wire.looking.begin();
+                }
+                go(may);
+            }
         }
+    }
+
+    /// Whether nobody would have to wait for a look, and nothing moves that it may not delay.
+    fn may_look(&self) -> Result<(), Refused> {
+        if self.shared.is_closing() || self.lost {
+            return Err(closing(self.lost));
+        }
+        let refused = |what: String, hint: &str| Err(look::refused(what).hint(hint));
+        for watched in &self.axes {
+            let (label, state) = (watched.axis.label(), axis_state(watched.id, &watched.axis));
+            if let Some(holder) = watched.seat.holder() {
+                let what = format!("{} commands {label}", holder.session);
+                return refused(what, "wait until it is given back: it could not be commanded");
+            }
+            if watched.halt.is_some() {
+                return refused(format!("{label} is being stopped"), "wait until it stands");
+            }
+            if state.armed || state.moving == Some(true) {
+                return refused(format!("{label} is armed or turns"), "stop and disarm it first");
+            }
+            if state.enabled == Some(true) {
+                return refused(format!("{label} is powered"), "disable it first");
+            }
+        }
+        Ok(())
     }
 
     fn gone(&mut self, session: &Session) {
@@ -332,7 +382,14 @@ impl Hand {
     ) {
         let (now, lasts) = (self.shared.now(), self.shared.lease);
         let closes = self.shared.is_closing() || self.lost;
-        let may = if closes { Err(closing(self.lost)) } else { self.shared.notes.takes(now) };
+        let may = match self.wire.looking.is_on() {
+            _ if closes => Err(closing(self.lost)),
+            true => {
+                let what = "somebody looks for drives on this link";
+                Err(look::refused(what).hint("wait for the end of the look, or break it off"))
+            }
+            false => self.shared.notes.takes(now),
+        };
         let seat = &mut self.axes[axis].seat;
         let before = seat.holder().map(|holder| holder.epoch);
         let (held, lost) = match may.and_then(|()| seat.take(session, over, now, lasts)) {

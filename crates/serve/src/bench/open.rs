@@ -1,6 +1,6 @@
 //! Opening: connection strings to links, wires and axes, in the order in which the bench counts them.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use polepair::simulate::Simulation;
@@ -15,12 +15,13 @@ use super::clock::Clock;
 use super::describe::axis_info;
 use super::desk::Desk;
 use super::frames::Traffic;
+use super::look::Search;
 use super::simulated::Drive;
 use super::wire::Wire;
 use crate::message::{Counter, LinkState, LinkView, Refused};
 
 /// Axes of a bench.
-const AXES_MAX: usize = 256;
+pub(super) const AXES_MAX: usize = 256;
 
 /// A link of the bench: one wire, whatever its connection string opens besides.
 pub(super) struct Link {
@@ -31,6 +32,8 @@ pub(super) struct Link {
     pub open: OpenWire,
     /// Its simulation, and the link's number there.
     pub simulation: Option<(Simulation, usize)>,
+    /// Looks for drives there.
+    pub search: Arc<Search>,
     /// Keeps the link open.
     link: polepair::Link,
 }
@@ -55,10 +58,10 @@ pub(super) fn open(
     let (mut links, mut axes, mut roots) = (Vec::new(), Vec::new(), Vec::new());
     for url in urls {
         let (first, ears) = (links.len(), Arc::clone(traffic));
-        let connector = connector.clone().with_taps(move |wire| ears.ear(first + wire));
-        let opened = connector.connect(url)?;
+        let tapped = connector.clone().with_taps(move |wire| ears.ear(first + wire));
+        let opened = tapped.connect(url)?;
         let base = axes.len() as u16;
-        take(url, &opened, &mut links, &mut axes);
+        take((url, connector), &opened, &mut links, &mut axes);
         roots.push((base, opened));
     }
     if axes.len() > AXES_MAX {
@@ -93,7 +96,13 @@ fn rack() -> Vec<String> {
 }
 
 /// The wires of an opened link, with their axes.
-fn take(url: &str, opened: &polepair::Link, links: &mut Vec<Link>, seats: &mut Vec<Seat>) {
+fn take(
+    (url, connector): (&str, &Connector),
+    opened: &polepair::Link,
+    links: &mut Vec<Link>,
+    seats: &mut Vec<Seat>,
+) {
+    let root = Arc::new(Mutex::new(opened.clone()));
     let own = own_links(opened.simulation());
     let by_wire = opened.axes().chunk_by(|one, other| one.connection().is(other.connection()));
     for (n, (axes, open)) in by_wire.zip(opened.wires()).enumerate() {
@@ -111,8 +120,9 @@ fn take(url: &str, opened: &polepair::Link, links: &mut Vec<Link>, seats: &mut V
         }
         let wire = Arc::new(Wire::new(ids));
         let desk = Arc::new(Desk::new(&wire));
+        let search = Arc::new(Search::new(id, connector.clone(), &root, n));
         let (url, open, link) = (url.to_owned(), open.clone(), opened.clone());
-        links.push(Link { id, url, wire, desk, open, simulation, link });
+        links.push(Link { id, url, wire, desk, open, simulation, search, link });
     }
 }
 

@@ -15,7 +15,7 @@ use super::lease::Session;
 use super::notes::Notes;
 use super::once::Once;
 use super::wire::{Go, Tell};
-use crate::message::{AxisStopped, Deed, LeaseTold, LockTold, Outcome, Refused};
+use crate::message::{AxisStopped, Deed, LeaseTold, LockTold, LookView, Outcome, Refused};
 
 /// Things that happened and that a listener has not heard yet.
 const EVENTS_MAX: usize = 1024;
@@ -74,7 +74,9 @@ pub enum Event {
     Locked(LockTold),
     /// Motion is let again.
     Unlocked,
-    /// A link was lost or is back, or time passes otherwise: the bench's list has it.
+    /// A look for drives is further, or has ended.
+    Look(LookView),
+    /// A link was lost or is back, drives were taken in, or time passes otherwise: the bench's list has it.
     Bench,
 }
 
@@ -85,6 +87,8 @@ pub(super) struct Shared {
     pub last_epoch: u64,
     pub notes: Arc<Notes>,
     pub events: broadcast::Sender<Event>,
+    /// Somebody looks for drives: one at a time.
+    pub looking: AtomicBool,
     once: Arc<Mutex<Once>>,
     lock: Mutex<Option<LockTold>>,
     /// How often motion was locked; changed with the lock in hand.
@@ -106,6 +110,7 @@ impl Shared {
             last_epoch: options.last_epoch,
             notes: Arc::default(),
             events: broadcast::Sender::new(EVENTS_MAX),
+            looking: AtomicBool::new(false),
             once: Arc::default(),
             lock: Mutex::default(),
             locks: AtomicU64::new(0),

@@ -10,6 +10,7 @@ use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
 use super::Bench;
+use super::open::AXES_MAX;
 use super::shared::held;
 use crate::message::telemetry::Sample;
 use crate::message::{Refused, Source as From};
@@ -165,7 +166,12 @@ impl Bench {
 impl Telemetry {
     pub fn new(axes: usize) -> Self {
         let by_axis = Mutex::new(vec![Vec::new(); axes]);
-        Self { by_axis, sends: (0..axes).map(|_| AtomicU32::new(0)).collect() }
+        Self { by_axis, sends: (0..AXES_MAX).map(|_| AtomicU32::new(0)).collect() }
+    }
+
+    /// One more axis.
+    pub fn grow(&self) {
+        held(&self.by_axis).push(Vec::new());
     }
 
     /// Takes a sample that a drive sent.
@@ -175,7 +181,8 @@ impl Telemetry {
             sends.fetch_or(1 << signal as u32, Ordering::Relaxed);
         }
         let by_axis = held(&self.by_axis);
-        let mut sources = by_axis[usize::from(axis)].iter().filter_map(Weak::upgrade);
+        let its = by_axis.get(usize::from(axis)).into_iter().flatten();
+        let mut sources = its.filter_map(Weak::upgrade);
         if let Some(source) = sources.find(|source| source.what == what) {
             source.push(sample);
         }

@@ -11,9 +11,12 @@ use polepair_core::axis::Command;
 use polepair_core::time::Instant;
 use tokio::sync::oneshot;
 
+use super::grown::Grown;
 use super::halt::Report;
 use super::hand::Hand;
 use super::lease::Session;
+use super::look::Looking;
+use super::open::AXES_MAX;
 use super::shared::held;
 use crate::message::{LeaseGranted, LeaseTold, Outcome, Refused};
 
@@ -25,7 +28,9 @@ const STOPS_MAX: usize = 64;
 /// A wire and its axes.
 pub(super) struct Wire {
     /// Its axes, with their numbers among all of the bench.
-    pub axes: Vec<(u16, Axis)>,
+    pub axes: Grown<(u16, Axis)>,
+    /// Whether somebody looks for drives there.
+    pub looking: Looking,
     /// When the bench's time began, on its clock.
     pub zero: OnceLock<Instant>,
     /// With their numbers in the order in which they were said.
@@ -49,6 +54,8 @@ pub(super) enum Order {
     Command(Box<Commanded>),
     /// Something is about to be written that moves nothing: `go` hears whether it may.
     Write { axis: usize, session: Session, epoch: u64, go: Go },
+    /// Somebody wants to look for drives: `go` hears whether that may begin.
+    Look(Go),
     /// A client has gone: its leases end.
     Gone(Session),
     /// The journal did not keep that a lease was given.
@@ -169,7 +176,8 @@ impl Wire {
     pub fn new(axes: Vec<(u16, Axis)>) -> Self {
         Self {
             leases: Mutex::new(vec![None; axes.len()]),
-            axes,
+            axes: Grown::new(AXES_MAX, axes),
+            looking: Looking::default(),
             zero: OnceLock::new(),
             orders: Mutex::default(),
             stops: Mutex::default(),
@@ -179,6 +187,12 @@ impl Wire {
             called: AtomicBool::new(false),
             said: AtomicU64::new(0),
         }
+    }
+
+    /// One more axis, with its number among all of the bench. Tells its place.
+    pub fn join(&self, id: u16, axis: Axis) -> Option<usize> {
+        held(&self.leases).push(None);
+        self.axes.push((id, axis))
     }
 
     /// Its present time, and when the bench's began on it.
@@ -232,6 +246,7 @@ impl Wire {
 
     /// Orders a stop: there is always room for one.
     pub fn stop(&self, mut stop: StopThese) {
+        self.looking.break_off();
         {
             let mut stops = held(&self.stops);
             // Numbered where it is queued: no later stop comes before an earlier one.

@@ -199,7 +199,7 @@ impl Board {
 
     fn tell(&self, gate: &Shared, event: Event) {
         // Also while nobody watches: who comes next finds it.
-        if matches!(event, Event::Locked(_) | Event::Unlocked | Event::Bench) {
+        if matches!(event, Event::Locked(_) | Event::Unlocked | Event::Bench | Event::Look(_)) {
             self.look_at_bench(gate);
         }
         if self.news.receiver_count() == 0 {
@@ -213,6 +213,7 @@ impl Board {
             Event::Stopped(axis) => ServerMessage::Stopped(Stopped { axes: vec![axis] }),
             Event::Locked(lock) => ServerMessage::Locked(lock),
             Event::Unlocked => ServerMessage::Unlocked,
+            Event::Look(look) => ServerMessage::Look(look),
             Event::Bench => return drop(self.news.send(News::Bench)),
         };
         // The last one may just have gone.

@@ -40,6 +40,7 @@ fn may(route: &Route) -> &'static [&'static str] {
         (_, path) if path.starts_with("/api/v1/axes/{id}/lease") => &["move", "configure", "raw"],
         (_, "/api/v1/axes/{id}/parameters") => &["configure"],
         (_, path) if path.starts_with("/api/v1/simulation/") => &["configure"],
+        (_, path) if path.starts_with("/api/v1/links/{id}/look") => &["configure"],
         other => panic!("{other:?} is new: say here who may"),
     }
 }
