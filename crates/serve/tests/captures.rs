@@ -81,3 +81,51 @@ fn t12_what_is_packed_twice_is_not_unpacked_twice() {
         assert_eq!(refused.code, "E510", "{refused}");
     }
 }
+
+/// Threat 12: what is packed within a capture counts as what it unpacks to.
+#[test]
+fn t12_containers_of_a_blf_count_unpacked() {
+    const OBJECTS: usize = 8 << 20;
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    // One frame, and then nothing that is an object; each container says what it unpacks to.
+    let mut frame = b"LOBJ".to_vec();
+    frame.extend([16, 0, 1, 0, 48, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);
+    frame.extend([0; 12]);
+    frame.extend([1, 0, 0, 8, 0x23, 1, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8]);
+    let container = |says: usize| {
+        let mut zlib = flate2::write::ZlibEncoder::new(Vec::new(), Compression::best());
+        zlib.write_all(&frame).unwrap();
+        zlib.write_all(&vec![0; OBJECTS - frame.len()]).unwrap();
+        let packed = zlib.finish().unwrap();
+        let mut object = b"LOBJ\x10\0\x01\0".to_vec();
+        object.extend((32 + packed.len() as u32).to_le_bytes());
+        object.extend([10, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
+        object.extend((says as u32).to_le_bytes());
+        object.extend([0; 4]);
+        object.extend(packed);
+        object
+    };
+    let file = |count: usize, says: usize| {
+        let mut file = b"LOGG\x90\0\0\0".to_vec();
+        file.resize(144, 0);
+        (0..count).for_each(|_| file.extend(container(says)));
+        file
+    };
+    let opened = bench.open_capture("small.blf", file(2, OBJECTS)).unwrap();
+    assert_eq!(opened.page.total, 2);
+    let bomb = file(9, OBJECTS);
+    assert!(bomb.len() < 100_000, "{} bytes", bomb.len());
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::best());
+    gzip.write_all(&bomb).unwrap();
+    for bomb in [bomb, gzip.finish().unwrap()] {
+        let refused = bench.open_capture("bomb.blf", bomb).unwrap_err();
+        assert_eq!(refused.code, "gateway.size", "{refused}");
+    }
+    // What understates it comes to no more than it says, also behind one that made room.
+    let small = [file(1, OBJECTS), container(frame.len()), container(0)].concat();
+    let opened = bench.open_capture("less.blf", small).unwrap();
+    assert_eq!(opened.page.total, 2, "{}", opened.summary);
+    // What no such bytes can unpack to is not unpacked, nor is room made for it.
+    let nothing = bench.open_capture("more.blf", file(3, u32::MAX as usize)).unwrap_err();
+    assert_eq!(nothing.code, "E510");
+}

@@ -21,6 +21,10 @@ pub(crate) const CONTAINER_HEAD: usize = 16;
 pub(crate) const FILE_HEAD: usize = 144;
 /// Where the file's header holds the time of its beginning.
 pub(crate) const BEGIN_AT: usize = 40;
+/// Bytes that a container may unpack to: a hundred times what those are that are written.
+const CONTAINER_MAX: usize = 1 << 24;
+/// DEFLATE makes no more than so many bytes of one.
+const RATIO_MAX: usize = 1032;
 /// Bytes between objects that are padding, and no damage.
 const PADDING_MAX: usize = 8;
 
@@ -52,6 +56,23 @@ pub(super) struct Blf {
     /// Unpacked bytes of an object that goes on in the next container.
     tail: Vec<u8>,
     lost: bool,
+    /// Containers are not unpacked, but what they say that they unpack to is added up.
+    weighs: Option<u64>,
+}
+
+/// What the containers of a file unpack to, by their own word, which is held to when they are unpacked.
+pub(super) fn weight(bytes: &[u8]) -> u64 {
+    let mut blf = Blf { weighs: Some(0), ..Blf::default() };
+    blf.read(bytes, true, &mut Nobody);
+    blf.weighs.unwrap_or(0)
+}
+
+/// Takes nothing.
+struct Nobody;
+
+impl Taker for Nobody {
+    fn record(&mut self, _: &Record<'_>) {}
+    fn damage(&mut self, _: Damage) {}
 }
 
 /// The first header of an object.
@@ -174,7 +195,13 @@ impl Blf {
                 plain.extend_from_slice(packed);
                 true
             }
-            DEFLATE => inflate(packed, size as usize, &mut plain),
+            DEFLATE => match &mut self.weighs {
+                Some(weight) => {
+                    *weight += unpacked(packed, size).unwrap_or(0) as u64;
+                    return true;
+                }
+                None => inflate(packed, size, &mut plain),
+            },
             _ => false,
         };
         let used = self.objects(&plain, taker);
@@ -313,17 +340,23 @@ fn link(channel: u16, name: &mut [u8; 16]) -> &str {
     std::str::from_utf8(&name[..16 - left]).unwrap_or_default()
 }
 
+/// The bytes that a container says it unpacks to, where that can be and is let.
+fn unpacked(packed: &[u8], size: u32) -> Option<usize> {
+    let size = size as usize;
+    (size <= CONTAINER_MAX && size <= packed.len() * RATIO_MAX).then_some(size)
+}
+
 /// Unpacks what is `size` bytes long. False when it is not, or the bytes are damaged.
-fn inflate(packed: &[u8], size: usize, plain: &mut Vec<u8>) -> bool {
-    if size > BLOCK_MAX {
-        return false;
-    }
-    plain.reserve(size);
+fn inflate(packed: &[u8], size: u32, plain: &mut Vec<u8>) -> bool {
+    let Some(size) = unpacked(packed, size) else { return false };
     let mut inflater = Decompress::new(true);
     let before = plain.len();
-    // `decompress_vec` never writes beyond what was reserved.
-    let status = inflater.decompress_vec(packed, plain, FlushDecompress::Finish);
-    matches!(status, Ok(Status::StreamEnd)) && plain.len() - before == size
+    // Whatever is in it, no more than that comes out.
+    plain.resize(before + size, 0);
+    let status = inflater.decompress(packed, &mut plain[before..], FlushDecompress::Finish);
+    let came = inflater.total_out() as usize;
+    plain.truncate(before + came);
+    matches!(status, Ok(Status::StreamEnd)) && came == size
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {

@@ -2,8 +2,8 @@
 
 use std::io::Write as _;
 
-use super::Bad;
-use crate::format::Packing;
+use super::{Bad, blf};
+use crate::format::{Format, Packing};
 
 /// Packed bytes that are unpacked at once: what a hostile file makes of them stays bounded.
 const PIECE_GZIP: usize = 1 << 12;
@@ -14,21 +14,31 @@ const WINDOW_LOG_MAX: u32 = 27;
 
 /// What a compressed capture holds, and the bytes themselves where it is not compressed. What follows
 /// a damaged place is left out, as a [`Reader`](super::Reader) leaves it out. `None` where it holds more
-/// than `most` bytes: a few kilobytes can hold gigabytes.
+/// than `most` bytes: a few kilobytes can hold gigabytes. What is compressed within the capture (the
+/// containers of a BLF file) stays so, and counts with what it unpacks to.
 ///
 /// What is compressed twice holds nothing that a `Reader` reads, and nothing is what comes out: given
 /// to a reader it would be unpacked once more, without a bound.
 #[must_use]
 pub fn unpacked(bytes: Vec<u8>, most: usize) -> Option<Vec<u8>> {
+    let fits = |plain: &Vec<u8>| plain.len() as u64 + within(plain) <= most as u64;
     let Some(packing) = Packing::of_head(&bytes) else {
-        return Some(bytes).filter(|bytes| bytes.len() <= most);
+        return Some(bytes).filter(fits);
     };
     let mut plain = Vec::new();
     unpack_into(&mut plain, packing, &bytes, most);
     if Packing::of_head(&plain).is_some() {
         plain.clear();
     }
-    (plain.len() <= most).then_some(plain)
+    Some(plain).filter(fits)
+}
+
+/// How many bytes more there are in a plain capture once all of it is unpacked.
+fn within(plain: &[u8]) -> u64 {
+    match plain.get(..Packing::HEAD).and_then(|head| Format::of_head(head, false)) {
+        Some(Format::Blf) => blf::weight(plain),
+        _ => 0,
+    }
 }
 
 /// Unpacks until the end, or one byte beyond `most`.

@@ -1,19 +1,21 @@
 //! Joins a real server: what it says, what it refuses, what becomes of motion when it is gone.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+#[path = "../../../serve/tests/authority/mod.rs"]
+mod authority;
 mod cut;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
+use authority::{authority, vouched_by};
 use cut::Cut;
 use polepair::Connector;
 use polepair_client::message::{Arguments, Given, StopOrder, WriteParameters};
 use polepair_client::{Gateway, Options, Refused};
 use polepair_link::clock;
 use polepair_serve::Server;
-use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 
 /// Longer than anything takes that works.
 const LONG: Duration = Duration::from_secs(60);
@@ -308,22 +310,6 @@ fn what_one_server_wants_is_not_held_against_the_next() {
     let server = Server::start(&options, &[DRIVES.into()], Connector::default()).unwrap();
     let _site = Site { server, folder };
     assert_eq!(gateway.bench().unwrap().axes.len(), 2);
-}
-
-/// Somebody who vouches for clients, whose certificate is written to `file`.
-fn authority(file: &Path) -> Issuer<'static, KeyPair> {
-    let mut params = CertificateParams::new(Vec::new()).unwrap();
-    params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-    let key = KeyPair::generate().unwrap();
-    std::fs::write(file, params.self_signed(&key).unwrap().pem()).unwrap();
-    Issuer::new(params, key)
-}
-
-/// A client's certificate and its key.
-fn vouched_by(authority: &Issuer<'_, KeyPair>) -> (String, String) {
-    let key = KeyPair::generate().unwrap();
-    let params = CertificateParams::new(vec!["robot".to_owned()]).unwrap();
-    (params.signed_by(&key, authority).unwrap().pem(), key.serialize_pem())
 }
 
 fn private(path: &Path, text: &str) {

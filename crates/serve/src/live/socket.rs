@@ -8,7 +8,7 @@
 
 use std::io;
 use std::pin::Pin;
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, ready};
 
 use hyper::upgrade::Upgraded;
 use hyper_util::rt::TokioIo;
@@ -21,6 +21,9 @@ use super::MESSAGE_MAX;
 
 /// Bytes that are read at once.
 const READ: usize = 8 * 1024;
+/// Frames of one message. Whoever sends more is closed: nobody counts what is within a message, and an
+/// empty frame costs its sender next to nothing.
+const FRAMES_MAX: u32 = 128;
 
 /// Both ends of a connection.
 pub(super) struct Ends {
@@ -29,7 +32,71 @@ pub(super) struct Ends {
 }
 
 /// Takes what arrives.
-pub(super) struct Hears(Box<dyn AsyncRead + Send + Unpin>);
+pub(super) struct Hears {
+    from: Box<dyn AsyncRead + Send + Unpin>,
+    frames: Frames,
+}
+
+impl Hears {
+    fn new(from: impl AsyncRead + Send + Unpin + 'static) -> Self {
+        Self { from: Box::new(from), frames: Frames::default() }
+    }
+}
+
+/// Counts the frames of a message.
+#[derive(Default)]
+struct Frames {
+    head: [u8; 14],
+    /// Bytes of the head so far.
+    had: usize,
+    /// Bytes behind it that are not its own.
+    skip: usize,
+    count: u32,
+}
+
+impl Frames {
+    /// Takes what came. False where a message has too many.
+    fn take(&mut self, mut bytes: &[u8]) -> bool {
+        while let Some((byte, rest)) = bytes.split_first() {
+            if self.skip > 0 {
+                let count = self.skip.min(bytes.len());
+                (self.skip, bytes) = (self.skip - count, &bytes[count..]);
+                continue;
+            }
+            self.head[self.had] = *byte;
+            (self.had, bytes) = (self.had + 1, rest);
+            let Some(length) = self.length() else { continue };
+            (self.had, self.skip) = (0, length);
+            let (last, of_control) = (self.head[0] & 0x80 != 0, self.head[0] & 8 != 0);
+            match last {
+                _ if of_control => {}
+                true => self.count = 0,
+                false => self.count += 1,
+            }
+            if self.count >= FRAMES_MAX {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// What stands behind the head, once that is whole (RFC 6455, 5.2).
+    fn length(&self) -> Option<usize> {
+        let (head, short) = (&self.head[..self.had], self.head.get(1)? & 0x7F);
+        let wide = match short {
+            126 => 2,
+            127 => 8,
+            _ => 0,
+        };
+        let mask = usize::from(self.head[1] >> 7) * 4;
+        if head.len() < 2 || head.len() < 2 + wide + mask {
+            return None;
+        }
+        let long = head[2..2 + wide].iter().fold(0, |long, byte| long << 8 | u64::from(*byte));
+        let length = if wide == 0 { u64::from(short) } else { long };
+        Some(usize::try_from(length).unwrap_or(usize::MAX))
+    }
+}
 
 /// Sends what is told.
 pub(super) struct Tells(Box<dyn AsyncWrite + Send + Unpin>);
@@ -42,19 +109,22 @@ pub(super) async fn ends(upgraded: Upgraded, encrypts: bool) -> Option<Ends> {
         .read_buffer_size(READ)
         .max_message_size(Some(MESSAGE_MAX))
         .max_frame_size(Some(MESSAGE_MAX));
-    let (hears, tells, came) = match upgraded.downcast::<TokioIo<TcpStream>>() {
+    let (mut hears, tells, came) = match upgraded.downcast::<TokioIo<TcpStream>>() {
         Ok(parts) => {
             // From here on by the threads that this runs on, whoever took the connection.
             let stream = parts.io.into_inner().into_std().and_then(TcpStream::from_std).ok()?;
             let (read, write) = stream.into_split();
-            (Hears(Box::new(read)), Tells(Box::new(write)), parts.read_buf.to_vec())
+            (Hears::new(read), Tells(Box::new(write)), parts.read_buf.to_vec())
         }
         Err(upgraded) if encrypts => {
             let (read, write) = tokio::io::split(TokioIo::new(upgraded));
-            (Hears(Box::new(read)), Tells(Box::new(write)), Vec::new())
+            (Hears::new(read), Tells(Box::new(write)), Vec::new())
         }
         Err(_) => return None,
     };
+    if !hears.frames.take(&came) {
+        return None;
+    }
     let hears = WebSocketStream::from_partially_read(hears, came, Role::Server, Some(config));
     let tells = WebSocketStream::from_raw_socket(tells, Role::Server, Some(config));
     Some(Ends { hears: hears.await, tells: tells.await })
@@ -66,7 +136,10 @@ impl AsyncRead for Hears {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.0).poll_read(context, buffer)
+        let before = buffer.filled().len();
+        let read = ready!(Pin::new(&mut self.from).poll_read(context, buffer));
+        let few = self.frames.take(&buffer.filled()[before..]);
+        Poll::Ready(if few { read } else { Err(io::ErrorKind::InvalidData.into()) })
     }
 }
 
@@ -114,5 +187,47 @@ impl AsyncWrite for Tells {
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         Pin::new(&mut self.0).poll_shutdown(context)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A masked frame of so many bytes, none of which looks like a head's end.
+    fn frame(first: u8, length: usize) -> Vec<u8> {
+        let mut frame = vec![first];
+        match length {
+            0..126 => frame.push(0x80 | length as u8),
+            126..0x1_0000 => frame.extend([0xFE, (length >> 8) as u8, length as u8]),
+            _ => {
+                frame.push(0xFF);
+                frame.extend((length as u64).to_be_bytes());
+            }
+        }
+        frame.extend([1, 2, 3, 4]);
+        frame.extend(std::iter::repeat_n(0x01, length));
+        frame
+    }
+
+    #[test]
+    fn frames_of_a_message_are_counted_however_they_are_cut() {
+        let most = FRAMES_MAX as usize - 1;
+        let message = |pieces: usize| {
+            let lengths = [0, 1, 125, 126, 300, 70_000].into_iter().cycle();
+            let mut bytes: Vec<u8> = lengths.take(pieces).flat_map(|n| frame(0, n)).collect();
+            // A ping between counts as a message, elsewhere.
+            bytes.extend(frame(0x89, 5));
+            bytes.extend(frame(0x80, 200));
+            bytes
+        };
+        for cut in [1, 7, 1000, usize::MAX] {
+            let all = |bytes: &[u8]| {
+                let mut frames = Frames::default();
+                bytes.chunks(cut).all(|piece| frames.take(piece))
+            };
+            assert!(all(&[message(most), message(most), message(0)].concat()), "{cut}");
+            assert!(!all(&[message(3), message(most + 1)].concat()), "{cut}");
+        }
     }
 }

@@ -154,3 +154,42 @@ fn t11_a_stop_gets_through_idle_sockets_and_a_flood() {
     flooding.join().unwrap();
     drop(idle);
 }
+
+/// Frames within a message are seen by nobody who counts messages: they have a bound of their own, and
+/// whoever floods with them is closed while others stop.
+#[test]
+fn t11_a_message_has_not_any_number_of_frames() {
+    let site = Site::new();
+    let piece = |code, text: &str, last| {
+        Message::Frame(Frame::message(text.to_owned(), OpCode::Data(code), last))
+    };
+    let mut ann = site.live_as("operator");
+    next(&mut ann, "welcome");
+    let ping = json!({ "type": "ping", "client_ms": 0 }).to_string();
+    let (first, rest) = ping.split_at(1);
+    ann.send(piece(Data::Text, first, false)).unwrap();
+    for one in rest.chars() {
+        ann.send(piece(Data::Continue, &one.to_string(), false)).unwrap();
+    }
+    ann.send(piece(Data::Continue, "", true)).unwrap();
+    next(&mut ann, "pong");
+    let floods: Vec<_> = (0..2).map(|_| site.live_as("operator")).collect();
+    let floods = floods.into_iter().map(|mut flood| {
+        std::thread::spawn(move || {
+            flood.send(piece(Data::Text, "", false)).unwrap();
+            let end = Instant::now() + LONG;
+            while flood.send(piece(Data::Continue, "", false)).is_ok() {
+                assert!(Instant::now() < end, "it is not closed");
+            }
+        })
+    });
+    let floods: Vec<_> = floods.collect();
+    for _ in 0..20 {
+        let since = Instant::now();
+        tell(&mut ann, &json!({ "type": "stop", "axes": [0] }));
+        next(&mut ann, "stopped");
+        assert!(since.elapsed() < Duration::from_millis(1500), "{:?}", since.elapsed());
+    }
+    floods.into_iter().for_each(|flood| flood.join().unwrap());
+    site.end();
+}

@@ -1,6 +1,8 @@
 //! One test for each threat to a gateway that moves motors, by a real server and raw clients. Each
 //! fails when its guard is taken away. docs/reference/gateway.md has them by the same numbers.
 
+#[path = "../authority/mod.rs"]
+mod authority;
 mod hogs;
 mod raw;
 mod scopes;

@@ -2,19 +2,18 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::path::Path;
 use std::sync::Arc;
 
-use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject as _;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
 use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 
+use super::authority::{authority, vouched_by};
 use super::site::{Site, folder, options};
 
-/// A certificate with its key.
-type Shown = (CertificateDer<'static>, PrivateKeyDer<'static>);
+/// A certificate with its key, in PEM.
+type Shown = (String, String);
 
 /// A client that trusts this site's certificate, and shows one of its own.
 fn client(site: &Site, shown: Option<Shown>) -> StreamOwned<ClientConnection, TcpStream> {
@@ -27,7 +26,11 @@ fn client(site: &Site, shown: Option<Shown>) -> StreamOwned<ClientConnection, Tc
         .with_root_certificates(roots);
     let config = match shown {
         None => config.with_no_client_auth(),
-        Some((own, key)) => config.with_client_auth_cert(vec![own], key).unwrap(),
+        Some((own, key)) => {
+            let own = CertificateDer::from_pem_slice(own.as_bytes()).unwrap();
+            let key = PrivateKeyDer::from_pem_slice(key.as_bytes()).unwrap();
+            config.with_client_auth_cert(vec![own], key).unwrap()
+        }
     };
     let name = ServerName::try_from("localhost").unwrap();
     StreamOwned::new(ClientConnection::new(Arc::new(config), name).unwrap(), site.connect())
@@ -44,22 +47,6 @@ fn asked(site: &Site, shown: Option<Shown>) -> String {
     let mut answer = [0; 12];
     let said = stream.write_all(request.as_bytes()).and_then(|()| stream.read_exact(&mut answer));
     said.map(|()| String::from_utf8_lossy(&answer).into_owned()).unwrap_or_default()
-}
-
-/// Somebody who vouches for clients, whose certificate is written to `file`.
-fn authority(file: &Path) -> Issuer<'static, KeyPair> {
-    let mut params = CertificateParams::new(Vec::new()).unwrap();
-    params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-    let key = KeyPair::generate().unwrap();
-    std::fs::write(file, params.self_signed(&key).unwrap().pem()).unwrap();
-    Issuer::new(params, key)
-}
-
-fn vouched_by(authority: &Issuer<'_, KeyPair>) -> Shown {
-    let key = KeyPair::generate().unwrap();
-    let params = CertificateParams::new(vec!["robot".to_owned()]).unwrap();
-    let certificate = params.signed_by(&key, authority).unwrap();
-    (certificate.der().clone(), PrivateKeyDer::try_from(key.serialize_der()).unwrap())
 }
 
 #[test]

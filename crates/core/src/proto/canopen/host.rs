@@ -49,6 +49,13 @@ const EVENTS_MAX: usize = 512;
 /// Of that, room that what is said unasked leaves: every channel, LSS, and frames.
 const ENDS_MAX: usize = NODES + FRAMES_MAX + 1;
 const NODES: usize = NODE_MAX as usize + 1;
+/// Segments of blocks that are sent ahead of the wire: whatever comes after them waits for no more.
+const AHEAD_MAX: u64 = 8;
+/// The bit rate of a wire that tells none, for them.
+const BIT_RATE: u32 = 1_000_000;
+/// Bits of a segment without a single stuff bit, with the pause behind it: fewer than it takes, so that
+/// the wire is never left idle.
+const SEGMENT_BITS: u64 = 47 + 8 * SDO_BYTES as u64;
 
 /// The host on CAN.
 #[derive(Debug)]
@@ -56,6 +63,12 @@ pub struct Host {
     channels: [Channel; NODES],
     /// Nodes whose channel has a frame to send.
     unsent: NodeSet,
+    /// Nodes whose channel has more segments of a block to send, when nothing else is.
+    blocks: NodeSet,
+    /// When the wire is through with those that were sent.
+    ahead: Instant,
+    /// How long it takes for one.
+    segment_ns: u64,
     /// Nodes whose transfer is to be aborted.
     aborts: NodeSet,
     /// Nodes whose channel waits for an answer.
@@ -120,9 +133,13 @@ impl Host {
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
         let id = options.host.and_then(|id| u8::try_from(id).ok()).unwrap_or(HOST_ID);
         let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
+        let bit_rate = if options.bit_rate == 0 { BIT_RATE } else { options.bit_rate };
         Self {
             channels: [Channel::IDLE; NODES],
             unsent: NodeSet::EMPTY,
+            blocks: NodeSet::EMPTY,
+            ahead: Instant::ZERO,
+            segment_ns: SEGMENT_BITS * 1_000_000_000 / u64::from(bit_rate),
             aborts: NodeSet::EMPTY,
             waiting: NodeSet::EMPTY,
             longs: [Long::FREE; LONGS_MAX],
@@ -164,6 +181,7 @@ impl Host {
             Step::Wait => {}
             Step::Send => {
                 self.waiting.remove(node);
+                self.blocks.remove(node);
                 self.unsent.insert(node);
             }
             Step::End(result) => self.ended(node, result),
@@ -179,6 +197,7 @@ impl Host {
     fn ended(&mut self, node: u8, result: Result<Answer, Failure>) {
         let channel = &mut self.channels[usize::from(node)];
         self.unsent.remove(node);
+        self.blocks.remove(node);
         self.waiting.remove(node);
         if let Some(long) = channel.end().and_then(|at| self.longs.get_mut(at)) {
             long.end();
@@ -363,7 +382,8 @@ impl Host {
         }
         let patience = channel.deadline.0.saturating_sub(self.timeout_ns);
         let patience = Instant(patience).plus_ms(PATIENCE_MS);
-        if now < patience {
+        // In the midst of a block no answer is owed.
+        if now < patience && !self.blocks.contains(node) {
             self.urge = earliest(self.urge, Some(patience));
             return false;
         }
@@ -388,7 +408,7 @@ impl Host {
 impl Timed for Host {
     fn handle_timeout(&mut self, now: Instant) {
         self.urge = self.urge.filter(|urge| *urge > now);
-        for node in self.waiting.iter() {
+        for node in self.waiting.without(self.blocks).iter() {
             if self.channels[usize::from(node)].deadline <= now {
                 self.silent(node);
             }
@@ -403,8 +423,9 @@ impl Timed for Host {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let channels = self.waiting.iter().map(|n| self.channels[usize::from(n)].deadline).min();
-        let channels = earliest(channels, self.urge);
+        let waiting = self.waiting.without(self.blocks);
+        let channels = waiting.iter().map(|n| self.channels[usize::from(n)].deadline).min();
+        let channels = earliest(earliest(channels, self.blocks_due()), self.urge);
         earliest(channels, earliest(self.lss.deadline(), self.network.deadline()))
     }
 }
@@ -485,8 +506,13 @@ impl Station<Can> for Host {
             }
             return Some(1);
         }
-        *out = self.network.transmit(now)?;
-        Some(1)
+        if let Some(frame) = self.network.transmit(now) {
+            *out = frame;
+            return Some(1);
+        }
+        let node = self.blocks.first()?;
+        let free = self.ahead < now.plus_ns(AHEAD_MAX * self.segment_ns);
+        if free { self.transmit_on(now, node, out) } else { None }
     }
 
     fn line(&self) -> CanLine {
@@ -499,7 +525,7 @@ impl Host {
     fn transmit(&mut self, now: Instant, node: u8, out: &mut Frame) -> Option<usize> {
         let deadline = now.plus_ns(self.timeout_ns);
         let Some(bytes) = self.channels[usize::from(node)].emit_first(deadline) else {
-            return self.transmit_on(deadline, node, out);
+            return self.transmit_on(now, node, out);
         };
         *out = sdo_frame(node, bytes);
         self.counters.sent += 1;
@@ -509,7 +535,8 @@ impl Host {
     }
 
     /// A frame that is not a request alone.
-    fn transmit_on(&mut self, deadline: Instant, node: u8, out: &mut Frame) -> Option<usize> {
+    fn transmit_on(&mut self, now: Instant, node: u8, out: &mut Frame) -> Option<usize> {
+        let deadline = now.plus_ns(self.timeout_ns);
         let channel = &mut self.channels[usize::from(node)];
         let long = channel.long.and_then(|at| self.longs.get_mut(usize::from(at)));
         let (bytes, more) = channel.emit(deadline, long);
@@ -518,11 +545,21 @@ impl Host {
             *out = guard(node);
         }
         self.counters.sent += 1;
-        if !more {
-            self.unsent.remove(node);
+        self.unsent.remove(node);
+        self.blocks.remove(node);
+        if more {
+            self.blocks.insert(node);
+            self.ahead = self.ahead.max(now).plus_ns(self.segment_ns);
         }
         self.waiting.insert(node);
         Some(1)
+    }
+
+    /// When more segments of blocks are to be sent: half of those ahead at once, lest each wakes
+    /// somebody.
+    fn blocks_due(&self) -> Option<Instant> {
+        let half = AHEAD_MAX / 2 * self.segment_ns;
+        self.blocks.first().map(|_| Instant(self.ahead.0.saturating_sub(half)))
     }
 }
 

@@ -43,6 +43,12 @@ impl NodeSet {
         Self([self.0[0] | other.0[0], self.0[1] | other.0[1]])
     }
 
+    /// All that are not in the other.
+    #[inline]
+    pub const fn without(self, other: Self) -> Self {
+        Self([self.0[0] & !other.0[0], self.0[1] & !other.0[1]])
+    }
+
     /// The lowest first.
     pub fn iter(mut self) -> impl Iterator<Item = u8> {
         core::iter::from_fn(move || self.first().inspect(|node| self.remove(*node)))

@@ -425,6 +425,51 @@ fn blocks_are_written_and_what_was_lost_goes_again() {
     assert_eq!(b.one(), Ok(Answer::Transferred(17)));
 }
 
+/// A block of 127 segments that begins.
+fn block() -> Bench {
+    let mut b = Bench::with(HostOptions { bit_rate: 1_000_000, ..HostOptions::new(0) });
+    b.ask(1, Ask::Download { node: 2, object: Object::new(0x1F50, 1), block: true, size: 889 });
+    b.said();
+    b.hear("582#A4501F017F000000");
+    assert_eq!(b.host.feed_bytes(Ticket(1), &[0x55; 889]), Some(889));
+    b
+}
+
+#[test]
+fn a_block_goes_no_faster_than_the_wire_and_behind_all_else() {
+    let mut b = block();
+    let mut sent = b.said().len();
+    assert_eq!(sent, 8, "a few ahead");
+    b.ask(2, read(3, STATUS));
+    assert_eq!(b.said(), ["603#4041600000000000"]);
+    b.ask(3, read(4, STATUS));
+    while sent < 127 {
+        b.now = b.host.poll_timeout().unwrap();
+        b.host.handle_timeout(b.now);
+        let said = b.said();
+        let first = usize::from(said[0].starts_with("604"));
+        assert_eq!(said.len() - first, 4.min(127 - sent), "half of them at once");
+        assert_eq!(first == 1, sent == 8, "what was asked goes first");
+        sent += said.len() - first;
+    }
+    // 111 us for each, and not a moment more than the wire takes.
+    assert!((118 * 111..127 * 111).contains(&(b.now.0 / 1000)), "{:?}", b.now);
+    b.hear("582#A27F7F0000000000");
+    assert!(b.said()[0].starts_with("602#C1"));
+}
+
+#[test]
+fn a_stop_of_a_node_ends_the_block_that_is_sent_to_it() {
+    let mut b = block();
+    b.said();
+    b.ask(2, write(CONTROL, 0, 2, Class::Stop));
+    assert_eq!(b.said(), ["602#80501F0100000405", "602#2B40600000000000"]);
+    assert_eq!(b.one(), Err(Failure::Silent), "perhaps written");
+    b.wait(1);
+    b.hear("582#6040600000000000");
+    assert!(b.one().is_ok());
+}
+
 #[test]
 fn a_download_waits_for_bytes() {
     let mut b = Bench::new();
