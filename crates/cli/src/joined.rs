@@ -40,13 +40,18 @@ const VERBS: [(&str, bool); 15] = [
 ];
 
 /// Options that help does not show, because they are about links.
-const FOR_LINKS: [&str; 10] =
-    ["arm", "detach", "file", "ids", "listen", "quick", "rules", "sync", "trace", "verbose"];
+const FOR_LINKS: [&str; 9] =
+    ["arm", "detach", "file", "listen", "quick", "rules", "sync", "trace", "verbose"];
 
 /// What a stop of all axes does besides.
 const STOP: &str = "\
 Without AXES everything stops, whoever commands it, and motion is locked until somebody releases it:
 on the server's page, or by POST /api/v1/release. With AXES these stop, and nothing is locked.";
+
+/// What a scan does there.
+const SCAN: &str = "\
+Without --look it lists the server's axes. With it the server looks for drives on the links of AXES, by
+reads only, while nobody commands an axis there; Ctrl-C breaks that off.";
 
 /// Which server, and what lets us in.
 #[derive(Args, Debug, Default)]
@@ -84,10 +89,15 @@ impl Join {
             let its = |arg: Arg| match arg.get_id().as_str() {
                 "url" => axes(arg),
                 "dry_run" => arg.hide(dry),
+                "look" | "take" => arg.hide(false),
                 id if FOR_LINKS.contains(&id) => arg.hide(true),
                 _ => arg,
             };
-            let note = if *verb == "stop" { STOP } else { "" };
+            let note = match *verb {
+                "scan" => SCAN,
+                "stop" => STOP,
+                _ => "",
+            };
             command.mut_subcommand(verb, |verb| verb.mut_args(its).after_help(note))
         })
     }

@@ -111,6 +111,24 @@ fn what_is_there_is_shown_as_on_a_link() {
     assert!(watched.starts_with("time [s],position [rad]\n0.000000,0"), "{watched}");
 }
 
+#[test]
+fn a_server_looks_for_drives_and_takes_them_in() {
+    let server = Server::new(&["sim:tmcl?axes=3#1"]);
+    let look = server.ok(&["scan", "--look", "--ids", "1-5", "--format", "jsonl"]);
+    let told: Vec<serde_json::Value> =
+        look.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    let axes: Vec<_> = told.iter().map(|one| one["axis"].as_u64()).collect();
+    assert_eq!(axes, [Some(3), Some(4)], "{look}");
+    assert_eq!((&told[0]["link"], &told[0]["drive"]), (&0.into(), &"tmcm-171".into()), "{look}");
+    assert_eq!(server.ok(&["scan"]).lines().count(), 2, "nothing is taken in unasked");
+    let text = server.ok(&["scan", "--take", "--ids", "3-4"]);
+    assert!(text.starts_with("axis  link  drive"), "{text}");
+    assert_eq!(server.ok(&["scan"]).lines().count(), 4);
+    assert!(server.ok(&["get", "4", "max current"]).contains("10 A"));
+    let alone = server.ok(&["scan", "--look", "--ids", "1-2", "--format", "csv"]);
+    assert_eq!(alone.lines().count(), 1, "{alone}");
+}
+
 /// Whoever has the token of the server here moves the motors here.
 #[test]
 fn the_token_of_ones_own_server_goes_to_no_other_host() {

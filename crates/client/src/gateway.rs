@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::task::{Wake, Waker};
 
 use polepair_messages::{
-    AxisState, BenchView, Change, Outcome, ParameterInfo, ParameterRead, RawOrder, SignalValue,
-    StopOrder, Stopped, WriteParameters,
+    AxisState, BenchView, Change, LookOrder, LookView, Outcome, ParameterInfo, ParameterRead,
+    RawOrder, SignalValue, StopOrder, Stopped, TakeIn, TakenIn, WriteParameters,
 };
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::oneshot;
@@ -149,6 +149,38 @@ impl Gateway {
     /// As [`bench`](Self::bench).
     pub fn write(&self, id: u16, wanted: &WriteParameters) -> Result<Vec<Change>, Refused> {
         self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/parameters"), wanted))
+    }
+
+    /// Looks for drives on a link, by reads only. Tells when it has begun.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn look(&self, link: u16, order: &LookOrder) -> Result<LookView, Refused> {
+        self.wait(self.0.rest.post(&format!("/api/v1/links/{link}/look"), order))
+    }
+
+    /// The look on a link that is under way, or the last.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn look_told(&self, link: u16) -> Result<LookView, Refused> {
+        self.wait(self.0.rest.get(&format!("/api/v1/links/{link}/look")))
+    }
+
+    /// Breaks a look off.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn break_look_off(&self, link: u16) -> Result<(), Refused> {
+        self.wait(self.0.rest.delete(&format!("/api/v1/links/{link}/look")))
+    }
+
+    /// Makes axes of drives that the last look on a link found. Sent once.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn take_in(&self, link: u16, take: &TakeIn) -> Result<TakenIn, Refused> {
+        self.wait(self.0.rest.post(&format!("/api/v1/links/{link}/look/take"), take))
     }
 
     /// Stops axes, whoever commands them; all of them, and locks motion, where none are named.

@@ -55,6 +55,11 @@ impl Rest {
         self.ask(Method::POST, path, body.into()).await
     }
 
+    /// Ends something.
+    pub async fn delete<T: DeserializeOwned>(&self, path: &str) -> Result<T, Refused> {
+        self.ask(Method::DELETE, path, Bytes::from_static(b"{}")).await
+    }
+
     async fn ask<T: DeserializeOwned>(
         &self,
         method: Method,

@@ -1,5 +1,7 @@
 //! `polepair scan URL [--ids 1-32]`
 
+mod look;
+
 use std::io::IsTerminal as _;
 use std::ops::{ControlFlow, RangeInclusive};
 
@@ -29,6 +31,12 @@ pub struct Scan {
     /// Addresses to try [default: all that the protocol has]
     #[arg(long, value_name = "FIRST-LAST", value_parser = ids)]
     ids: Option<RangeInclusive<u32>>,
+    /// Have the server look for drives on its links
+    #[arg(long, hide = true)]
+    look: bool,
+    /// The same, and make axes of those that are found and clash with nobody
+    #[arg(long, hide = true)]
+    take: bool,
     /// How they are printed
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
@@ -36,6 +44,12 @@ pub struct Scan {
 
 impl Scan {
     pub fn run(self) -> Result {
+        if self.look || self.take {
+            let what = "--look and --take are for a running server.";
+            return Err(Problem::usage("E242", what)
+                .why("A scan looks for drives on a link of its own in any case.")
+                .hint("polepair --server URL scan --look"));
+        }
         let connector = self.target.connector()?;
         let numbers = self.ids.clone().map_or(Numbers::ALL, Numbers::from);
         let live = std::io::stderr().is_terminal();
@@ -73,21 +87,36 @@ impl Scan {
                 .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
                 .hint("polepair ports lists the adapters"));
         }
-        match scan.found.iter().filter(|found| found.clash.is_some()).count() {
-            0 => Ok(Exit::Ok),
-            count => Err(Problem::new(Exit::Negative, "E104", "drives on this link clash.")
-                .why(format!("{count} of {} share an address or an identifier.", scan.found.len()))
-                .hint("unplug one after the other; give each an address of its own")
-                .hint("docs/guides/one-bus.md tells who may be on one bus")),
-        }
+        clashes(scan.found.iter().filter(|found| found.clash.is_some()).count(), scan.found.len())
+    }
+}
+
+/// The end of a scan that found so many, of which so many clash.
+fn clashes(count: usize, of: usize) -> Result {
+    match count {
+        0 => Ok(Exit::Ok),
+        _ => Err(Problem::new(Exit::Negative, "E104", "drives on this link clash.")
+            .why(format!("{count} of {of} share an address or an identifier."))
+            .hint("unplug one after the other; give each an address of its own")
+            .hint("docs/guides/one-bus.md tells who may be on one bus")),
     }
 }
 
 impl Scan {
-    /// What a server found when it opened its links.
+    /// What a server has, or looks for.
     pub fn joined(self, server: &Joined) -> Result {
+        if self.look || self.take {
+            return look::run(
+                server,
+                &server.pick(&self.target)?,
+                self.ids,
+                self.format,
+                self.take,
+            );
+        }
         if self.ids.is_some() {
-            return Err(joined::cannot("--ids", "It asked who is there when it opened its links."));
+            let why = "Without --look it lists the axes that it has.";
+            return Err(joined::cannot("--ids", why));
         }
         let mut out = Output::stdout();
         let axes = server.pick(&self.target)?;
