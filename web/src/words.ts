@@ -114,6 +114,28 @@ export const WORDS = {
   remedy: ["Remedy", "处理"],
   drive_panel: ["The drive's own display", "驱动器面板显示"],
 
+  // Looking for drives
+  look: ["Look for drives", "查找驱动器"],
+  look_on: ["Look for drives on {link}", "在 {link} 上查找驱动器"],
+  looking: ["Looking for drives…", "正在查找驱动器…"],
+  look_progress: ["Addresses asked", "已询问的地址"],
+  look_break_off: ["Break off", "中止查找"],
+  look_broken_off: [
+    "Broken off: {unasked} addresses were not asked.",
+    "已中止：{unasked} 个地址未询问。",
+  ],
+  look_found: ["Drives found that were no axes: {count}", "找到的新驱动器：{count}"],
+  look_drives: ["Drives that were found", "找到的驱动器"],
+  look_silent: [
+    "{axis} did not answer; last heard of {age} ago",
+    "{axis} 未应答；最后一次收到数据在 {age} 前",
+  ],
+  look_tried: ["What was tried", "查找过程"],
+  take_in: ["Take in", "接入"],
+  take_in_this: ["Take in {drive}", "接入 {drive}"],
+  take_in_all: ["Take in all {count}", "全部接入 ({count})"],
+  taken_in: ["taken in: {axis}", "已接入：{axis}"],
+
   panel_key: ["Panel key {number}", "面板按键 {number}"],
 
   // The chosen axis

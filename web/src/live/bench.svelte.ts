@@ -8,8 +8,10 @@ import type {
   AxisStopped,
   BenchView,
   ExplainedField,
+  FoundDrive,
   FrameItem,
   LockTold,
+  LookView,
   Outcome,
   Refused,
   Scope,
@@ -49,6 +51,8 @@ export class Bench {
   view = $state.raw<BenchView | null>(null);
   welcome = $state.raw<Welcome | null>(null);
   lock = $state.raw<LockTold | null>(null);
+  /** The last look for drives on each link. */
+  looks = $state.raw<Record<number, LookView>>({});
   states = $state.raw<Record<number, AxisState>>({});
   /** When each state came, by this page's clock: ages count on from there. */
   heard: Record<number, number> = {};
@@ -205,6 +209,26 @@ export class Bench {
     this.note(null, "release", "info");
   }
 
+  /** Looks for drives on a link; `looks` tells how far that is. Nothing moves by it. */
+  async look(link: number): Promise<void> {
+    const look = await send<LookView>("POST", `/links/${link}/look`, {});
+    // What came meanwhile by the WebSocket is newer.
+    const known = this.looks[link];
+    if (known?.began_ms !== look.began_ms) this.looks = { ...this.looks, [link]: look };
+    this.note(null, `look ${this.view?.links[link]?.url ?? link}`, "info");
+  }
+
+  async breakLookOff(link: number): Promise<void> {
+    await send("DELETE", `/links/${link}/look`, {});
+  }
+
+  /** Makes axes of drives that were found. */
+  async takeIn(link: number, found: FoundDrive[]): Promise<void> {
+    const drives = found.map(({ protocol, number }) => ({ protocol, number }));
+    await send("POST", `/links/${link}/look/take`, { drives });
+    this.note(null, `take in ${drives.map((each) => each.number).join(", ")}`, "info");
+  }
+
   frames(on: boolean, filter: string | null, refused: (error: Refused) => void): void {
     this.wanted = { on, filter };
     this.unlistened = refused;
@@ -280,6 +304,7 @@ export class Bench {
       case "bench":
         this.view = message;
         this.lock = message.lock;
+        this.looks = Object.fromEntries(message.looks.map((look) => [look.link, look]));
         break;
       case "axis":
         this.heard[message.id] = Date.now();
@@ -299,6 +324,9 @@ export class Bench {
       case "locked":
         this.lock = message;
         this.leases = {};
+        break;
+      case "look":
+        this.looks = { ...this.looks, [message.link]: message };
         break;
       case "unlocked":
         this.lock = null;

@@ -1,0 +1,108 @@
+// Drives that the connection string does not name: looked for, taken in, moved.
+
+import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
+import { Visitor } from "./browser";
+
+const LOOK_MS = 120_000;
+const AXE_MS = 60_000;
+
+let v: Visitor;
+
+// Two modules that nobody named, and another link beside; TMCL hosts are 2.
+beforeAll(async () => {
+  v = await Visitor.come("sim:tmcl?axes=3&baud=115200#1", "sim:modbus-rtu");
+  await v.page.goto(v.server.url);
+  await v.card(1).waitFor();
+});
+afterAll(async () => v?.leave());
+afterEach(() => v.content());
+
+describe("looking for drives", () => {
+  const group = () => v.page.getByRole("group", { name: /Look for drives on sim:tmcl/ });
+
+  it("tells how far it is, is broken off, and other links wait for it", async () => {
+    const look = group().getByRole("button", { name: "Look for drives" });
+    await look.focus();
+    await v.page.keyboard.press("Enter");
+    await group().getByRole("progressbar").waitFor();
+    await v.until(
+      () => group().innerText(),
+      (text) => /#\d+ · \d+\/\d+/.test(text),
+    );
+    expect(await v.button("Look for drives").last().isDisabled()).toBe(true);
+    await group().getByRole("button", { name: "Break off" }).click();
+    await v.until(
+      () => group().getByRole("status").innerText(),
+      (text) => /Broken off: \d+ addresses were not asked/.test(text),
+    );
+  });
+
+  it("is refused in words while somebody commands an axis of the link", async () => {
+    await v.card(0).getByRole("button").first().click();
+    await v.button("Take control").click();
+    await v.button("Give back").waitFor();
+    await group().getByRole("button", { name: "Look for drives" }).click();
+    await v.until(
+      () => group().getByRole("alert").innerText(),
+      (text) => text.includes("commands axis 1"),
+    );
+    await v.button("Give back").click();
+    // The refusal is an answer too, and a browser writes those of 409 down.
+    v.complaints = v.complaints.filter((each) => !each.includes("409"));
+  });
+
+  it("finds both, and names what they are", { timeout: LOOK_MS }, async () => {
+    await group().getByRole("button", { name: "Look for drives" }).click();
+    await v.until(
+      () => group().getByRole("status").innerText(),
+      (text) => text.endsWith("no axes: 2"),
+      LOOK_MS,
+    );
+    const drives = group().getByRole("list", { name: "Drives that were found" });
+    const text = await drives.innerText();
+    for (const part of ["TMCM-171", "tmcl #3", "tmcl #4", "firmware"]) {
+      expect(text).toContain(part);
+    }
+    await v.picture("look");
+  });
+
+  it("has no serious findings of axe", { timeout: AXE_MS }, async () => {
+    expect(await v.serious()).toEqual([]);
+  });
+
+  it("takes one in, and moves it", async () => {
+    await v.button("Take in tmcl #4").click();
+    await v.until(
+      () => group().innerText(),
+      (text) => text.includes("taken in"),
+    );
+    await v.page.getByRole("article").nth(2).waitFor();
+    const card = v.page.getByRole("article").filter({ hasText: "tmcl #4" });
+    await card.getByRole("button").first().click();
+    await v.ready();
+    await v.button("Hold to jog forwards").hover();
+    await v.page.mouse.down();
+    const speed = async () => {
+      const text = await card.getByRole("row", { name: "velocity" }).innerText();
+      return /(-?[\d.]+) rpm/.exec(text)?.[1] ?? "";
+    };
+    await v.until(speed, (text) => Number(text) > 20);
+    await v.page.mouse.up();
+    await v.until(speed, (text) => Math.abs(Number(text)) < 1);
+  });
+
+  it("names a drive that answers no longer", { timeout: LOOK_MS }, async () => {
+    // A powered drive is not looked past.
+    await v.button("Disable").click();
+    await v.button("Give back").click();
+    await v.server.program.post("/simulation/0/1", { act: "supply", value: 0 });
+    const again = group().getByRole("button", { name: "Look for drives" });
+    await again.click();
+    await group().getByRole("progressbar").waitFor();
+    await v.until(
+      () => group().innerText(),
+      (text) => /did not answer; last heard of \d+ s ago/.test(text),
+      LOOK_MS,
+    );
+  });
+});
