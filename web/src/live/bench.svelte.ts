@@ -18,6 +18,8 @@ import type {
   ServerMessage,
   Welcome,
 } from "./message";
+import { preferences } from "../state.svelte";
+import { quantity } from "../units";
 import { Problem, read, send } from "./rest";
 import { Socket } from "./socket";
 import type { Block } from "./telemetry";
@@ -155,7 +157,7 @@ export class Bench {
   /** Tells an axis to do something, once. It always settles, if only with `unknown`. */
   command(axis: number, verb: string, args: Arguments = {}): Promise<Outcome> {
     const id = crypto.randomUUID();
-    const note = this.note(axis, describe(verb, args), "pending");
+    const note = this.note(axis, this.described(axis, verb, args), "pending");
     const message = {
       type: "command" as const,
       axis,
@@ -174,6 +176,18 @@ export class Bench {
       this.pending.set(id, { note, settle });
       window.setTimeout(() => this.outcome(lost(id, "unknown")), OUTCOME_MS);
     });
+  }
+
+  /** A command in words, in the units that are shown. */
+  private described(axis: number, verb: string, args: Arguments): string {
+    const offered = this.view?.axes.find((each) => each.id === axis)?.verbs;
+    const fields = offered?.find((each) => each.verb === verb)?.arguments ?? [];
+    const given = Object.entries(args).map(([name, value]) => {
+      const unit = fields.find((field) => field.name === name)?.unit ?? "";
+      const told = quantity(Number(value), unit, preferences.units);
+      return name === verb ? told : `${name} ${told}`;
+    });
+    return [verb, given.join(", ")].filter(Boolean).join(" ");
   }
 
   /** Brings one axis to rest whatever becomes of its command, but leaves the lease where it is. */
@@ -249,7 +263,9 @@ export class Bench {
     const place = onLink.findIndex((each) => each.id === axis.id);
     try {
       await send("POST", `/simulation/${axis.link}/${place}`, { act, value });
-      this.note(axis.id, `${act}${value === null ? "" : ` ${value}`}`, "done");
+      const unit = axis.acts.find((each) => each.act === act)?.unit ?? "";
+      const said = [act, value ?? "", value === null ? "" : unit];
+      this.note(axis.id, said.filter((part) => part !== "").join(" "), "done");
       return null;
     } catch (problem) {
       if (!(problem instanceof Problem)) throw problem;
@@ -393,13 +409,6 @@ export class Bench {
       this.socket.send({ type: "lease", axis: Number(axis), act: "renew", epoch });
     }
   }
-}
-
-function describe(verb: string, args: Arguments): string {
-  const given = Object.entries(args).map(
-    ([name, value]) => `${name}=${Number(value).toPrecision(4)}`,
-  );
-  return [verb, ...given].join(" ");
 }
 
 function lost(id: string, outcome: Outcome["outcome"]): Outcome {
