@@ -2,6 +2,8 @@
 #![cfg(unix)]
 
 mod run;
+#[path = "run/screen.rs"]
+mod screen;
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -11,6 +13,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
 use run::{Held, Ran, Served, command, polepair, signal, until};
+use screen::Screen;
 
 /// A server of its own for each test, on a free port.
 struct Server {
@@ -223,6 +226,47 @@ fn axes_and_frames_are_monitored() {
     drop(held.interrupt());
     let wrong = server.run(&["monitor", "--listen"]);
     assert!(wrong.code == 2 && wrong.err.contains("error[E257]"), "{}", wrong.err);
+}
+
+#[test]
+fn axes_and_frames_fill_a_screen_and_esc_stops_all() {
+    let mut server = Server::new(&["sim:tmcl?axes=2", "sim:tmcl"]);
+    let held = server.held(&["spin", "0#1", "300rpm"]);
+    let mut screen = Screen::of(&server.words(&server.tokens(), &["monitor"]));
+    screen.until("turns");
+    // The second reading is drawn over the first.
+    screen.until("31.4 rad/s");
+    screen.until("commanded by");
+    let text = screen.text();
+    for wanted in ["STOP ALL: Esc", "0#3", "1#1", "position", " ms", "── frames", "q leave", "GAP"]
+    {
+        assert!(text.contains(wanted), "no {wanted}:\n{text}");
+    }
+    screen.press(b"\x1b");
+    screen.until("standing still");
+    screen.until("LOCKED: ");
+    println!("{}", screen.text());
+    drop(held);
+    server.child.kill().expect("it runs");
+    screen.until("SERVER GONE for");
+    screen.press(b"\x1b");
+    screen.until("STOP NOT CONFIRMED");
+    println!("{}", screen.text());
+    screen.press(b"q");
+    assert_eq!(screen.ended(), Some(0));
+}
+
+#[test]
+fn esc_stops_the_axes_of_the_view_alone_where_some_are_named() {
+    let server = Server::new(&["sim:tmcl?axes=2"]);
+    let mut screen = Screen::of(&server.words(&server.tokens(), &["monitor", "3"]));
+    screen.until("0#3");
+    assert!(!screen.text().contains("0#1"), "{}", screen.text());
+    screen.press(b"\x1b");
+    screen.until("standing still");
+    screen.press(b"q");
+    assert_eq!(screen.ended(), Some(0));
+    assert!(server.held(&["spin", "1", "300rpm"]).interrupt().code == 130, "nothing is locked");
 }
 
 #[test]

@@ -10,8 +10,11 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use std::task::{Poll, Waker};
 use std::time::Duration;
 
+use polepair_core::time::Instant;
 use polepair_messages::telemetry::Sample;
-use polepair_messages::{AxisState, CommandOrder, FrameItem, LeaseAct, Source};
+use polepair_messages::{
+    AxisState, AxisStopped, CommandOrder, FrameItem, LeaseAct, LockTold, Source,
+};
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 
@@ -157,6 +160,26 @@ impl Live {
     pub fn state(&self, axis: u16) -> Result<Option<AxisState>, Refused> {
         self.known().here()?;
         Ok(self.known().state(axis))
+    }
+
+    /// Whether the server is there, and has the link of an axis.
+    ///
+    /// # Errors
+    /// `E313` with what went away.
+    pub fn linked(&self, axis: u16) -> Result<(), Refused> {
+        self.known().linked(axis)
+    }
+
+    /// Who locked motion, if somebody did.
+    #[must_use]
+    pub fn lock(&self) -> Option<LockTold> {
+        self.known().lock()
+    }
+
+    /// How far the last stop of an axis came since we stay, whoever said it, and when we heard so.
+    #[must_use]
+    pub fn stopped(&self, axis: u16) -> Option<(AxisStopped, Instant)> {
+        self.known().stopped(axis)
     }
 
     pub(crate) fn known(&self) -> &Known {

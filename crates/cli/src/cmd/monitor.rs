@@ -5,7 +5,9 @@ mod draw;
 mod keys;
 mod model;
 mod plain;
+mod remote;
 mod screen;
+mod seen;
 mod served;
 mod traffic;
 
@@ -24,6 +26,7 @@ use crate::outcome;
 use crate::problem::{self, Problem, Result};
 use crate::{terminal, value};
 use model::Monitor;
+use remote::Remote;
 
 /// Shows the axes of a link, their faults, and the frames that pass, live.
 ///
@@ -80,19 +83,24 @@ enum Format {
 impl Options {
     pub fn run(self) -> Result {
         self.check()?;
-        let monitor = self.open()?;
+        let mut monitor = self.open()?;
         let span = self.seconds.map(Duration::from_secs_f64);
-        let screen = terminal::is_screen() && std::io::stdin().is_terminal();
-        match self.format {
-            None if screen && !self.once => screen::run(monitor, span),
-            format => {
-                let jsonl = format == Some(Format::Jsonl);
-                plain::run(monitor, plain::Style { jsonl, once: self.once }, span)
-            }
+        match self.is_screen() {
+            true => screen::run(&mut monitor, span),
+            false => plain::run(monitor, self.style(), span),
         }
     }
 
-    /// The same by a server, as lines: the frames of all its links, and the axes that are meant.
+    fn is_screen(&self) -> bool {
+        let there = terminal::is_screen() && std::io::stdin().is_terminal();
+        self.format.is_none() && !self.once && there
+    }
+
+    fn style(&self) -> plain::Style {
+        plain::Style { jsonl: self.format == Some(Format::Jsonl), once: self.once }
+    }
+
+    /// The same by a server: the frames of all its links, and the axes that are meant.
     pub fn joined(self, server: &Joined) -> Result {
         self.check()?;
         let links_alone = self.listen || self.rules.is_some() || self.trace.is_some();
@@ -101,9 +109,12 @@ impl Options {
             return Err(joined::cannot(what, "The server listens and explains by itself."));
         }
         let axes = server.named(&self.url)?;
-        let style = plain::Style { jsonl: self.format == Some(Format::Jsonl), once: self.once };
+        let span = self.seconds.map(Duration::from_secs_f64);
+        if self.is_screen() {
+            return screen::run(&mut Remote::new(server, axes, self.url == joined::ALL)?, span);
+        }
         let period = Duration::from_secs_f64(1.0 / self.rate);
-        served::run(server, axes, style, period, self.seconds.map(Duration::from_secs_f64))
+        served::run(server, axes, self.style(), period, span)
     }
 
     fn check(&self) -> Result<()> {

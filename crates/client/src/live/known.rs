@@ -8,7 +8,7 @@ use std::time::Duration;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_messages::telemetry::Sample;
-use polepair_messages::{AxisState, BenchView, FrameItem, LinkState};
+use polepair_messages::{AxisState, AxisStopped, BenchView, FrameItem, LinkState, LockTold};
 
 use crate::Refused;
 use crate::rest::lost;
@@ -36,6 +36,10 @@ struct Told {
     states: HashMap<u16, (AxisState, Instant)>,
     /// Axes whose link is lost, and why.
     unlinked: HashMap<u16, String>,
+    /// How far the last stop of each axis came, and when that was heard.
+    stops: HashMap<u16, (AxisStopped, Instant)>,
+    /// Who locked motion.
+    lock: Option<LockTold>,
     /// Why the server is gone.
     lost: Option<Refused>,
 }
@@ -47,6 +51,8 @@ impl Known {
             leases: HashMap::new(),
             states: HashMap::new(),
             unlinked: HashMap::new(),
+            stops: HashMap::new(),
+            lock: None,
             lost: None,
         };
         Self { session, told: Mutex::new(told) }
@@ -95,7 +101,26 @@ impl Known {
             let reason = link.reason.as_deref().unwrap_or("nobody knows why");
             Some((axis.id, format!("the link of {} went away: {reason}", axis.label)))
         });
-        self.told().unlinked = why.collect();
+        let mut told = self.told();
+        (told.unlinked, told.lock) = (why.collect(), bench.lock.clone());
+    }
+
+    pub fn set_lock(&self, lock: Option<LockTold>) {
+        self.told().lock = lock;
+    }
+
+    pub fn lock(&self) -> Option<LockTold> {
+        self.told().lock.clone()
+    }
+
+    pub fn set_stopped(&self, axes: Vec<AxisStopped>) {
+        let now = clock::now();
+        let mut told = self.told();
+        told.stops.extend(axes.into_iter().map(|stopped| (stopped.id, (stopped, now))));
+    }
+
+    pub fn stopped(&self, axis: u16) -> Option<(AxisStopped, Instant)> {
+        self.told().stops.get(&axis).cloned()
     }
 
     /// Whether the server is there, and has the link of an axis.

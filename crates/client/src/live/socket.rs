@@ -253,6 +253,9 @@ impl Task {
                 self.known.set_links(&bench);
                 self.wake();
             }
+            ServerMessage::Locked(lock) => self.known.set_lock(Some(lock)),
+            ServerMessage::Unlocked => self.known.set_lock(None),
+            ServerMessage::Stopped(stopped) => self.known.set_stopped(stopped.axes),
             ServerMessage::Frames { items, lost } => {
                 if let Some(passing) = self.passing.as_ref().and_then(Weak::upgrade) {
                     passing.take(items, lost);

@@ -4,15 +4,12 @@ mod axes;
 mod frames;
 mod theme;
 
-use polepair::Error;
-use polepair::axis::Class;
 use ratatui_core::buffer::Buffer;
 use ratatui_core::layout::Rect;
 use ratatui_core::text::{Line, Span};
 
 use super::keys::View;
-use super::model::Monitor;
-use super::plain::trouble_counts;
+use super::seen::{Came, Seen, Shows};
 pub use theme::{Role, Theme};
 
 /// Rows from which on the link has two lines.
@@ -34,18 +31,22 @@ const HELP: [(&str, &str); 12] = [
 ];
 
 /// Draws everything.
-pub fn draw(monitor: &Monitor, view: &View, theme: Theme, buffer: &mut Buffer) {
+pub fn draw(monitor: &dyn Shows, view: &View, theme: Theme, buffer: &mut Buffer) {
+    let axes: Vec<Seen> = (0..monitor.count()).map(|n| monitor.axis(n)).collect();
     let mut page = Page { area: buffer.area, used: 0, theme, buffer };
     let tall = page.area.height >= TALL;
     page.line(link(monitor, page.area.width, theme));
     if let Some(line) = state_of_link(monitor, tall, theme) {
         page.line(line);
     }
-    if let Some(line) = stop(monitor, view, theme) {
+    if let Some(lock) = monitor.lock() {
+        page.line(Line::from(theme.span(lock, Role::Bad)));
+    }
+    if let Some(line) = stop(monitor, &axes, view, theme) {
         page.line(line);
     }
     let room = page.left().saturating_sub(1);
-    for line in axes::lines(monitor, page.area.width, room, theme) {
+    for line in axes::lines(&axes, monitor.chosen(), page.area.width, room, theme) {
         page.line(line);
     }
     page.line(frames::title(monitor, view, page.area.width, theme));
@@ -82,15 +83,15 @@ impl Page<'_> {
 }
 
 /// What it is, how long, how much passes, and how to stop it.
-fn link(monitor: &Monitor, width: u16, theme: Theme) -> Line<'static> {
+fn link(monitor: &dyn Shows, width: u16, theme: Theme) -> Line<'static> {
     let seconds = monitor.age().as_secs();
     let mut facts = format!(
         "  {}:{:02}  {:.0} frames/s",
         seconds / 60,
         seconds % 60,
-        monitor.traffic.per_second()
+        monitor.traffic().per_second()
     );
-    let wires = monitor.traffic.wires();
+    let wires = monitor.traffic().wires();
     let several = wires.len() > 1;
     for (name, load) in wires {
         if let Some(load) = load {
@@ -98,11 +99,11 @@ fn link(monitor: &Monitor, width: u16, theme: Theme) -> Line<'static> {
             facts.push_str(&format!("  {name}{:.0} % busy", load * 100.0));
         }
     }
-    let stop = if monitor.is_listening() { " listening " } else { " STOP ALL: Esc " };
+    let stop = if monitor.is_mute() { " listening " } else { " STOP ALL: Esc " };
     let rest = usize::from(width).saturating_sub(facts.chars().count() + stop.len() + 1);
-    let name = cut(&monitor.url, rest);
+    let name = cut(monitor.url(), rest);
     let gap = rest - name.chars().count() + 1;
-    let badge = if monitor.is_listening() { Role::Dim } else { Role::Stop };
+    let badge = if monitor.is_mute() { Role::Dim } else { Role::Stop };
     Line::from(vec![
         theme.span(name, Role::Strong),
         theme.span(facts, Role::Plain),
@@ -112,55 +113,50 @@ fn link(monitor: &Monitor, width: u16, theme: Theme) -> Line<'static> {
 }
 
 /// Why the link is down, else what went wrong on it so far.
-fn state_of_link(monitor: &Monitor, tall: bool, theme: Theme) -> Option<Line<'static>> {
-    if let Some((since, error)) = monitor.trouble() {
-        let text =
-            format!("LINK DOWN for {} s: {error}. Trying to open it again.", since.as_secs());
+fn state_of_link(monitor: &dyn Shows, tall: bool, theme: Theme) -> Option<Line<'static>> {
+    if let Some(text) = monitor.trouble() {
         return Some(Line::from(theme.span(text, Role::Bad)));
     }
-    let (count, wrong) = monitor.traffic.counts();
-    let troubles = trouble_counts(monitor, wrong);
+    let (count, _) = monitor.traffic().counts();
     let mut spans = vec![theme.span(format!("{count} frames"), Role::Dim)];
-    for (count, word) in troubles.into_iter().filter(|(count, _)| *count > 0) {
+    for (count, word) in monitor.flaws().into_iter().filter(|(count, _)| *count > 0) {
         spans.push(theme.span(format!("  {count} {word}"), Role::Warn));
     }
     let fine = spans.len() == 1;
     if fine {
-        let words = "  none lost, late, foreign, corrupt or unanswered";
+        let words = format!("  {}", monitor.fine());
         spans.push(theme.span(words, Role::Dim));
     }
     (tall || !fine).then(|| Line::from(spans))
 }
 
 /// How far the stop that was asked for has come.
-fn stop(monitor: &Monitor, view: &View, theme: Theme) -> Option<Line<'static>> {
-    if view.mute {
-        let link = monitor.url.split('#').next().unwrap_or_default();
-        let text = format!("NOT STOPPED: this view only listens; polepair stop {link}");
+fn stop(monitor: &dyn Shows, axes: &[Seen], view: &View, theme: Theme) -> Option<Line<'static>> {
+    if let Some(text) = monitor.unsaid().filter(|_| view.stopped) {
         return Some(Line::from(theme.span(text, Role::Bad)));
     }
-    let stops = || monitor.axes.iter().filter_map(|axis| Some((axis, axis.stopping.as_ref()?)));
+    let stops = || axes.iter().filter_map(|axis| Some((axis, axis.stop.as_ref()?)));
     let mut spans = vec![theme.span("STOP", Role::Strong)];
-    let failed: Vec<(String, &Error)> = stops()
-        .filter_map(|(axis, stop)| match stop.class() {
-            Class::Failed(why) => Some((axis.name(), why)),
+    let failed: Vec<(&str, &str)> = stops()
+        .filter_map(|(axis, stop)| match &stop.class {
+            Came::Failed(why) => Some((axis.name.as_str(), why.as_str())),
             _ => None,
         })
         .collect();
     if !failed.is_empty() {
-        let names: Vec<&str> = failed.iter().map(|(name, _)| name.as_str()).collect();
+        let names: Vec<&str> = failed.iter().map(|(name, _)| *name).collect();
         let text = format!("  {}: NOT CONFIRMED, cut its power", names.join(", "));
         spans.push(theme.span(text, Role::Bad));
     }
     let classes = [
-        (Class::Sent, "sent", Role::Warn),
-        (Class::Acknowledged, "acknowledged", Role::Plain),
-        (Class::Still, "standing still", Role::Good),
+        (Came::Sent, "sent", Role::Warn),
+        (Came::Acknowledged, "acknowledged", Role::Plain),
+        (Came::Still, "standing still", Role::Good),
     ];
     for (class, word, role) in classes {
-        let found: Vec<_> = stops().filter(|(_, stop)| *stop.class() == class).collect();
-        let Some(last) = found.iter().map(|(_, stop)| stop.took()).max() else { continue };
-        let names: Vec<String> = found.iter().map(|(axis, _)| axis.name()).collect();
+        let found: Vec<_> = stops().filter(|(_, stop)| stop.class == class).collect();
+        let Some(last) = found.iter().map(|(_, stop)| stop.took).max() else { continue };
+        let names: Vec<&str> = found.iter().map(|(axis, _)| axis.name.as_str()).collect();
         let text = format!("  {}: {word}, {:.2} s", names.join(", "), last.as_secs_f64());
         spans.push(theme.span(text, role));
     }

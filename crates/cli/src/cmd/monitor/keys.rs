@@ -2,7 +2,7 @@
 
 use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use super::model::Monitor;
+use super::seen::Shows;
 use super::traffic::{Kind, Row};
 
 /// Letters that a filter may have.
@@ -25,8 +25,8 @@ pub struct View {
     pub back: usize,
     /// The help is shown.
     pub help: bool,
-    /// A stop was asked for where nothing can be sent.
-    pub mute: bool,
+    /// A stop was asked for.
+    pub stopped: bool,
 }
 
 /// What comes of a key.
@@ -42,7 +42,7 @@ pub enum Then {
 
 impl View {
     /// Does what a key means.
-    pub fn key(&mut self, key: KeyEvent, monitor: &mut Monitor) -> Then {
+    pub fn key(&mut self, key: KeyEvent, monitor: &mut dyn Shows) -> Then {
         if key.kind == KeyEventKind::Release {
             return Then::Stay;
         }
@@ -60,12 +60,12 @@ impl View {
         Then::Stay
     }
 
-    fn stop(&mut self, monitor: &mut Monitor) {
+    fn stop(&mut self, monitor: &mut dyn Shows) {
         if self.typing {
             self.filter.clear();
         }
         (self.typing, self.help) = (false, false);
-        self.mute = monitor.is_listening();
+        self.stopped = true;
         monitor.stop();
     }
 
@@ -81,8 +81,8 @@ impl View {
         }
     }
 
-    fn turn(&mut self, code: KeyCode, monitor: &mut Monitor) {
-        let last = monitor.axes.len().saturating_sub(1);
+    fn turn(&mut self, code: KeyCode, monitor: &mut dyn Shows) {
+        let last = monitor.count().saturating_sub(1);
         match code {
             KeyCode::Char('/') => {
                 self.filter.clear();
@@ -91,11 +91,11 @@ impl View {
             KeyCode::Char(' ') => self.halt_or_go(monitor),
             KeyCode::Char('t') => (self.by_kind, self.back) = (!self.by_kind, 0),
             KeyCode::Char('c') => {
-                monitor.traffic.clear();
+                monitor.traffic_mut().clear();
                 (self.halted, self.back) = (None, 0);
             }
-            KeyCode::Up => monitor.chosen = monitor.chosen.saturating_sub(1),
-            KeyCode::Down => monitor.chosen = (monitor.chosen + 1).min(last),
+            KeyCode::Up => monitor.choose(monitor.chosen().saturating_sub(1)),
+            KeyCode::Down => monitor.choose((monitor.chosen() + 1).min(last)),
             KeyCode::PageUp => self.scroll(PAGE as isize, monitor),
             KeyCode::PageDown => self.scroll(-(PAGE as isize), monitor),
             KeyCode::Home => self.scroll(isize::MAX, monitor),
@@ -104,7 +104,7 @@ impl View {
         }
     }
 
-    fn halt_or_go(&mut self, monitor: &Monitor) {
+    fn halt_or_go(&mut self, monitor: &dyn Shows) {
         match self.halted {
             Some(_) => self.go(),
             None => self.halt(monitor),
@@ -116,19 +116,19 @@ impl View {
         self.back = if self.by_kind { self.back } else { 0 };
     }
 
-    fn halt(&mut self, monitor: &Monitor) {
-        let now = || (monitor.traffic.counts().0, monitor.traffic.kinds().cloned().collect());
+    fn halt(&mut self, monitor: &dyn Shows) {
+        let now = || (monitor.traffic().counts().0, monitor.traffic().kinds().cloned().collect());
         self.halted.get_or_insert_with(now);
     }
 
     /// Scrolls up, or down by less than nothing. Frames that one scrolls in stand still.
-    fn scroll(&mut self, up: isize, monitor: &Monitor) {
+    fn scroll(&mut self, up: isize, monitor: &dyn Shows) {
         if self.by_kind {
-            let most = monitor.traffic.kinds().count().saturating_sub(1);
+            let most = monitor.traffic().kinds().count().saturating_sub(1);
             self.back = self.back.saturating_add_signed(up.saturating_neg()).min(most);
         } else {
             self.halt(monitor);
-            let most = monitor.traffic.rows().len().saturating_sub(1);
+            let most = monitor.traffic().rows().len().saturating_sub(1);
             self.back = self.back.saturating_add_signed(up).min(most);
         }
     }
@@ -144,18 +144,18 @@ impl View {
     }
 
     /// The last so many frames that are to be seen, oldest first.
-    pub fn frames<'a>(&self, monitor: &'a Monitor, most: usize) -> Vec<&'a Row> {
-        let rows = monitor.traffic.rows().iter().rev().filter(|row| self.wants(row));
+    pub fn frames<'a>(&self, monitor: &'a dyn Shows, most: usize) -> Vec<&'a Row> {
+        let rows = monitor.traffic().rows().iter().rev().filter(|row| self.wants(row));
         let mut rows: Vec<&Row> = rows.skip(self.back).take(most).collect();
         rows.reverse();
         rows
     }
 
     /// The kinds of frames that are to be seen, from the one scrolled to.
-    pub fn kinds<'a>(&'a self, monitor: &'a Monitor, most: usize) -> Vec<&'a Kind> {
+    pub fn kinds<'a>(&'a self, monitor: &'a dyn Shows, most: usize) -> Vec<&'a Kind> {
         let all: Vec<&Kind> = match &self.halted {
             Some((_, kinds)) => kinds.iter().collect(),
-            None => monitor.traffic.kinds().collect(),
+            None => monitor.traffic().kinds().collect(),
         };
         let found: Vec<&Kind> = all.into_iter().filter(|kind| self.finds(&kind.last)).collect();
         let first = self.back.min(found.len().saturating_sub(most));

@@ -18,7 +18,7 @@ use ratatui_crossterm::crossterm::terminal::{
 
 use super::draw::{self, Theme};
 use super::keys::{Then, View};
-use super::model::Monitor;
+use super::seen::Shows;
 use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, say};
@@ -31,15 +31,15 @@ const DRAW_MS: u32 = 50;
 const KEYS_MAX: usize = 64;
 
 /// Shows it until the person leaves, or the time is over.
-pub fn run(mut monitor: Monitor, span: Option<Duration>) -> Result {
+pub fn run(monitor: &mut dyn Shows, span: Option<Duration>) -> Result {
     let mut screen = Screen::open().map_err(|error| refused(&error))?;
-    let ended = watch(&mut screen, &mut monitor, span);
+    let ended = watch(&mut screen, monitor, span);
     drop(screen);
     monitor.farewell().iter().for_each(|line| say(line));
     ended
 }
 
-fn watch(screen: &mut Screen, monitor: &mut Monitor, span: Option<Duration>) -> Result {
+fn watch(screen: &mut Screen, monitor: &mut dyn Shows, span: Option<Duration>) -> Result {
     let theme = Theme { colour: terminal::colour_out() };
     let mut view = View::default();
     let mut drawn = Instant::ZERO;
@@ -58,7 +58,7 @@ fn watch(screen: &mut Screen, monitor: &mut Monitor, span: Option<Duration>) -> 
                 Then::Interrupted => return Err(Problem::interrupted()),
             }
         }
-        monitor.look(&mut |_| ())?;
+        monitor.look()?;
         if interrupt::came() {
             return Err(Problem::interrupted());
         }
@@ -102,7 +102,7 @@ impl Screen {
         Ok(taken)
     }
 
-    fn draw(&mut self, monitor: &Monitor, view: &View, theme: Theme) -> io::Result<()> {
+    fn draw(&mut self, monitor: &dyn Shows, view: &View, theme: Theme) -> io::Result<()> {
         let size = size()?;
         if size != self.size {
             (self.terminal, self.size) = (of_size(size)?, size);

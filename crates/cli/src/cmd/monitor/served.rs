@@ -165,7 +165,7 @@ fn turns(state: &AxisState) -> bool {
 }
 
 /// What a person must know who leaves a motor that turns, or may.
-fn left(url: &str, label: &str, number: &str, state: &AxisState) -> Option<String> {
+pub fn left(url: &str, label: &str, number: &str, state: &AxisState) -> Option<String> {
     let speed = state.signals.iter().find(|told| told.signal == Signal::Velocity.name());
     let speed = speed.and_then(|told| Some(joined::shown(told.value?, &told.unit)));
     let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
@@ -177,7 +177,7 @@ fn left(url: &str, label: &str, number: &str, state: &AxisState) -> Option<Strin
     })
 }
 
-fn doing(state: &AxisState) -> Doing {
+pub fn doing(state: &AxisState) -> Doing {
     let newest = state.signals.iter().map(|signal| signal.age_ms).fold(f64::MAX, f64::min);
     match state.enabled {
         _ if state.signals.is_empty() => Doing::Unknown,
@@ -191,11 +191,11 @@ fn doing(state: &AxisState) -> Doing {
 }
 
 /// As the server's verbs take it.
-fn number(axis: &AxisInfo) -> String {
+pub fn number(axis: &AxisInfo) -> String {
     format!("{}#{}", axis.link, axis.number)
 }
 
-fn who(axis: &AxisInfo) -> String {
+pub fn who(axis: &AxisInfo) -> String {
     let number = number(axis);
     if axis.name.is_empty() { number } else { format!("{number} {}", axis.name) }
 }
@@ -235,7 +235,7 @@ fn table(states: &[(&AxisInfo, AxisState)]) -> String {
     text
 }
 
-fn troubles(state: &AxisState) -> Vec<String> {
+pub fn troubles(state: &AxisState) -> Vec<String> {
     let mut lines = Vec::new();
     for fault in &state.faults {
         lines.push(format!("FAULT {}", fault.name));

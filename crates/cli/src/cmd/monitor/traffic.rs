@@ -126,6 +126,35 @@ impl Traffic {
         }
     }
 
+    /// For links that somebody else watches and explains.
+    pub fn told_of(links: Vec<String>) -> Self {
+        let wire = |name| Wire {
+            name,
+            decoder: Decoder::new(Rules::default()),
+            rate: None,
+            bits: 0,
+            load: None,
+        };
+        Self {
+            wires: links.into_iter().map(wire).collect(),
+            listening: false,
+            kept: Kept::default(),
+            paced: Instant::ZERO,
+            per_second: 0.0,
+            lost: 0,
+        }
+    }
+
+    /// Takes a frame that was explained elsewhere; what its kind is, is told by `about`.
+    pub fn told(&mut self, row: Row, about: &str) {
+        let key = (row.wire, about.as_bytes().to_vec());
+        let before = self.kept.kinds.get(&key).map(|kind| &kind.last.bytes);
+        let differs = |(n, byte): (usize, &u8)| before.is_some_and(|b| b.get(n) != Some(byte));
+        let marked = row.bytes.iter().enumerate().take(64);
+        let bits = marked.filter(|one| differs(*one)).fold(0, |bits, (n, _)| bits | 1 << n);
+        self.kept.put(Row { changed: bits, ..row }, key);
+    }
+
     /// Explains what was heard; `show` sees each frame as the decoder gives it.
     pub fn take(&mut self, heard: &Heard, show: &mut dyn FnMut(&Event<'_>)) {
         let Heard { wire: number, at, direction, unit } = heard;
@@ -206,9 +235,7 @@ impl Traffic {
 
 impl Kept {
     fn keep(&mut self, wire: usize, event: &Event<'_>) {
-        let key = key(wire, event);
-        let known = self.kinds.contains_key(&key);
-        let mut row = Row {
+        let row = Row {
             number: self.count,
             time: event.time.map_or(0, |time| time.0),
             wire,
@@ -221,7 +248,13 @@ impl Kept {
             wrong: event.wrong.map_or_else(String::new, |wrong| wrong.to_string()),
             haystack: String::new(),
         };
+        self.put(row, key(wire, event));
+    }
+
+    fn put(&mut self, mut row: Row, key: Key) {
+        row.number = self.count;
         row.haystack = row.searched();
+        let known = self.kinds.contains_key(&key);
         self.count += 1;
         self.recent += 1;
         self.wrong += u64::from(!row.wrong.is_empty());

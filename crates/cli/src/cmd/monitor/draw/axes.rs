@@ -2,13 +2,11 @@
 
 use std::time::Duration;
 
-use polepair::axis::Class;
-use polepair_core::profile::Signal;
 use ratatui_core::text::{Line, Span};
 
-use super::super::axes::{Doing, Shown, Watched};
-use super::super::model::Monitor;
-use super::super::plain::{age, troubles};
+use super::super::axes::Doing;
+use super::super::plain::age;
+use super::super::seen::{Came, Seen, Value};
 use super::{Role, Theme, cut};
 
 /// A value that is older is shown as old.
@@ -38,20 +36,26 @@ impl Column {
 }
 
 /// As many lines as there is room for, frames given their share.
-pub fn lines(monitor: &Monitor, width: u16, room: u16, theme: Theme) -> Vec<Line<'static>> {
-    if monitor.axes.is_empty() {
+pub fn lines(
+    axes: &[Seen],
+    chosen: usize,
+    width: u16,
+    room: u16,
+    theme: Theme,
+) -> Vec<Line<'static>> {
+    if axes.is_empty() {
         return Vec::new();
     }
     let room = usize::from(room - room / FRAMES_PART);
-    let mut details = details(monitor, usize::from(width), theme);
-    let rows = monitor.axes.len().min(room.saturating_sub(1 + details.len()).max(room / 2)).max(1);
+    let mut details = details(axes.get(chosen), usize::from(width), theme);
+    let rows = axes.len().min(room.saturating_sub(1 + details.len()).max(room / 2)).max(1);
     details.truncate(room.saturating_sub(1 + rows));
-    let first = (monitor.chosen + 1).saturating_sub(rows);
-    let columns = fitting(columns(monitor, first, rows), usize::from(width));
+    let first = (chosen + 1).saturating_sub(rows);
+    let columns = fitting(columns(&axes[first..], rows), usize::from(width));
     let mut lines = vec![heads(&columns, theme)];
-    for n in 0..rows.min(monitor.axes.len() - first) {
-        let chosen = first + n == monitor.chosen && monitor.axes.len() > 1;
-        lines.push(row(&columns, n, chosen, theme));
+    for n in 0..rows.min(axes.len() - first) {
+        let is_chosen = first + n == chosen && axes.len() > 1;
+        lines.push(row(&columns, n, is_chosen, theme));
     }
     lines.extend(details);
     lines
@@ -73,23 +77,21 @@ fn row(columns: &[Column], n: usize, chosen: bool, theme: Theme) -> Line<'static
     Line::from(spans)
 }
 
-fn columns(monitor: &Monitor, first: usize, rows: usize) -> Vec<Column> {
-    let axes: Vec<&Watched> = monitor.axes.iter().skip(first).take(rows).collect();
-    let column = |head, right, cell: &dyn Fn(&Watched) -> (String, Role)| Column {
+fn columns(axes: &[Seen], rows: usize) -> Vec<Column> {
+    let column = |head, right, cell: &dyn Fn(&Seen) -> (String, Role)| Column {
         head,
         right,
-        cells: axes.iter().map(|axis| cell(axis)).collect(),
+        cells: axes.iter().take(rows).map(cell).collect(),
     };
-    let signal = |head, right, signal| column(head, right, &|axis| value(axis.shown(signal)));
     vec![
-        column("axis", false, &|axis| (axis.name(), Role::Plain)),
-        column("drive", false, &|axis| (axis.axis.profile().name.to_owned(), Role::Dim)),
+        column("axis", false, &|axis| (axis.name.clone(), Role::Plain)),
+        column("drive", false, &|axis| (axis.drive[0].clone(), Role::Dim)),
         column("state", false, &state),
-        signal("mode", false, Signal::Mode),
-        signal("position", true, Signal::Position),
-        signal("velocity", true, Signal::Velocity),
-        column("torque", true, &|axis| value(axis.effort())),
-        column("age", true, &|axis| match axis.age() {
+        column("mode", false, &|axis| value(axis.mode.as_ref())),
+        column("position", true, &|axis| value(axis.position.as_ref())),
+        column("velocity", true, &|axis| value(axis.velocity.as_ref())),
+        column("torque", true, &|axis| value(axis.effort.as_ref())),
+        column("age", true, &|axis| match axis.age {
             Some(old) if old > OLD => (age(old), Role::Warn),
             Some(fresh) => (age(fresh), Role::Dim),
             None => ("-".to_owned(), Role::Dim),
@@ -109,15 +111,14 @@ fn fitting(mut columns: Vec<Column>, width: usize) -> Vec<Column> {
     columns
 }
 
-fn state(axis: &Watched) -> (String, Role) {
-    let stopping = axis.stopping.as_ref().map(|stopping| stopping.class());
-    match stopping {
-        Some(Class::Sent) => return ("stop sent".to_owned(), Role::Warn),
-        Some(Class::Acknowledged) => return ("stop taken".to_owned(), Role::Warn),
-        Some(Class::Failed(_)) => return ("STOP FAILED".to_owned(), Role::Bad),
-        Some(Class::Still) | None => {}
+fn state(axis: &Seen) -> (String, Role) {
+    match axis.stop.as_ref().map(|stop| &stop.class) {
+        Some(Came::Sent) => return ("stop sent".to_owned(), Role::Warn),
+        Some(Came::Acknowledged) => return ("stop taken".to_owned(), Role::Warn),
+        Some(Came::Failed(_)) => return ("STOP FAILED".to_owned(), Role::Bad),
+        Some(Came::Still) | None => {}
     }
-    let doing = axis.doing();
+    let doing = axis.doing;
     let role = match doing {
         Doing::Fault | Doing::Silent => Role::Bad,
         Doing::Warning => Role::Warn,
@@ -128,50 +129,33 @@ fn state(axis: &Watched) -> (String, Role) {
     (doing.word().to_owned(), role)
 }
 
-fn value(shown: Option<Shown>) -> (String, Role) {
-    match shown {
+fn value(value: Option<&Value>) -> (String, Role) {
+    match value {
         None => ("-".to_owned(), Role::Dim),
-        Some(shown) if shown.age > OLD => (steady(&shown), Role::Dim),
-        Some(shown) => (steady(&shown), Role::Plain),
-    }
-}
-
-/// A value with as many decimals whatever it is, so that the eye finds it in its place.
-fn steady(shown: &Shown) -> String {
-    match (shown.word, shown.unit) {
-        (Some(word), _) => word.to_owned(),
-        (None, "") => crate::value::number(shown.value),
-        (None, "A" | "V") => format!("{:.2} {}", shown.value, shown.unit),
-        (None, unit) => format!("{:.1} {unit}", shown.value),
+        Some(Value { text, age }) if *age > OLD => (text.clone(), Role::Dim),
+        Some(Value { text, .. }) => (text.clone(), Role::Plain),
     }
 }
 
 /// The chosen axis: what is wrong with it and what helps, then what else it tells.
-fn details(monitor: &Monitor, width: usize, theme: Theme) -> Vec<Line<'static>> {
-    let Some(axis) = monitor.axes.get(monitor.chosen) else { return Vec::new() };
+fn details(axis: Option<&Seen>, width: usize, theme: Theme) -> Vec<Line<'static>> {
+    let Some(axis) = axis else { return Vec::new() };
     let mut lines = Vec::new();
-    for (text, stops) in troubles(axis) {
-        let role = match (stops, text.starts_with(' ')) {
+    for (text, stops) in &axis.troubles {
+        let role = match (*stops, text.starts_with(' ')) {
             (true, _) => Role::Bad,
             (false, true) => Role::Plain,
             (false, false) => Role::Warn,
         };
-        for piece in wrapped(&text, width.saturating_sub(2)) {
+        for piece in wrapped(text, width.saturating_sub(2)) {
             lines.push(Line::from(theme.span(format!("  {piece}"), role)));
         }
     }
-    let title = format!("  {}: {}", axis.axis.label(), axis.axis.profile().title);
+    let title = format!("  {}: {}", axis.label, axis.drive[1]);
     let mut facts = String::new();
-    for (word, signal) in [
-        ("target", Signal::TargetPosition),
-        ("target", Signal::TargetVelocity),
-        ("supply", Signal::Voltage),
-        ("", Signal::Temperature),
-    ] {
-        if let Some(shown) = axis.shown(signal) {
-            let gap = if word.is_empty() { "" } else { " " };
-            facts.push_str(&format!("  {word}{gap}{} ({})", steady(&shown), age(shown.age)));
-        }
+    for (word, Value { text, age: old }) in &axis.facts {
+        let gap = if word.is_empty() { "" } else { " " };
+        facts.push_str(&format!("  {word}{gap}{text} ({})", age(*old)));
     }
     lines.push(Line::from(theme.span(cut(&title, width), Role::Plain)));
     if !facts.is_empty() {

@@ -4,7 +4,7 @@ use polepair_core::explain::Direction as Said;
 use ratatui_core::text::{Line, Span};
 
 use super::super::keys::View;
-use super::super::model::Monitor;
+use super::super::seen::Shows;
 use super::super::traffic::{Kind, Row};
 use super::{Role, Theme, cut};
 
@@ -17,7 +17,7 @@ const WIDE: [u16; 3] = [80, 100, 120];
 const OLD_NS: u64 = 2_000_000_000;
 
 /// What is shown below it.
-pub fn title(monitor: &Monitor, view: &View, width: u16, theme: Theme) -> Line<'static> {
+pub fn title(monitor: &dyn Shows, view: &View, width: u16, theme: Theme) -> Line<'static> {
     let mut text = match view.by_kind {
         true => "── frames, the last of each kind: count, every, bytes ".to_owned(),
         false => "── frames ".to_owned(),
@@ -27,7 +27,7 @@ pub fn title(monitor: &Monitor, view: &View, width: u16, theme: Theme) -> Line<'
         text.push_str(&format!("── with \"{}\" ", view.filter));
     }
     if let Some((count, _)) = &view.halted {
-        let newer = monitor.traffic.counts().0.saturating_sub(*count);
+        let newer = monitor.traffic().counts().0.saturating_sub(*count);
         text.push_str(&format!("── HALTED, {newer} newer; space goes on "));
     }
     let rest = usize::from(width).saturating_sub(text.chars().count());
@@ -41,7 +41,7 @@ pub fn title(monitor: &Monitor, view: &View, width: u16, theme: Theme) -> Line<'
 
 /// As many frames as there is room for.
 pub fn lines(
-    monitor: &Monitor,
+    monitor: &dyn Shows,
     view: &View,
     width: u16,
     room: u16,
@@ -74,12 +74,13 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(monitor: &Monitor, width: u16, theme: Theme) -> Self {
-        let wires: Vec<String> = monitor.traffic.wires().map(|(name, _)| name.to_owned()).collect();
+    fn new(monitor: &dyn Shows, width: u16, theme: Theme) -> Self {
+        let wires: Vec<String> =
+            monitor.traffic().wires().map(|(name, _)| name.to_owned()).collect();
         let longest = wires.iter().map(|name| name.chars().count()).max().unwrap_or(0).min(8);
         let (mut id, mut bytes) = (0, 0);
         let mut protocols: Vec<&str> = Vec::new();
-        for kind in monitor.traffic.kinds() {
+        for kind in monitor.traffic().kinds() {
             id = id.max(match kind.last.id {
                 None => 0,
                 Some((_, extended)) => {
@@ -117,7 +118,7 @@ impl Grid {
         if self.spaced { format!("{seconds:>9.3} ") } else { format!("{seconds:>7.2} ") }
     }
 
-    fn kind(&self, monitor: &Monitor, kind: &Kind) -> Line<'static> {
+    fn kind(&self, monitor: &dyn Shows, kind: &Kind) -> Line<'static> {
         let every = kind.period.map_or_else(String::new, |ns| match ns {
             0..100_000_000 => format!("{:.1} ms", ns as f64 / 1e6),
             100_000_000..10_000_000_000 => format!("{} ms", ns / 1_000_000),

@@ -1,0 +1,140 @@
+//! A terminal on which a program draws, and what stands there.
+
+use std::fs::File;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use polepair_link::pty::Pty;
+use polepair_link::{Link as _, Received, clock};
+
+/// How large it is.
+const ROWS: usize = 30;
+const COLUMNS: usize = 110;
+/// Longer than anything takes that works.
+const LONG: Duration = Duration::from_secs(60);
+
+/// It, and the program, which ends with it.
+pub struct Screen {
+    pty: Pty,
+    child: Child,
+    cells: Vec<Vec<char>>,
+    /// Row and column of what comes next.
+    at: (usize, usize),
+    /// The beginning of what was cut off.
+    rest: Vec<u8>,
+}
+
+impl Screen {
+    /// Has the program draw.
+    pub fn of(arguments: &[&str]) -> Self {
+        let pty = Pty::open(None).expect("a pseudo-terminal");
+        let (rows, columns) = (ROWS.to_string(), COLUMNS.to_string());
+        let sized =
+            Command::new("stty").args(["-F", pty.path(), "rows", &rows, "cols", &columns]).status();
+        assert!(sized.expect("stty").success());
+        let end = || {
+            let file = File::options().read(true).write(true).open(pty.path()).expect("its end");
+            Stdio::from(file)
+        };
+        // Without the terminal that the tests may run on.
+        let child = Command::new("setsid")
+            .arg(env!("CARGO_BIN_EXE_polepair"))
+            .args(arguments)
+            .env("NO_COLOR", "1")
+            .env("TERM", "xterm")
+            .stdin(end())
+            .stdout(end())
+            .stderr(end())
+            .spawn();
+        let cells = vec![vec![' '; COLUMNS]; ROWS];
+        Self { pty, child: child.expect("starts"), cells, at: (0, 0), rest: Vec::new() }
+    }
+
+    /// What stands there.
+    pub fn text(&self) -> String {
+        let line = |row: &Vec<char>| row.iter().collect::<String>().trim_end().to_owned() + "\n";
+        self.cells.iter().map(line).collect()
+    }
+
+    /// Waits until something stands there.
+    pub fn until(&mut self, wanted: &str) {
+        let end = Instant::now() + LONG;
+        while !self.text().contains(wanted) {
+            assert!(Instant::now() < end, "no `{wanted}`:\n{}", self.text());
+            self.look();
+        }
+    }
+
+    /// Presses keys.
+    pub fn press(&self, keys: &[u8]) {
+        self.pty.send(keys).expect("a terminal");
+    }
+
+    /// Waits for the program's end, and returns its exit code.
+    pub fn ended(mut self) -> Option<i32> {
+        let end = Instant::now() + LONG;
+        loop {
+            if let Some(status) = self.child.try_wait().expect("a child") {
+                return status.code();
+            }
+            assert!(Instant::now() < end, "it goes on:\n{}", self.text());
+            self.look();
+        }
+    }
+
+    fn look(&mut self) {
+        let mut bytes = [0; 4096];
+        let until = clock::now() + Duration::from_millis(20);
+        if let Ok(Received::Bytes { len, .. }) = self.pty.receive(&mut bytes, until) {
+            self.rest.extend_from_slice(&bytes[..len]);
+            while let Some(used) = self.take() {
+                self.rest.drain(..used);
+            }
+        }
+    }
+
+    /// Takes a letter, or what moves or clears; `None` when there is nothing whole.
+    fn take(&mut self) -> Option<usize> {
+        let rest = &self.rest[..];
+        match *rest.first()? {
+            0x1B if *rest.get(1)? != b'[' => return Some(2),
+            0x1B => {
+                let at = rest[2..].iter().position(|byte| (0x40..=0x7E).contains(byte))? + 2;
+                let words = String::from_utf8_lossy(&rest[2..at]).into_owned();
+                let mut numbers = words.split(';').map(|n| n.parse().unwrap_or(1_usize));
+                match rest[at] {
+                    b'H' => {
+                        let row = numbers.next().unwrap_or(1).clamp(1, ROWS);
+                        self.at = (row - 1, numbers.next().unwrap_or(1).clamp(1, COLUMNS) - 1);
+                    }
+                    b'J' => self.cells.iter_mut().for_each(|row| row.fill(' ')),
+                    _ => {}
+                }
+                return Some(at + 1);
+            }
+            b'\r' | b'\n' => return Some(1),
+            _ => {}
+        }
+        let length = match rest[0] {
+            0..0x80 => 1,
+            0x80..0xE0 => 2,
+            0xE0..0xF0 => 3,
+            _ => 4,
+        };
+        let letter = std::str::from_utf8(rest.get(..length)?).ok().and_then(|t| t.chars().next());
+        let (row, column) = self.at;
+        if let (Some(letter), Some(cell)) = (letter, self.cells[row].get_mut(column)) {
+            *cell = letter;
+            self.at.1 += 1;
+        }
+        Some(length)
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
