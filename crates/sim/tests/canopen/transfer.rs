@@ -1,5 +1,7 @@
 //! A node that is lost in the middle of a long transfer, in segments and in blocks, both ways.
 
+use std::time::Duration;
+
 use super::*;
 
 const NODE: u8 = 2;
@@ -182,4 +184,19 @@ fn host_lost_in_the_middle_leaves_a_server_that_answers_the_next() {
             assert_eq!(desk.ask(ask), Ok(Answer::Transferred(SIZE)), "{ask:?}");
         }
     });
+}
+
+/// Blocks keep pace with the wire and leave none of it unused.
+#[test]
+fn a_download_in_blocks_takes_no_longer_than_its_frames() {
+    let mut desk = Desk::new(1);
+    let begun = desk.bench.world.now();
+    assert_eq!(desk.ask(download(true)), Ok(Answer::Transferred(SIZE)));
+    let took = desk.bench.world.now().since(begun);
+    // Segments, with as many stuff bits as there can be, and a millisecond for each end of a block.
+    let segments = u64::from(SIZE.div_ceil(7));
+    let most = Duration::from_nanos(segments * 135 * 1_000_000_000 / u64::from(BIT_RATE))
+        + Duration::from_millis(1 + segments / 127);
+    println!("{SIZE} bytes in {took:?}, at most {most:?}");
+    assert!(took < most, "{took:?} and not {most:?}");
 }
