@@ -468,6 +468,24 @@ fn a_link_is_lent_between_exchanges_and_what_waits_goes_on_behind() {
 }
 
 #[test]
+fn a_link_that_is_lost_while_it_is_lent_is_lost_to_its_connection_too() {
+    let (drive, connection) = served(ToyDevice::answering_after(2));
+    assert_eq!(put(&connection, 1).wait(in_ms(1000)), done(2));
+    let aside = connection.set_aside::<Stream>(in_ms(1000)).unwrap().expect("nothing is asked");
+    let beside = connected(aside.link());
+    let mut asked = put(&beside, 5);
+    let mut waits = put(&connection, 7);
+    drop(drive);
+    assert!(!matches!(asked.wait(in_ms(2000)), Waited::Ended(Outcome::Done(_))));
+    assert_eq!(waits.wait(in_ms(2000)), Waited::Ended(LOST), "it is told while it waits");
+    drop((asked, beside));
+    drop(aside);
+    assert!(connection.trouble().is_some());
+    let refused = connection.set_aside::<Stream>(in_ms(50));
+    assert!(refused.is_err(), "{refused:?}");
+}
+
+#[test]
 fn tcp_reaches_a_served_drive_client_after_client() {
     let server = TcpServer::bind("0").unwrap();
     let address = server.address().to_string();
