@@ -179,6 +179,11 @@ impl Axis {
         self.0.params().iter().map(Parameter::from).collect()
     }
 
+    /// Whether there is a parameter of that name.
+    fn has(&self, name: &str) -> bool {
+        self.0.find(name).is_ok()
+    }
+
     /// The number of the parameter of that name.
     fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
         self.0.find(name).map(|id| id.0).map_err(|error| raised(py, &error))
@@ -455,7 +460,7 @@ impl Axis {
 }
 
 /// The signal of that name.
-fn signal(py: Python<'_>, name: &str) -> PyResult<Signal> {
+pub fn signal(py: Python<'_>, name: &str) -> PyResult<Signal> {
     let plain = name.replace('_', " ");
     Signal::ALL.into_iter().find(|signal| signal.name() == plain).ok_or_else(|| {
         let all: Vec<_> = Signal::ALL.iter().map(|signal| signal.name()).collect();

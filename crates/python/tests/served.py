@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import polepair
+import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
 POLEPAIR = Path(os.environ.get("POLEPAIR_CLI", ROOT / "target" / "release" / "polepair"))
@@ -48,6 +49,21 @@ class Server:
     def kill(self) -> None:
         self.child.kill()
         self.child.wait()
+
+
+@pytest.fixture
+def own_server(tmp_path: Path) -> Iterator[Server]:
+    """One that each test has for itself; it goes by the name that a test's file gives it."""
+    served = Server(tmp_path)
+    yield served
+    served.kill()
+
+
+@pytest.fixture
+def joined_link(server: Server) -> Iterator[polepair.Link]:
+    """That server, joined."""
+    with server.join() as joined:
+        yield joined
 
 
 def until(what: str, so: Callable[[], bool], seconds: float = 20.0) -> None:

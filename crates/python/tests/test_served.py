@@ -6,17 +6,17 @@ import asyncio
 import math
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import polepair
 import pytest
-from served import Server, can_be_armed, speed, until
+from served import Server, can_be_armed, joined_link, own_server, speed, until
 
 RACK = """
 [[link]]
@@ -31,17 +31,7 @@ address = 3
 """
 
 
-@pytest.fixture
-def server(tmp_path: Path) -> Iterator[Server]:
-    served = Server(tmp_path)
-    yield served
-    served.kill()
-
-
-@pytest.fixture
-def link(server: Server) -> Iterator[polepair.Link]:
-    with server.join() as joined:
-        yield joined
+server, link = own_server, joined_link
 
 
 def program(link: polepair.Link) -> dict[str, object]:
@@ -457,6 +447,87 @@ def test_raw_is_for_who_may(tmp_path: Path) -> None:
             assert told.value.code == "E257" and "text" in told.value.hint
     finally:
         served.kill()
+
+
+def openssl(folder: Path, *words: str) -> None:
+    subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made by openssl")
+def test_a_server_that_wants_a_clients_certificate_is_shown_it(tmp_path: Path) -> None:
+    new = ("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-noenc")
+    openssl(tmp_path, *new, "-x509", "-subj", "/CN=ours", "-keyout", "ca.key", "-out", "ca.pem")
+    openssl(tmp_path, *new, "-subj", "/CN=robot", "-keyout", "own.key", "-out", "own.csr")
+    (tmp_path / "own.ext").write_text("subjectAltName=DNS:robot\n")
+    signs = ("x509", "-req", "-in", "own.csr", "-CA", "ca.pem", "-CAkey", "ca.key")
+    openssl(tmp_path, *signs, "-extfile", "own.ext", "-out", "own.pem")
+    own, key = tmp_path / "own.pem", tmp_path / "own.key"
+    key.chmod(0o600)
+    served = Server(tmp_path, "--tls", "--client-ca", str(tmp_path / "ca.pem"))
+    certificate = tmp_path / "certificate.pem"
+
+    def join(cert: Path | None, key: Path | None) -> polepair.Link:
+        return polepair.connect(
+            served.ws,
+            token_file=served.tokens,
+            certificate=certificate,
+            client_cert=cert,
+            client_key=key,
+        )
+
+    try:
+        with join(own, key) as link:
+            assert link.axis(1).read("position")["position"] == 0
+        both = tmp_path / "both.pem"
+        both.touch(0o600)
+        both.write_text(own.read_text() + key.read_text())
+        with join(both, None) as link:
+            assert len(link.axes) == 2
+        with pytest.raises(polepair.PolepairError) as none:
+            join(None, None)
+        assert none.value.code == "E256" and none.value.executed is False
+
+        async def visit() -> int:
+            opened = polepair.aio.connect(
+                served.ws,
+                token_file=served.tokens,
+                certificate=certificate,
+                client_cert=own,
+                client_key=key,
+            )
+            async with opened as link:
+                return len(link.axes)
+
+        assert asyncio.run(visit()) == 2
+    finally:
+        served.kill()
+
+
+def test_what_is_known_of_parameters_is_not_asked_for_in_the_loop(server: Server) -> None:
+    async def look() -> float:
+        async with polepair.aio.connect(server.ws, token_file=server.tokens) as link:
+            params = link.axis(1).params
+            # Whoever asks a server that says nothing waits.
+            server.child.send_signal(signal.SIGSTOP)
+            try:
+                since = time.monotonic()
+                assert params.info("max current").unit == "A"
+                assert "max current" in params and "AP 6" in params and "fuel" not in params
+                assert len(list(params)) == len(params) > 50
+                return time.monotonic() - since
+            finally:
+                server.child.send_signal(signal.SIGCONT)
+
+    assert asyncio.run(look()) < 0.5
+
+
+def test_units_of_unknown_signals_are_refused_as_on_a_link(link: polepair.Link) -> None:
+    with polepair.connect("sim:tmcl?time=virtual") as own:
+        for axis in (link.axis(1), own.axes[0]):
+            with pytest.raises(polepair.Unsupported, match="no signal `speed`") as wrong:
+                axis._native.signal_units(["velocity", "speed"])
+            assert wrong.value.code == "E213"
+            assert axis._native.signal_units(["velocity", "fault"]) == ["rad/s", ""]
 
 
 def test_an_encrypted_server_is_joined_by_its_certificate(tmp_path: Path) -> None:

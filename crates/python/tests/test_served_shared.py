@@ -9,25 +9,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import polepair
 import pytest
-from served import POLEPAIR, Server, can_be_armed, speed, until
+from served import POLEPAIR, Server, can_be_armed, joined_link, own_server, speed, until
 
 
-@pytest.fixture
-def server(tmp_path: Path) -> Iterator[Server]:
-    served = Server(tmp_path)
-    yield served
-    served.kill()
-
-
-@pytest.fixture
-def link(server: Server) -> Iterator[polepair.Link]:
-    with server.join() as joined:
-        yield joined
+server, link = own_server, joined_link
 
 
 def take_and_turn(axis: polepair.Axis) -> polepair.Armed:

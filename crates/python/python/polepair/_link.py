@@ -158,12 +158,7 @@ class ParametersOf(Generic[A]):
         return len(self._axis._native.parameters())
 
     def __contains__(self, name: object) -> bool:
-        try:
-            return isinstance(name, str) and self._axis._native.find(name) >= 0
-        except PolepairError as error:
-            if error.code != "E213":
-                raise
-            return False
+        return isinstance(name, str) and self._axis._native.has(name)
 
     def __repr__(self) -> str:
         return f"<{len(self)} parameters of {self._axis.label}>"

@@ -524,6 +524,17 @@ class Link(LinkOf[Axis]):
         self.close()
 
 
+def _known(
+    open_it: Callable[[], native.Link | native.ServedLink],
+) -> native.Link | native.ServedLink:
+    """Opens a link, and has a server tell its parameters: in the loop nothing asks for them."""
+    link = open_it()
+    if isinstance(link, native.ServedLink):
+        for axis in link.axes():
+            axis.parameters()
+    return link
+
+
 class Opening:
     """A link on its way: awaited, or entered as it is."""
 
@@ -535,7 +546,7 @@ class Opening:
 
     async def _open(self) -> Link:
         loop = asyncio.get_running_loop()
-        return Link(await loop.run_in_executor(None, self._open_it))
+        return Link(await loop.run_in_executor(None, _known, self._open_it))
 
     def __await__(self) -> Generator[Any, None, Link]:
         return self._open().__await__()

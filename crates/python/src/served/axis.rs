@@ -18,7 +18,7 @@ use pyo3::prelude::*;
 use super::request::{Amount, Going, Read, Request, came, ended, waited};
 use super::watch::Watch;
 use super::{ANSWER_MAX, Joined, cannot};
-use crate::axis::{Given, Known, Parameter};
+use crate::axis::{Given, Known, Parameter, signal};
 use crate::errors::{raised, told, usage};
 use crate::outside::Outside;
 use crate::request::SLICE;
@@ -121,6 +121,14 @@ impl Axis {
         let id = self.info.id;
         self.asked(py, move |joined| joined.parameters(id).map(drop))?;
         self.done(py, |joined| Ok(joined.parameters(id)?.iter().map(Parameter::from).collect()))
+    }
+
+    /// Whether there is a parameter of that name.
+    fn has(&self, py: Python<'_>, name: &str) -> PyResult<bool> {
+        let id = self.info.id;
+        self.asked(py, move |joined| joined.parameters(id).map(drop))?;
+        let has = |its: &ParameterInfo| same_name(&its.name, name) || same_name(&its.symbol, name);
+        self.done(py, |joined| Ok(joined.parameters(id)?.iter().any(has)))
     }
 
     /// The number of the parameter of that name.
@@ -289,13 +297,13 @@ impl Axis {
     }
 
     /// The units in which signals are read, SI as people write it; empty for none.
-    fn signal_units(&self, names: Vec<String>) -> Vec<&str> {
-        let unit = |name: String| {
-            let plain = name.replace('_', " ");
-            let told = self.info.signals.iter().find(|signal| signal.signal == plain);
-            told.map_or("", |signal| &signal.unit)
+    fn signal_units(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<&str>> {
+        let unit = |name: &String| {
+            let wanted = signal(py, name)?.name();
+            let told = self.info.signals.iter().find(|signal| signal.signal == wanted);
+            Ok(told.map_or("", |signal| &*signal.unit))
         };
-        names.into_iter().map(unit).collect()
+        names.iter().map(unit).collect()
     }
 
     /// Reads signals now, in SI.
