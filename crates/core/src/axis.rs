@@ -671,10 +671,21 @@ pub trait Axes {
 
     /// Takes one more axis in, behind all that there are: those keep their places, states and
     /// requests. Of several lanes on a wire it goes to the one of that number, 0 for one alone.
-    /// `None` where no axis can be added: no such lane, a lane that does not know how, or 256 axes.
+    /// `None` where no axis can be added: no such lane, a lane that does not know how or has other
+    /// things to do on its wire just now, an address that is an axis or the host's own, or 256 axes.
     fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
         let _ = (lane, profile, address);
         None
+    }
+
+    /// Whether the wire must not be lent: the host speaks by itself to keep drives alive or in step.
+    fn keeps_alive(&self) -> bool {
+        false
+    }
+
+    /// Somebody else had the wire until now: the silence before a frame begins anew.
+    fn disturbed(&mut self, now: Instant) {
+        let _ = now;
     }
 }
 

@@ -324,4 +324,12 @@ impl Axes for Mux {
         self.places.push((lane, own));
         Some(axis)
     }
+
+    fn keeps_alive(&self) -> bool {
+        self.lanes.iter().any(|lane| lane.keeps_alive())
+    }
+
+    fn disturbed(&mut self, now: Instant) {
+        self.lanes.iter_mut().for_each(|lane| lane.disturbed(now));
+    }
 }

@@ -184,9 +184,21 @@ pub trait Host<M: Medium>: Station<M> {
         0
     }
 
-    /// One more drive, of that address, is to be asked from now on.
-    fn joined(&mut self, address: u32) {
+    /// One more drive, of that address, is to be asked from now on. False where it cannot be, or not
+    /// now: nothing has changed then.
+    fn join(&mut self, address: u32) -> bool {
         let _ = address;
+        true
+    }
+
+    /// Whether it has to speak though nobody asks, lest a drive stops: then its wire cannot be lent.
+    fn keeps_alive(&self) -> bool {
+        false
+    }
+
+    /// Somebody else had the wire until now: what has to be silent before a frame begins anew.
+    fn disturbed(&mut self, now: Instant) {
+        let _ = now;
     }
 
     /// Takes bytes of a long value that is being read under `ticket`, and tells how many. The drive

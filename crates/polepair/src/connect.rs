@@ -208,9 +208,11 @@ impl Connector {
     ) -> Result<Link, Error> {
         let (mut axes, mut wires, mut kept) = (Vec::new(), Vec::new(), Vec::new());
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
-            axes.extend(self.axes(&url, lines, simulation.as_ref(), ask)?);
+            let its = self.axes(&url, lines, simulation.as_ref(), ask)?;
+            let connection = its.first().map(|axis| axis.connection.clone());
+            kept.push((connection, lines.iter().map(Line::kept).collect()));
+            axes.extend(its);
             wires.extend(Line::wire_of(lines));
-            kept.push(lines.iter().map(Line::kept).collect());
         }
         let link = Link { url, axes, wires, kept, simulation };
         link.url.names.iter().try_for_each(|name| link.named(name).map(drop))?;
@@ -590,7 +592,8 @@ pub struct Link {
     axes: Vec<Axis>,
     wires: Vec<OpenWire>,
     /// What is spoken on each wire.
-    kept: Vec<Arc<[Kept]>>,
+    /// Of each wire its connection, where it has axes, and what is spoken on it.
+    kept: Vec<(Option<Connection>, Arc<[Kept]>)>,
     simulation: Option<Simulation>,
 }
 

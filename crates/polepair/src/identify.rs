@@ -6,11 +6,12 @@ use crate::error::Error;
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::profile::{Access, Ask, Identity, ParameterId, Profile};
 use polepair_core::station::AxisIndex;
-use polepair_core::time::Instant;
 use polepair_link::Connection;
 use std::fmt;
 use std::time::Duration;
 
+/// How long one question may take, with all its repeats.
+const QUESTION_MAX: Duration = Duration::from_secs(5);
 /// Products that are asked for at one address at most.
 const CANDIDATES_MAX: usize = 64;
 
@@ -134,6 +135,8 @@ impl<'a> Prober<'a> {
         let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
         axes.push((generic, number));
         let (connection, before) = self.line.probe(&axes, self.looking)?;
+        // Somebody may have spoken just now: this host has not heard it.
+        connection.with(|axes, now| axes.disturbed(now));
         let (mut heard, mut best) = (false, None::<(u32, usize, i64)>);
         let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
@@ -200,7 +203,8 @@ impl<'a> Prober<'a> {
 
     fn ask(&self, connection: &Connection, axis: usize, question: Ask) -> Option<Outcome> {
         let axis = AxisIndex(u8::try_from(axis).ok()?);
-        let until = self.patience.map_or(Instant::FAR, |patience| connection.now() + patience);
+        // However the host judges it: what keeps others from the wire has an end.
+        let until = connection.now() + self.patience.unwrap_or(QUESTION_MAX);
         let outcome: Result<Option<Outcome>, Unsupported> =
             connection.ask(until, |axes, now, ticket| match question {
                 Ask::Parameter(id) => axes.read(now, ticket, axis, id),

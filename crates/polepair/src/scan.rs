@@ -197,12 +197,15 @@ fn candidates(
         (SharedLink::Serial(_), baud, _) => format!(" at {baud} baud"),
         (SharedLink::Can(_), _, rate) => format!(" at {rate} bit/s"),
     };
-    let (first, last) = (wanted.first().copied(), wanted.last().copied());
-    let mut said = format!("addresses {} to {}", first.unwrap_or(0), last.unwrap_or(0));
+    let (Some(first), Some(last)) = (wanted.first(), wanted.last()) else {
+        tried.push(format!("not {protocol} on {name}: no drive can have such an address there"));
+        return Ok(wanted);
+    };
+    let mut said = format!("addresses {first} to {last}");
     if let SharedLink::Can(link) = &line.link {
         let listener = Listener::new(protocol, line.options);
         let mut heard = listen(link, &listener, LISTEN_MS, broken)?;
-        if let Some(question) = &listener.question {
+        if let Some(question) = listener.question.as_ref().filter(|_| !broken()) {
             link.send(question)?;
             heard.extend(listen(link, &listener, ANSWERS_MS, broken)?);
             wanted.retain(|number| heard.contains(number));
@@ -258,7 +261,14 @@ impl Numbers {
     /// Those of them that can be asked on a line, or the ones that somebody named.
     fn of(&self, line: &Line, named: &[u32]) -> Vec<u32> {
         match &self.0 {
-            Some(range) => range.clone().take(ADDRESSES_MAX).collect(),
+            // A driver takes a byte of it: 261 would ask the drive at 5.
+            Some(range) => {
+                let every = &line.spoken.every;
+                let (first, last) =
+                    (range.start().max(every.start()), range.end().min(every.end()));
+                let can_be = |number: &u32| line.spoken.check(*number).is_ok();
+                (*first..=*last).filter(can_be).take(ADDRESSES_MAX).collect()
+            }
             None if named.is_empty() => line.spoken.addresses.clone().take(ADDRESSES_MAX).collect(),
             None => named.iter().copied().filter(|axis| !Number(*axis).is_group()).collect(),
         }

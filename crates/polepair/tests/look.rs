@@ -136,3 +136,70 @@ fn an_axis_that_is_gone_is_told_of() {
     assert_eq!(answers, [(1, true), (3, false)]);
     assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [4]);
 }
+
+#[test]
+fn addresses_that_no_drive_can_have_are_not_asked() {
+    // A driver takes a byte of an address: 261 would be 5, and 0 of CANopen is everybody.
+    for (url, range, asked) in [
+        ("sim:cia402:1?time=virtual", 0..=300, 1..=127),
+        ("sim:tmcl?time=virtual", 200..=u32::MAX, 200..=255),
+        ("sim:modbus-rtu?time=virtual", 0..=3, 1..=3),
+    ] {
+        let link = open(url);
+        let (connector, mut all) = (Connector::default(), Vec::new());
+        let mut look = Look::on(&connector, &link, 0, range).expect("a wire");
+        while let Some(at) = look.next(&|| false).expect("the link is there") {
+            all.push(at.number);
+            look.ask(&|| false).expect("the link is there");
+        }
+        assert!(
+            !all.is_empty() && all.iter().all(|number| asked.contains(number)),
+            "{url} {all:?}"
+        );
+    }
+    let link = open("sim:cia402:1?time=virtual");
+    let scan = look(&link, 128..=300);
+    assert!(scan.tried[0].contains("no drive can have such an address"), "{:?}", scan.tried);
+}
+
+#[test]
+fn a_wire_without_axes_keeps_its_number() {
+    let rack = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/rack.toml");
+    let whole = open(&format!("sim:{rack}?time=virtual"));
+    let wires = whole.wires().len();
+    assert!(wires > 1);
+    let last = whole.axes().last().expect("axes");
+    let link = open(&format!("sim:{rack}?time=virtual#{}", last.name()));
+    let connector = Connector::default();
+    let none = Look::on(&connector, &link, 0, 1..=1).map(drop).expect_err("nobody is there");
+    assert_eq!(none.code(), "E212", "{none}");
+    let mut look = Look::on(&connector, &link, wires - 1, last.number()..=last.number()).unwrap();
+    while look.next(&|| false).unwrap().is_some() {
+        look.ask(&|| false).unwrap();
+    }
+    assert!(look.finish().axes[0].answers, "the wire's own axis");
+}
+
+#[test]
+fn a_drive_joins_once_and_not_with_the_hosts_own_address() {
+    let link = open("sim:tmcl?axes=2&time=virtual#1");
+    let scan = look(&link, 1..=4);
+    link.take_in(0, &scan.found).expect("it is new");
+    let twice = link.take_in(0, &scan.found).expect_err("another handle took it in");
+    assert_eq!(twice.code(), "E220", "{twice}");
+    let link = open("sim:tml:1,254?wire=rs485&time=virtual#1");
+    let scan = look(&link, 250..=254);
+    assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [254]);
+    let own = link.take_in(0, &scan.found).expect_err("its answers would be for the host");
+    assert_eq!(own.code(), "E220", "{own}");
+}
+
+#[test]
+fn a_bus_whose_drives_must_hear_the_host_is_not_lent() {
+    let link = open("sim:thruster?time=virtual");
+    link.axes()[0].set_raw("command timeout", 300).expect("a watchdog");
+    let connector = Connector::default();
+    let mut look = Look::on(&connector, &link, 0, Numbers::ALL).expect("a wire");
+    let refused = look.next(&|| false).expect_err("the drive would stop");
+    assert_eq!(refused.code(), "E220", "{refused}");
+}

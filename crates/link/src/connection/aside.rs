@@ -42,15 +42,19 @@ impl<M: Medium> Drop for Aside<M> {
         let shared = &self.0.shared;
         // Dropped while unwinding, too.
         let Ok(mut state) = shared.state.lock() else { return };
-        state.leader = Leader::Nobody;
         state.rounds = state.rounds.wrapping_add(1);
         if self.0.set.load(Ordering::SeqCst) {
             state.restore_line();
         }
         if state.trouble.is_none() {
-            // What comes late is not for this connection, and must not pass for an answer.
+            // What comes late is not for this connection, and must not pass for an answer: nothing
+            // is sent before all of it is read.
             read_stale(&mut state, STALE_READS_MAX);
+        }
+        state.leader = Leader::Nobody;
+        if state.trouble.is_none() {
             let now = state.link.now();
+            state.lane.disturbed(now);
             state.pump(now);
         }
         hand_over(&state);
@@ -77,17 +81,24 @@ impl<M: Medium> Lent<M> {
         }
     }
 
+    /// The connection, while this link is still its own: it may have been opened again meanwhile.
+    fn owner(&self) -> Option<Guard<'_, M>> {
+        let state = self.shared.lock();
+        let its = state.leader == Leader::Aside && Arc::ptr_eq(&self.link, &state.link);
+        (its && !self.over.load(Ordering::SeqCst)).then_some(state)
+    }
+
     /// Tells the connection what it would have noticed itself.
     fn overheard(&self, received: &Result<Received, LinkError>, buffer: &M::Out) {
         match received {
             Ok(Received::Bytes { len, at }) if M::KIND == MediumKind::Can => {
-                let mut state = self.shared.lock();
+                let Some(mut state) = self.owner() else { return };
                 state.lane.handle_input(*at, M::unit(buffer, *len));
                 state.pump(*at);
                 release(&self.shared, state);
             }
             Ok(Received::Line { event, at }) => {
-                let mut state = self.shared.lock();
+                let Some(mut state) = self.owner() else { return };
                 state.lane.handle_line(*at, *event);
                 state.pump(*at);
                 release(&self.shared, state);
@@ -98,11 +109,9 @@ impl<M: Medium> Lent<M> {
     }
 
     fn lost(&self, error: &LinkError) {
-        if error.is_gone() && !self.over.load(Ordering::SeqCst) {
-            let mut state = self.shared.lock();
-            state.lose(error.clone());
-            release(&self.shared, state);
-        }
+        let Some(mut state) = self.owner() else { return };
+        state.lose(error.clone());
+        release(&self.shared, state);
     }
 }
 
@@ -113,7 +122,12 @@ impl<M: Medium> Link<M> for Borrowed<M> {
 
     fn send(&self, unit: &M::Unit) -> Result<(), LinkError> {
         self.0.check()?;
-        self.0.link.send(unit).inspect_err(|error| self.0.lost(error))
+        let sent = self.0.link.send(unit);
+        sent.inspect_err(|error| {
+            if error.is_gone() {
+                self.0.lost(error)
+            }
+        })
     }
 
     fn ready(&self, until: Instant) -> Result<bool, LinkError> {
@@ -165,7 +179,12 @@ pub(super) fn set_aside<M: Medium>(
         if let Some(trouble) = &state.trouble {
             break Err(trouble.clone());
         }
-        let quiet = state.slots.pending().all(|ticket| ticket == own);
+        // Not even a question of the lane's own may be under way: on a line its answer would be
+        // taken for another's. On a bus it is heard as well. Who keeps drives alive is never quiet.
+        let waits = M::KIND == MediumKind::Serial && state.due().is_some();
+        let quiet = state.slots.pending().all(|ticket| ticket == own)
+            && !waits
+            && !state.lane.keeps_alive();
         state = match state.leader {
             Leader::Nobody if quiet => break Ok(true),
             _ if state.link.now() >= until => break Ok(false),

@@ -110,24 +110,14 @@ impl Kept {
 impl Link {
     /// The axes of a wire, with their places among all of the link, in the order of its connection.
     pub(crate) fn axes_on(&self, wire: usize) -> Vec<(usize, &Axis)> {
-        let mut connections: Vec<&Connection> = Vec::new();
-        let mut of_wire = Vec::new();
-        for (place, axis) in self.axes.iter().enumerate() {
-            let n = connections.iter().position(|known| known.is(&axis.connection));
-            let n = n.unwrap_or_else(|| {
-                connections.push(&axis.connection);
-                connections.len() - 1
-            });
-            if n == wire {
-                of_wire.push((place, axis));
-            }
-        }
-        of_wire
+        let Some((Some(connection), _)) = self.kept.get(wire) else { return Vec::new() };
+        let axes = self.axes.iter().enumerate();
+        axes.filter(|(_, axis)| axis.connection.is(connection)).collect()
     }
 
     /// What is spoken on a wire.
     pub(crate) fn kept_on(&self, wire: usize) -> Result<&Arc<[Kept]>, Error> {
-        self.kept.get(wire).ok_or_else(|| {
+        self.kept.get(wire).map(|(_, kept)| kept).ok_or_else(|| {
             let what = format!("this link has no wire {wire}");
             Error::usage("E212", what, "wires count from 0")
         })
@@ -141,7 +131,8 @@ impl Link {
     /// # Errors
     /// [`Error::Usage`] `E212` for a wire that there is not, for an address that is an axis already
     /// or that no drive can have, `E213` where a rack says that there is another drive, `E220` when no
-    /// more axes fit: the link is as it was.
+    /// more axes fit, or a drive cannot join: it has the host's own address, or is an axis that this
+    /// handle does not know.
     pub fn take_in(&self, wire: usize, found: &[Found]) -> Result<Self, Error> {
         let kept = self.kept_on(wire)?;
         let known = self.axes_on(wire);
@@ -168,11 +159,19 @@ impl Link {
             ready.push((lane, found, seat, profile));
         }
         let model = known[0].1.clone();
+        let room = 256_usize.saturating_sub(connection.with(|axes, _| axes.axes()));
+        if ready.len() > room {
+            let what = format!("{} more axes do not fit on this link", ready.len());
+            return Err(Error::usage("E220", what, "256 are the most"));
+        }
         let mut link = self.clone();
         for (lane, found, seat, profile) in ready {
             let joined = connection.with(|axes, _| axes.join(lane, profile, found.number));
             let index = joined.ok_or_else(|| {
-                Error::usage("E220", "no more axes fit on this link", "256 are the most")
+                let what = format!("the drive at {} cannot join", Number(found.number));
+                let hint = "it has the host's own address (give it another), or is an axis already, or \
+                            the line is being set to its baud rate: then try again";
+                Error::usage("E220", what, hint)
             })?;
             let mounted = seat.mounting.map(|m| Arc::new(Mounted::new(m, profile)));
             let identified = match std::ptr::eq(profile, found.profile) {

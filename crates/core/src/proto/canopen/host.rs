@@ -611,6 +611,10 @@ impl station::Host<Can> for Host {
         count
     }
 
+    fn keeps_alive(&self) -> bool {
+        self.network.keeps_alive()
+    }
+
     fn counters(&self) -> Counters {
         self.counters
     }

@@ -34,6 +34,8 @@ pub const GAP_TRUE_CHARACTERS: u32 = HostOptions::GAP_CHARACTERS;
 /// the 10 ms that the TS drive takes for the end of a frame (TS manual V2 §2.3). It hears its
 /// neighbours' replies too, so a shorter pause would make one bad frame of them and its request \[I\].
 pub const STATION_GAP_US: u32 = 10_500;
+/// Stands for whoever spoke on the line while it was somebody else's: no station has it.
+const STRANGER: u8 = 255;
 
 /// Requests in a row whose only reply came sooner than its bytes can travel, after which the baud
 /// rate is taken for fiction (a virtual port).
@@ -604,6 +606,12 @@ impl station::Host<Stream> for Host {
 
     fn emit(&self, request: &Request, out: &mut [u8]) -> usize {
         request.emit(self.format, out)
+    }
+
+    fn disturbed(&mut self, now: Instant) {
+        self.active_at = Some(now);
+        // To whom nobody here has spoken: that frame is another station's in any case.
+        self.sent_unit = Some(STRANGER);
     }
 
     fn counters(&self) -> Counters {

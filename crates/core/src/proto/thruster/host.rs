@@ -92,6 +92,10 @@ impl Host<Can> for CanHost {
         1
     }
 
+    fn keeps_alive(&self) -> bool {
+        self.session.feeds()
+    }
+
     fn counters(&self) -> Counters {
         self.session.counters
     }

@@ -131,6 +131,11 @@ impl Nodes {
         self.watched = 0;
     }
 
+    /// Whether any is fed.
+    pub const fn feeds(&self) -> bool {
+        self.watched != 0
+    }
+
     /// A drive whose timeout stop wants to be fed now.
     pub fn hungry(&self, now: Instant) -> Option<(u8, Readings)> {
         let due = |id: &u8| self.nodes[usize::from(*id)].hunger().is_some_and(|at| at <= now);

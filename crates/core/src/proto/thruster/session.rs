@@ -203,6 +203,11 @@ impl Session {
         Some((id, request))
     }
 
+    /// Whether a drive stops that is not spoken to.
+    pub(super) const fn feeds(&self) -> bool {
+        self.nodes.feeds()
+    }
+
     /// Takes what a drive says.
     pub(super) fn heard(&mut self, id: u8, heard: Heard, now: Instant) {
         match heard {

@@ -250,6 +250,10 @@ impl Host<Stream> for SerialHost {
         len
     }
 
+    fn disturbed(&mut self, now: Instant) {
+        self.quiet = self.quiet.max(now.plus_ns(self.gap_ns));
+    }
+
     fn counters(&self) -> Counters {
         self.session.counters
     }

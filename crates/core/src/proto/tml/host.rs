@@ -337,12 +337,21 @@ impl Host<Stream> for SerialHost {
         self.session.counters
     }
 
-    fn joined(&mut self, _address: u32) {
+    fn join(&mut self, address: u32) -> bool {
+        let busy = !self.rate.is_still() || self.session.fallback == Fallback::Due;
+        if busy || !self.session.join(address) {
+            return false;
+        }
         // A drive that is not alone is not told another rate, or the others no longer understand.
         if self.session.wire() != Wire::Rs232 {
             self.rate = Rate::new(self.line.baud, None);
             self.session.fallback = Fallback::Spent;
         }
+        true
+    }
+
+    fn disturbed(&mut self, now: Instant) {
+        self.last_byte = now;
     }
 }
 
@@ -479,6 +488,10 @@ impl<E: Encapsulation> Host<Can> for CanHost<E> {
         let count = usize::from(frame.is_ok());
         *out = frame.unwrap_or_default();
         count
+    }
+
+    fn join(&mut self, address: u32) -> bool {
+        self.session.join(address)
     }
 
     fn counters(&self) -> Counters {

@@ -21,6 +21,7 @@ use super::rules::{Rule, Wire, leaves};
 use super::serial::FRAME_MIN;
 use super::wire::{IdCode, Instruction, Message};
 use crate::error::Failure;
+use crate::proto::GROUP;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
 use doubt::Doubts;
@@ -207,6 +208,16 @@ impl Session {
     #[inline]
     pub(super) const fn wire(&self) -> Wire {
         self.place.wire
+    }
+
+    /// One more axis. False for the host's own.
+    pub(super) fn join(&mut self, address: u32) -> bool {
+        let on_bus = self.place.wire != Wire::Rs232;
+        if on_bus && address & GROUP == 0 && self.same_axis(address as u8, self.place.own.id) {
+            return false;
+        }
+        self.place.alone = false;
+        true
     }
 
     pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {

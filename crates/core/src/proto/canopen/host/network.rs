@@ -62,6 +62,11 @@ impl Network {
         self.nodes.get(usize::from(node))?.state
     }
 
+    /// Whether nodes wait for the host's heartbeat, or follow its SYNC.
+    pub const fn keeps_alive(&self) -> bool {
+        self.own.next.is_some() || self.sync.is_some()
+    }
+
     /// Nothing is known any more.
     pub fn forget(&mut self) {
         for node in &mut self.nodes {

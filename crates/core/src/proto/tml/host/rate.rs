@@ -58,6 +58,11 @@ impl Rate {
         matches!(self.stage, Stage::Right | Stage::Resetting)
     }
 
+    /// Whether it is as it should be, and nothing is under way to have it so.
+    pub const fn is_still(&self) -> bool {
+        matches!(self.stage, Stage::Right)
+    }
+
     /// What the line is to be driven at.
     pub const fn baud(&self) -> u32 {
         match self.stage {
