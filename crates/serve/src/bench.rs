@@ -90,6 +90,8 @@ pub(crate) use wire::overtaken;
 pub const LEASE: Duration = Duration::from_millis(1500);
 /// How long a command may be good for, ms.
 const TTL_MAX_MS: f64 = 10_000.0;
+/// Characters of a stop's reason that are kept: its record must be written, however they are spelt.
+const REASON_MAX: usize = 10_000;
 /// How long closing waits for motors to come to rest.
 const CLOSE_MAX: Duration = Duration::from_secs(12);
 /// How long it waits for the journal's disk.
@@ -236,6 +238,7 @@ impl Bench {
     #[must_use]
     pub fn snapshot(&self) -> BenchView {
         let Inner { links, axes, shared, .. } = &*self.0;
+        let lock = shared.lock().clone();
         BenchView {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             scopes: Vec::new(),
@@ -243,7 +246,7 @@ impl Bench {
             axes: axes.iter().map(|seat| self.seen(&seat.info)).collect(),
             clashes: links.iter().filter_map(Link::clash).collect(),
             looks: links.iter().filter_map(|link| link.search.told()).collect(),
-            lock: shared.lock().clone(),
+            lock,
             time_scale: open::time_scale(links),
         }
     }
@@ -409,22 +412,26 @@ impl Bench {
     /// [`Event::Stopped`] does.
     pub fn stop(&self, session: &Session, order: &StopOrder) -> Reply<Stopped> {
         let since = self.0.shared.now();
+        let reason: String = order.reason.chars().take(REASON_MAX).collect();
         if order.axes.is_none() {
             self.0.links.iter().for_each(|link| link.wire.looking.break_off());
             let (by, at_ms) = (session.to_string(), Clock::ms(since));
-            let lock = LockTold { by, at_ms, reason: order.reason.clone() };
+            let lock = LockTold { by, at_ms, reason: reason.clone() };
             self.0.shared.lock_motion(lock);
         }
         let every = || (0..self.0.axes.len() as u16).collect();
         let mut axes: Vec<u16> = order.axes.clone().unwrap_or_else(every);
         // One that is not there keeps no other from being stopped.
         axes.retain(|id| usize::from(*id) < self.0.axes.len());
+        // Named twice, it is stopped once.
+        axes.sort_unstable();
+        axes.dedup();
         let (report, told) = Report::of(&axes);
         for (n, link) in self.0.links.iter().enumerate() {
             let its = axes.iter().map(|id| &self.0.axes[usize::from(*id)]);
             let axes: Vec<_> = its.filter(|s| s.link == n).map(|s| (s.place, 0)).collect();
             if !axes.is_empty() {
-                let (who, reason) = (session.clone(), order.reason.clone());
+                let (who, reason) = (session.clone(), reason.clone());
                 let report = Some(Arc::clone(&report));
                 link.wire.stop(StopThese { axes, who, reason, since, report });
             }

@@ -332,9 +332,12 @@ fn who_looked_and_who_took_in_is_written_down() {
     let options = Options { journal: notes.clone(), ..Options::default() };
     let desk = Desk::with(&["sim:tmcl?axes=2&time=virtual#1"], options);
     desk.look(0, 1, 4);
-    desk.hear(desk.bench.take_in(0, &desk.ann, &TakeIn::default())).unwrap();
+    let take = || desk.hear(desk.bench.take_in(0, &desk.ann, &TakeIn::default())).unwrap().axes;
+    assert_eq!(take(), [1]);
+    assert!(take().is_empty(), "nothing is left, and nothing is done");
     desk.bench.pass(5 * MS);
-    let expected = [("ann", Deed::Look), ("server", Deed::Look), ("ann", Deed::TakeIn)];
+    let ann = |deed| ("ann", deed);
+    let expected = [ann(Deed::Look), ("server", Deed::Look), ann(Deed::TakeIn), ann(Deed::Outcome)];
     let noted = notes.0.lock().unwrap();
     let noted: Vec<_> = noted.iter().map(|(who, deed)| (&**who, *deed)).collect();
     assert_eq!(noted, expected);

@@ -95,7 +95,7 @@ impl Eyes {
             if self.look() {
                 // Between two addresses whatever is due goes on.
                 for _ in 0..DUE_AT_ONCE_MAX {
-                    if self.desk.work() || !self.sample() {
+                    if !self.desk.work() && !self.sample() {
                         break;
                     }
                 }

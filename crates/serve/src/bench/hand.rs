@@ -287,6 +287,7 @@ impl Hand {
                 // Who has gone does not want to know.
                 let _ = ask.tell.send(Err(overtaken()));
             }
+            Order::Look(begin) if (0..self.axes.len()).any(late) => begin(Err(overtaken())),
             Order::Command(commanded) if late(commanded.axis) => {
                 self.tell(*commanded, Some(overtaken()));
             }
@@ -443,8 +444,10 @@ impl Hand {
 
     fn command(&mut self, said: u64, commanded: Commanded) {
         let started = self.start(&commanded);
-        if started.is_ok() && commanded.deed.ends_motion() {
-            // It did not wait for the journal, as what was said before it may still do.
+        let Commanded { axis, session, order, deed, .. } = &commanded;
+        if deed.ends_motion() && self.may(*axis, session, order.epoch, false).is_ok() {
+            // It did not wait for the journal, as what was said before it may still do: that is not
+            // done any more, whatever became of this.
             let stopped = &mut self.axes[commanded.axis].stopped;
             *stopped = said.max(*stopped);
         }

@@ -106,20 +106,19 @@ impl Search {
             error: None,
         };
         held(&self.found).clear();
-        *held(&self.told) = Some(view.clone());
+        let mut told = held(&self.told);
+        *told = Some(view.clone());
         *held(&self.ordered) = Some(numbers);
         shared.tell(Event::Look(view.clone()));
         view
     }
 
+    /// Changes what is told, and tells it: in this order, whoever else does.
     fn change(&self, shared: &Shared, change: impl FnOnce(&mut LookView)) {
-        let view = {
-            let mut told = held(&self.told);
-            let Some(view) = told.as_mut() else { return };
-            change(view);
-            view.clone()
-        };
-        shared.tell(Event::Look(view));
+        let mut told = held(&self.told);
+        let Some(view) = told.as_mut() else { return };
+        change(view);
+        shared.tell(Event::Look(view.clone()));
     }
 }
 
@@ -213,13 +212,14 @@ impl Searcher {
         *held(&self.search.found) = scan.found;
         // Who is told of the end may take an axis at once.
         self.wire.looking.end();
-        self.shared.looking.store(false, Ordering::SeqCst);
         self.shared.noted(&SERVER.into(), Deed::Look, None, detail);
         self.search.change(&self.shared, |view| {
             (view.state, view.number, view.error) = (state, None, error);
             view.done = view.of;
             (view.found, view.axes, view.tried) = (found, asked, scan.tried);
             view.unasked = scan.unasked as u32;
+            // Before that is told: who hears it may look again.
+            self.shared.looking.store(false, Ordering::SeqCst);
         });
     }
 
@@ -321,18 +321,39 @@ impl Bench {
             chosen(link, take)
         });
         let found = match found {
+            Ok(found) if found.is_empty() => return Reply::ready(Ok(TakenIn { axes: Vec::new() })),
             Ok(found) => found,
             Err(refused) => return Reply::ready(Err(refused)),
         };
         let numbers: Vec<u32> = found.iter().map(|one| one.number).collect();
         let detail = json!({ "link": link, "drives": numbers });
+        let (tell, told) = oneshot::channel();
+        let (desk, who) = (Arc::clone(&self.0.links[n].desk), session.clone());
+        // Limits may have to be asked of the drive: that is for the wire's desk.
+        let then = move |kept: Result<(), Refused>| match kept {
+            Ok(()) => desk.ask(tell, move || {
+                let taken = bench.take_these(n, &found);
+                let detail = match &taken {
+                    Ok(taken) => json!({ "link": link, "axes": taken.axes }),
+                    Err(refused) => json!({ "link": link, "error": refused }),
+                };
+                bench.0.shared.noted(&who, Deed::Outcome, None, detail);
+                taken
+            }),
+            // Who has gone does not want to know.
+            Err(refused) => drop(tell.send(Err(refused))),
+        };
         let what = (session, Deed::TakeIn, None);
-        self.announce(what, detail, move || bench.take_these(n, &found))
+        self.0.shared.notes.announce(what, detail, self.0.shared.now(), Box::new(then));
+        Reply::of(told, Ok(()))
     }
 
     fn take_these(&self, n: usize, found: &[Found]) -> Result<TakenIn, Refused> {
         let link = &self.0.links[n];
         let _one_at_a_time = held(&self.0.growing);
+        if link.wire.looking.is_on() {
+            return Err(refused("somebody looks for drives there again").hint("wait for its end"));
+        }
         if self.0.axes.len() + found.len() > AXES_MAX {
             return Err(refused(format!("a bench holds {AXES_MAX} axes")));
         }
@@ -357,7 +378,9 @@ impl Bench {
             }
         });
         self.0.shared.tell(Event::Bench);
-        self.hear(base, before, &all)?;
+        if let Err(error) = self.hear(base, before, &all) {
+            tracing::warn!(%error, "what drives say unasked that were taken in is not heard");
+        }
         Ok(TakenIn { axes: ids })
     }
 

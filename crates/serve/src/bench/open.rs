@@ -60,6 +60,11 @@ pub(super) fn open(
         let (first, ears) = (links.len(), Arc::clone(traffic));
         let tapped = connector.clone().with_taps(move |wire| ears.ear(first + wire));
         let opened = tapped.connect(url)?;
+        if wires(&opened).count() < opened.wires().len() {
+            let what = format!("no axis is named of one of the wires of {url}");
+            let hint = "name an axis of each wire after `#`, or none";
+            return Err(Refused::new("gateway.request", what).hint(hint));
+        }
         let base = axes.len() as u16;
         take((url, connector), &opened, &mut links, &mut axes);
         roots.push((base, opened));
@@ -95,6 +100,11 @@ fn rack() -> Vec<String> {
     urls
 }
 
+/// The axes of each wire that has any.
+fn wires(opened: &polepair::Link) -> impl Iterator<Item = &[Axis]> {
+    opened.axes().chunk_by(|one, other| one.connection().is(other.connection()))
+}
+
 /// The wires of an opened link, with their axes.
 fn take(
     (url, connector): (&str, &Connector),
@@ -104,8 +114,7 @@ fn take(
 ) {
     let root = Arc::new(Mutex::new(opened.clone()));
     let own = own_links(opened.simulation());
-    let by_wire = opened.axes().chunk_by(|one, other| one.connection().is(other.connection()));
-    for (n, (axes, open)) in by_wire.zip(opened.wires()).enumerate() {
+    for (n, (axes, open)) in wires(opened).zip(opened.wires()).enumerate() {
         let id = links.len() as u16;
         let simulation = opened.simulation().cloned().zip(own.get(n).copied());
         let mut ids = Vec::new();

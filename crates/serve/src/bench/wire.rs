@@ -210,7 +210,7 @@ impl Wire {
     pub fn order(&self, order: Order) -> Result<(), Refused> {
         {
             let mut orders = held(&self.orders);
-            if orders.len() == ORDERS_MAX {
+            if orders.len() >= ORDERS_MAX {
                 return Err(full());
             }
             orders.push_back((self.number(), order));
