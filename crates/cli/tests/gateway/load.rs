@@ -176,9 +176,10 @@ impl Times {
         Self(all)
     }
 
+    /// So many of them are no greater (nearest rank).
     fn at(&self, share: f64) -> f64 {
-        let Some(last) = self.0.len().checked_sub(1) else { return f64::NAN };
-        self.0[((last as f64 * share).ceil() as usize).min(last)]
+        let rank = (self.0.len() as f64 * share).ceil() as usize;
+        self.0.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
     }
 }
 
