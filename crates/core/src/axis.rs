@@ -678,6 +678,11 @@ pub trait Axes {
         None
     }
 
+    /// Whether one of that address could join now, but for the number of axes.
+    fn may_join(&self, _lane: usize, _address: u32) -> bool {
+        false
+    }
+
     /// Whether the wire must not be lent: the host speaks by itself to keep drives alive or in step.
     fn keeps_alive(&self) -> bool {
         false

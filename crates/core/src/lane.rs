@@ -535,22 +535,24 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     }
 
     fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
-        let make = self.make.filter(|_| lane == 0)?;
+        let make = self.make.filter(|_| self.may_join(lane, address))?;
         let axis = AxisIndex(u8::try_from(self.slots.len()).ok()?);
-        // Two slots of one drive would not know what the other has it do.
-        let known = self.slots.iter().any(|slot| slot.driver.address() == address);
-        if known || !self.host.join(address) {
-            return None;
-        }
         self.slots.push(Slot::new(make(profile, address)));
+        self.host.joined(address);
         if let (Some(tidings), Some(slot)) = (&mut self.tidings, self.slots.last()) {
             tidings.know(&slot.state);
         }
         Some(axis)
     }
 
+    fn may_join(&self, lane: usize, address: u32) -> bool {
+        // Two slots of one drive would not know what the other has it do.
+        let known = self.slots.iter().any(|slot| slot.driver.address() == address);
+        lane == 0 && self.make.is_some() && !known && self.host.may_join(address)
+    }
+
     fn keeps_alive(&self) -> bool {
-        self.cycle.is_some() || self.host.keeps_alive()
+        self.cycle.as_ref().is_some_and(|cycle| cycle.runs()) || self.host.keeps_alive()
     }
 
     fn disturbed(&mut self, now: Instant) {

@@ -325,6 +325,10 @@ impl Axes for Mux {
         Some(axis)
     }
 
+    fn may_join(&self, lane: usize, address: u32) -> bool {
+        self.lanes.get(lane).is_some_and(|lane| lane.may_join(0, address))
+    }
+
     fn keeps_alive(&self) -> bool {
         self.lanes.iter().any(|lane| lane.keeps_alive())
     }

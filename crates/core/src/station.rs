@@ -184,11 +184,15 @@ pub trait Host<M: Medium>: Station<M> {
         0
     }
 
-    /// One more drive, of that address, is to be asked from now on. False where it cannot be, or not
-    /// now: nothing has changed then.
-    fn join(&mut self, address: u32) -> bool {
+    /// Whether one more drive, of that address, can be asked from now on.
+    fn may_join(&self, address: u32) -> bool {
         let _ = address;
         true
+    }
+
+    /// One more drive, of that address, is asked from now on.
+    fn joined(&mut self, address: u32) {
+        let _ = address;
     }
 
     /// Whether it has to speak though nobody asks, lest a drive stops: then its wire cannot be lent.

@@ -132,8 +132,8 @@ impl Connection {
     /// Lends the link out, as soon as nothing of this connection is under way: until the answer is
     /// dropped, what is submitted here waits and is not sent, and nobody waits for that in
     /// [`submit`](Self::submit). What drives say unasked on a serial line meanwhile is lost. `None`
-    /// when something was under way all the time until then, also when drives have to be kept alive
-    /// (heartbeat, SYNC, a watchdog that is fed), or when the link is of another medium.
+    /// when something was under way all the time until then, or the link is of another medium; at once
+    /// when drives have to be kept alive (heartbeat, SYNC, a watchdog that is fed).
     ///
     /// # Errors
     /// [`LinkError`] while the link is down.

@@ -6,6 +6,7 @@ use crate::error::Error;
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::profile::{Access, Ask, Identity, ParameterId, Profile};
 use polepair_core::station::AxisIndex;
+use polepair_core::time::Instant;
 use polepair_link::Connection;
 use std::fmt;
 use std::time::Duration;
@@ -203,8 +204,9 @@ impl<'a> Prober<'a> {
 
     fn ask(&self, connection: &Connection, axis: usize, question: Ask) -> Option<Outcome> {
         let axis = AxisIndex(u8::try_from(axis).ok()?);
-        // However the host judges it: what keeps others from the wire has an end.
-        let until = connection.now() + self.patience.unwrap_or(QUESTION_MAX);
+        // However the host judges it: what may keep others from the wire has an end.
+        let patience = self.patience.or(self.looking.then_some(QUESTION_MAX));
+        let until = patience.map_or(Instant::FAR, |patience| connection.now() + patience);
         let outcome: Result<Option<Outcome>, Unsupported> =
             connection.ask(until, |axes, now, ticket| match question {
                 Ask::Parameter(id) => axes.read(now, ticket, axis, id),

@@ -192,6 +192,11 @@ fn a_drive_joins_once_and_not_with_the_hosts_own_address() {
     assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [254]);
     let own = link.take_in(0, &scan.found).expect_err("its answers would be for the host");
     assert_eq!(own.code(), "E220", "{own}");
+    let link = open("sim:tml:1,2,254?wire=rs485&time=virtual#1");
+    let both = [look(&link, 2..=2).found, look(&link, 254..=254).found].concat();
+    assert_eq!(link.take_in(0, &both).expect_err("one of them cannot").code(), "E220");
+    let link = link.take_in(0, &both[..1]).expect("the other did not join before");
+    assert_eq!(numbers(&link), [1, 2]);
 }
 
 #[test]
@@ -200,6 +205,8 @@ fn a_bus_whose_drives_must_hear_the_host_is_not_lent() {
     link.axes()[0].set_raw("command timeout", 300).expect("a watchdog");
     let connector = Connector::default();
     let mut look = Look::on(&connector, &link, 0, Numbers::ALL).expect("a wire");
+    let before = link.axes()[0].connection().now();
     let refused = look.next(&|| false).expect_err("the drive would stop");
     assert_eq!(refused.code(), "E220", "{refused}");
+    assert_eq!(link.axes()[0].connection().now(), before, "nobody waited, and nobody was silent");
 }

@@ -179,12 +179,14 @@ pub(super) fn set_aside<M: Medium>(
         if let Some(trouble) = &state.trouble {
             break Err(trouble.clone());
         }
+        // Refused at once: while it waited here, the program would not be heard of.
+        if state.lane.keeps_alive() {
+            break Ok(false);
+        }
         // Not even a question of the lane's own may be under way: on a line its answer would be
-        // taken for another's. On a bus it is heard as well. Who keeps drives alive is never quiet.
+        // taken for another's. On a bus it is heard as well.
         let waits = M::KIND == MediumKind::Serial && state.due().is_some();
-        let quiet = state.slots.pending().all(|ticket| ticket == own)
-            && !waits
-            && !state.lane.keeps_alive();
+        let quiet = state.slots.pending().all(|ticket| ticket == own) && !waits;
         state = match state.leader {
             Leader::Nobody if quiet => break Ok(true),
             _ if state.link.now() >= until => break Ok(false),

@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// How long a look waits until nothing else is under way on a link.
-const QUIET_MAX: Duration = Duration::from_secs(2);
+const QUIET_MAX: Duration = Duration::from_secs(6);
 
 /// One protocol on a wire, without the wire.
 #[derive(Clone)]
@@ -51,8 +51,10 @@ impl Lent {
             MediumKind::Can => connection.set_aside(until)?.map(Self::Can),
         };
         lent.ok_or_else(|| {
-            let what = format!("something is under way on {} all the time", connection.describe());
-            Error::usage("E220", what, "end it first: nobody can be looked for meanwhile")
+            let what = format!("something is under way on {}", connection.describe());
+            let hint = "end it first: nobody can be looked for meanwhile, nor while drives have to hear \
+                        this host in time (heartbeat, SYNC, a watchdog that it feeds)";
+            Error::usage("E220", what, hint)
         })
     }
 
@@ -115,6 +117,13 @@ impl Link {
         axes.filter(|(_, axis)| axis.connection.is(connection)).collect()
     }
 
+    /// The number of an axis' wire, among [all of them](Self::wires).
+    #[must_use]
+    pub fn wire_of(&self, axis: &Axis) -> Option<usize> {
+        let its = |connection: &Connection| connection.is(&axis.connection);
+        self.kept.iter().position(|(connection, _)| connection.as_ref().is_some_and(its))
+    }
+
     /// What is spoken on a wire.
     pub(crate) fn kept_on(&self, wire: usize) -> Result<&Arc<[Kept]>, Error> {
         self.kept.get(wire).map(|(_, kept)| kept).ok_or_else(|| {
@@ -132,7 +141,7 @@ impl Link {
     /// [`Error::Usage`] `E212` for a wire that there is not, for an address that is an axis already
     /// or that no drive can have, `E213` where a rack says that there is another drive, `E220` when no
     /// more axes fit, or a drive cannot join: it has the host's own address, or is an axis that this
-    /// handle does not know.
+    /// handle does not know. No drive has joined then.
     pub fn take_in(&self, wire: usize, found: &[Found]) -> Result<Self, Error> {
         let kept = self.kept_on(wire)?;
         let known = self.axes_on(wire);
@@ -159,20 +168,26 @@ impl Link {
             ready.push((lane, found, seat, profile));
         }
         let model = known[0].1.clone();
-        let room = 256_usize.saturating_sub(connection.with(|axes, _| axes.axes()));
-        if ready.len() > room {
-            let what = format!("{} more axes do not fit on this link", ready.len());
-            return Err(Error::usage("E220", what, "256 are the most"));
-        }
-        let mut link = self.clone();
-        for (lane, found, seat, profile) in ready {
-            let joined = connection.with(|axes, _| axes.join(lane, profile, found.number));
-            let index = joined.ok_or_else(|| {
+        // All of them or none.
+        let joined = connection.with(|axes, _| {
+            if axes.axes() + ready.len() > 256 {
+                let what = format!("{} more axes do not fit on this link", ready.len());
+                return Err(Error::usage("E220", what, "256 are the most"));
+            }
+            let cannot = ready.iter().find(|(lane, found, ..)| !axes.may_join(*lane, found.number));
+            if let Some((_, found, ..)) = cannot {
                 let what = format!("the drive at {} cannot join", Number(found.number));
                 let hint = "it has the host's own address (give it another), or is an axis already, or \
                             the line is being set to its baud rate: then try again";
-                Error::usage("E220", what, hint)
-            })?;
+                return Err(Error::usage("E220", what, hint));
+            }
+            let join = |(lane, found, _, profile): &(usize, &Found, Seat, &'static Profile)| {
+                axes.join(*lane, profile, found.number)
+            };
+            Ok(ready.iter().filter_map(join).collect::<Vec<_>>())
+        })?;
+        let mut link = self.clone();
+        for ((lane, found, seat, profile), index) in ready.into_iter().zip(joined) {
             let mounted = seat.mounting.map(|m| Arc::new(Mounted::new(m, profile)));
             let identified = match std::ptr::eq(profile, found.profile) {
                 true => found.identified.clone(),

@@ -60,9 +60,10 @@ pub(super) fn open(
         let (first, ears) = (links.len(), Arc::clone(traffic));
         let tapped = connector.clone().with_taps(move |wire| ears.ear(first + wire));
         let opened = tapped.connect(url)?;
-        if wires(&opened).count() < opened.wires().len() {
-            let what = format!("no axis is named of one of the wires of {url}");
-            let hint = "name an axis of each wire after `#`, or none";
+        let in_turn = wires(&opened).enumerate().all(|(n, of)| opened.wire_of(&of[0]) == Some(n));
+        if !in_turn {
+            let what = format!("{url} names no axis of a wire before one of which it does");
+            let hint = "name an axis of each wire before it after `#`, or none";
             return Err(Refused::new("gateway.request", what).hint(hint));
         }
         let base = axes.len() as u16;

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use polepair_client::message::{
-    AxisInfo, AxisState, FrameDirection, FrameItem, StopClass, StopOrder, Stopped,
+    AxisInfo, AxisState, AxisStopped, FrameDirection, FrameItem, StopClass, StopOrder, Stopped,
 };
 use polepair_client::{Frames, Gateway, Live, Pending, Refused};
 use polepair_core::explain::Direction;
@@ -284,10 +284,20 @@ impl Shows for Remote {
 
     fn farewell(&mut self) -> Vec<String> {
         let mut said = Vec::new();
-        if let Some(asked) = &mut self.stop
-            && let Err(why) = asked.pending.wait(STOP_MAX)
-        {
-            said.push(format!("the stop is not confirmed: {}", why.message));
+        match self.stop.as_mut().map(|asked| asked.pending.wait(STOP_MAX)) {
+            None => {}
+            Some(Err(why)) => said.push(format!("the stop is not confirmed: {}", why.message)),
+            Some(Ok(None)) => said.push(
+                "the stop is not confirmed: the server does not answer; cut the power if it turns"
+                    .into(),
+            ),
+            Some(Ok(Some(stopped))) => {
+                let failed = |axis: &&AxisStopped| axis.error.is_some();
+                said.extend(stopped.axes.iter().filter(failed).map(|axis| {
+                    let why = axis.error.as_ref().map_or("", |error| &*error.message);
+                    format!("axis {} may not have stopped: {why}", axis.id)
+                }));
+            }
         }
         // What came of it in the meantime.
         let _ = self.hear();

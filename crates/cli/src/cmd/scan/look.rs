@@ -28,6 +28,8 @@ pub fn run(
 ) -> Result {
     interrupt::listen(|| {});
     let mut links: Vec<u16> = axes.iter().map(|axis| axis.link).collect();
+    // Axes that were taken in stand behind all others.
+    links.sort_unstable();
     links.dedup();
     let order = LookOrder {
         first: ids.as_ref().map(|ids| *ids.start()),

@@ -329,7 +329,7 @@ impl Host {
             Ask::Watch { node, ms } => {
                 let written = self.submit_channel(now, ticket, self.network.watched(node, ms));
                 written.map_err(|_| request)?;
-                self.network.beat_within(now, ms);
+                self.network.beat_within(now, node, ms);
                 Ok(())
             }
             Ask::Lss(lss) => self.lss.submit(ticket, Some(lss)).map_err(|()| request),

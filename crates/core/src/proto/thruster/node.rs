@@ -131,9 +131,9 @@ impl Nodes {
         self.watched = 0;
     }
 
-    /// Whether any is fed.
-    pub const fn feeds(&self) -> bool {
-        self.watched != 0
+    /// Whether any is fed, while the application's lease lasts.
+    pub fn feeds(&self) -> bool {
+        bits(self.watched).any(|id| self.nodes[usize::from(id)].hunger().is_some())
     }
 
     /// A drive whose timeout stop wants to be fed now.

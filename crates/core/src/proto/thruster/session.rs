@@ -204,7 +204,7 @@ impl Session {
     }
 
     /// Whether a drive stops that is not spoken to.
-    pub(super) const fn feeds(&self) -> bool {
+    pub(super) fn feeds(&self) -> bool {
         self.nodes.feeds()
     }
 

@@ -337,20 +337,23 @@ impl Host<Stream> for SerialHost {
         self.session.counters
     }
 
-    fn join(&mut self, address: u32) -> bool {
+    fn may_join(&self, address: u32) -> bool {
         let busy = !self.rate.is_still() || self.session.fallback == Fallback::Due;
-        if busy || !self.session.join(address) {
-            return false;
-        }
+        !busy && self.session.may_join(address)
+    }
+
+    fn joined(&mut self, _address: u32) {
+        self.session.joined();
         // A drive that is not alone is not told another rate, or the others no longer understand.
         if self.session.wire() != Wire::Rs232 {
             self.rate = Rate::new(self.line.baud, None);
             self.session.fallback = Fallback::Spent;
         }
-        true
     }
 
     fn disturbed(&mut self, now: Instant) {
+        // What lay here of a frame before is no beginning of the next.
+        self.look_again(now);
         self.last_byte = now;
     }
 }
@@ -490,8 +493,12 @@ impl<E: Encapsulation> Host<Can> for CanHost<E> {
         count
     }
 
-    fn join(&mut self, address: u32) -> bool {
-        self.session.join(address)
+    fn may_join(&self, address: u32) -> bool {
+        self.session.may_join(address)
+    }
+
+    fn joined(&mut self, _address: u32) {
+        self.session.joined();
     }
 
     fn counters(&self) -> Counters {

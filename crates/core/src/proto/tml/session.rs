@@ -210,14 +210,15 @@ impl Session {
         self.place.wire
     }
 
-    /// One more axis. False for the host's own.
-    pub(super) fn join(&mut self, address: u32) -> bool {
+    /// Whether a drive of that address can be asked: not with the host's own.
+    pub(super) fn may_join(&self, address: u32) -> bool {
         let on_bus = self.place.wire != Wire::Rs232;
-        if on_bus && address & GROUP == 0 && self.same_axis(address as u8, self.place.own.id) {
-            return false;
-        }
+        !on_bus || address & GROUP != 0 || !self.same_axis(address as u8, self.place.own.id)
+    }
+
+    /// There is one more axis.
+    pub(super) const fn joined(&mut self) {
         self.place.alone = false;
-        true
     }
 
     pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
@@ -529,8 +530,8 @@ impl Session {
 
     /// Whether what was said answers what was asked, now or a moment ago.
     fn judge(&mut self, now: Instant, said: &Online) -> bool {
+        // It was asked for, so it is not late; and nobody takes it, so it is no answer.
         if self.answers_aside(said) {
-            self.counters.answered += 1;
             return true;
         }
         let pending = self.pending.filter(|pending| pending.attempts > 0);

@@ -38,6 +38,10 @@ pub struct Network {
     /// The earliest of the heartbeats that are due.
     due: Option<Instant>,
     own: Beat,
+    /// Nodes that this host had watch its heartbeat.
+    watchers: u128,
+    /// Whoever opened the link wants a heartbeat.
+    wanted: bool,
     sync: Option<(u64, Instant)>,
 }
 
@@ -55,7 +59,8 @@ impl Network {
         let node = Node { state: None, toggle: None, within_ms: 0, due: None };
         let period_ms = heartbeat_ms.unwrap_or(0);
         let own = Beat { id, period_ms, next: None, lease: Instant::ZERO };
-        Self { nodes: [node; NODES], due: None, own, sync: None }
+        let wanted = period_ms > 0;
+        Self { nodes: [node; NODES], due: None, own, watchers: 0, wanted, sync: None }
     }
 
     pub fn state(&self, node: u8) -> Option<State> {
@@ -64,7 +69,8 @@ impl Network {
 
     /// Whether nodes wait for the host's heartbeat, or follow its SYNC.
     pub const fn keeps_alive(&self) -> bool {
-        self.own.next.is_some() || self.sync.is_some()
+        let beats = self.own.next.is_some() && (self.watchers != 0 || self.wanted);
+        beats || self.sync.is_some()
     }
 
     /// Nothing is known any more.
@@ -139,8 +145,11 @@ impl Network {
         Ask::Write { node, object: CONSUMER, bits, len: 4, class: Class::Confirm }
     }
 
-    /// The host's heartbeat comes at least thrice within so many ms from now on, if that is any.
-    pub fn beat_within(&mut self, now: Instant, ms: u16) {
+    /// A node watches the host's heartbeat, which comes at least thrice within so many ms from now on;
+    /// with none, the node watches it no more.
+    pub fn beat_within(&mut self, now: Instant, node: u8, ms: u16) {
+        let bit = 1 << (node & NODE_MAX);
+        self.watchers = if ms > 0 { self.watchers | bit } else { self.watchers & !bit };
         let period_ms = u32::from(ms) / BEATS;
         if period_ms > 0 && (self.own.period_ms == 0 || period_ms < self.own.period_ms) {
             self.own.period_ms = period_ms;
