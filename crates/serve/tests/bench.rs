@@ -1,15 +1,16 @@
 //! A bench without HTTP: leases, commands and stops on simulated drives in virtual time.
 
+mod patience;
+
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use patience::{MS, heard, order};
 use polepair_serve::bench::{Bench, Journal, Note, Options, Reply, Session};
 use polepair_serve::message::{
-    Arguments, CommandOrder, Deed, Ended, Given, LeaseAct, Outcome, Refused, StopClass, StopOrder,
+    CommandOrder, Deed, Ended, Given, LeaseAct, Outcome, Refused, StopClass, StopOrder,
     WriteParameters,
 };
-
-const MS: Duration = Duration::from_millis(1);
 
 /// A bench of simulated drives in virtual time, and a client.
 struct Desk {
@@ -23,14 +24,8 @@ impl Desk {
     }
 
     /// Waits for an answer in virtual time.
-    fn hear<T>(&self, mut reply: Reply<T>) -> Result<T, Refused> {
-        for _ in 0..30_000 {
-            if let Some(answer) = reply.take() {
-                return answer;
-            }
-            self.bench.pass(MS);
-        }
-        panic!("no answer within thirty seconds of virtual time");
+    fn hear<T>(&self, reply: Reply<T>) -> Result<T, Refused> {
+        heard(&self.bench, reply)
     }
 
     fn take(&self, who: &Session, axis: u16) -> u64 {
@@ -40,14 +35,7 @@ impl Desk {
 
     fn order(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> CommandOrder {
         self.ids += 1;
-        CommandOrder {
-            id: format!("id-{}", self.ids),
-            issued_ms: self.bench.now_ms(),
-            ttl_ms: 500.0,
-            epoch,
-            verb: verb.into(),
-            arguments: Arguments { velocity, ..Arguments::default() },
-        }
+        order(&self.bench, self.ids, epoch, verb, velocity)
     }
 
     fn tell(&mut self, who: &Session, epoch: u64, verb: &str, velocity: Option<f64>) -> Outcome {

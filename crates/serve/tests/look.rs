@@ -1,16 +1,17 @@
 //! Looking for drives on links that are open, in virtual time: found, clashing, gone; refused where
 //! something may move, broken off by a stop, and taken in while everything else goes on.
 
-use std::sync::{Arc, Mutex};
-use std::time::Duration;
+mod patience;
 
+use std::sync::{Arc, Mutex};
+
+use patience::{MS, heard, order};
 use polepair_serve::bench::{Bench, Event, Journal, Note, Options, Reply, Session};
 use polepair_serve::message::{
-    Act, Arguments, CommandOrder, Deed, DriveAt, Ended, LeaseAct, LookOrder, LookState, LookView,
-    Outcome, Refused, StopOrder, TakeIn,
+    Act, Deed, DriveAt, Ended, LeaseAct, LookOrder, LookState, LookView, Outcome, Refused,
+    StopOrder, TakeIn,
 };
 
-const MS: Duration = Duration::from_millis(1);
 const BUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-bus.toml");
 
 /// A bench, and somebody who works at it.
@@ -30,14 +31,8 @@ impl Desk {
         Self { bench: Bench::open(&urls, options).unwrap(), ann: "ann".into(), ids: 0 }
     }
 
-    fn hear<T>(&self, mut reply: Reply<T>) -> Result<T, Refused> {
-        for _ in 0..30_000 {
-            if let Some(answer) = reply.take() {
-                return answer;
-            }
-            self.bench.pass(MS);
-        }
-        panic!("no answer within thirty seconds of virtual time");
+    fn hear<T>(&self, reply: Reply<T>) -> Result<T, Refused> {
+        heard(&self.bench, reply)
     }
 
     fn begin(&self, link: u16, first: u32, last: u32) -> Result<LookView, Refused> {
@@ -73,14 +68,7 @@ impl Desk {
 
     fn tell(&mut self, axis: u16, epoch: u64, verb: &str, velocity: Option<f64>) -> Outcome {
         self.ids += 1;
-        let order = CommandOrder {
-            id: format!("id-{}", self.ids),
-            issued_ms: self.bench.now_ms(),
-            ttl_ms: 500.0,
-            epoch,
-            verb: verb.into(),
-            arguments: Arguments { velocity, ..Arguments::default() },
-        };
+        let order = order(&self.bench, self.ids, epoch, verb, velocity);
         self.hear(self.bench.command(axis, &self.ann, order)).unwrap()
     }
 
