@@ -4,8 +4,6 @@ use std::sync::{Arc, Mutex};
 
 use polepair::events::Events;
 
-use super::Bench;
-use super::Inner;
 use super::ears::Ears;
 use super::eyes::Eyes;
 use super::frames::Reader;
@@ -13,6 +11,7 @@ use super::hand::Hand;
 use super::notes::Scribe;
 use super::open::Link;
 use super::shared::held;
+use super::{Bench, Inner};
 use crate::message::Refused;
 
 impl Bench {

@@ -1,5 +1,6 @@
 //! What nodes say of themselves, and what the host says by itself: its own heartbeat, and SYNC.
 
+use super::nodes::NodeSet;
 use crate::medium::Frame;
 use crate::proto::canopen::NODE_MAX;
 use crate::proto::canopen::ask::{Answer, Ask};
@@ -39,7 +40,7 @@ pub struct Network {
     due: Option<Instant>,
     own: Beat,
     /// Nodes that this host had watch its heartbeat.
-    watchers: u128,
+    watchers: NodeSet,
     /// Whoever opened the link wants a heartbeat.
     wanted: bool,
     sync: Option<(u64, Instant)>,
@@ -60,7 +61,7 @@ impl Network {
         let period_ms = heartbeat_ms.unwrap_or(0);
         let own = Beat { id, period_ms, next: None, lease: Instant::ZERO };
         let wanted = period_ms > 0;
-        Self { nodes: [node; NODES], due: None, own, watchers: 0, wanted, sync: None }
+        Self { nodes: [node; NODES], due: None, own, watchers: NodeSet::EMPTY, wanted, sync: None }
     }
 
     pub fn state(&self, node: u8) -> Option<State> {
@@ -69,7 +70,8 @@ impl Network {
 
     /// Whether nodes wait for the host's heartbeat, or follow its SYNC.
     pub const fn keeps_alive(&self) -> bool {
-        let beats = self.own.next.is_some() && (self.watchers != 0 || self.wanted);
+        let watched = self.watchers.first().is_some();
+        let beats = self.own.next.is_some() && (watched || self.wanted);
         beats || self.sync.is_some()
     }
 
@@ -148,8 +150,10 @@ impl Network {
     /// A node watches the host's heartbeat, which comes at least thrice within so many ms from now on;
     /// with none, the node watches it no more.
     pub fn beat_within(&mut self, now: Instant, node: u8, ms: u16) {
-        let bit = 1 << (node & NODE_MAX);
-        self.watchers = if ms > 0 { self.watchers | bit } else { self.watchers & !bit };
+        match ms {
+            0 => self.watchers.remove(node),
+            _ => self.watchers.insert(node),
+        }
         let period_ms = u32::from(ms) / BEATS;
         if period_ms > 0 && (self.own.period_ms == 0 || period_ms < self.own.period_ms) {
             self.own.period_ms = period_ms;
