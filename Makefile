@@ -15,7 +15,7 @@ demo:
 	target/release/polepair demo $(if $(HEADLESS),--headless)
 	@if [ -z "$(HEADLESS)" ] && [ -t 1 ]; then target/release/polepair serve --bind 127.0.0.1:0; fi
 
-## test: all tests, 500 swarm seeds among them; installs what the foreign clients need
+## test: all tests, 500 swarm seeds and 200 of gateways among them; installs what the foreign clients need
 test: check
 	-@rustup target add thumbv6m-none-eabi >/dev/null 2>&1 || true
 	$(CARGO) test --workspace --locked --quiet --examples --test '*'
@@ -76,9 +76,10 @@ $(VENV)/ready: interop/requirements.txt interop/debian-packages.txt
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check -r interop/requirements.txt
 	touch $@
 
-## swarm: seeded worlds of hosts, drives and faults; SEEDS=100000 for more
+## swarm: seeded worlds of hosts, drives, gateways and faults; SEEDS=100000 for more
 swarm:
 	$(CARGO) run --release --quiet --package xtask -- swarm --seeds $(or $(SEEDS),8000)
+	$(CARGO) run --release --quiet --package xtask -- swarm --on gateway --seeds $(or $(SEEDS),8000)
 
 ## soak: the long forms of what `make test` samples
 soak:
@@ -88,6 +89,7 @@ soak:
 	POLEPAIR_SCOPE_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-serve --test telemetry -- --nocapture
 	POLEPAIR_SCOPE_SECONDS=600 $(MAKE) --no-print-directory page TESTS=scope
 	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test gateway load -- --nocapture
+	POLEPAIR_FRAMES=all $(CARGO) test --release --locked --quiet -p polepair-cli --bin polepair every_frame
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
 	POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python
 	$(MAKE) --no-print-directory swarm SEEDS=100000

@@ -13,14 +13,25 @@ from importlib.metadata import version
 import pytest
 from conftest import BUILD
 
-# Their patience is 0.3 s, even where no bus is involved: who fails on a busy machine tries again.
-TRIES_MAX = 3
+# What they wait for, s, is too short for a busy machine, even where no bus is involved. Each of these
+# texts is in their tests, and is replaced.
+PATIENCE = {
+    "PERIOD * 10": "PERIOD * 300",
+    "TIMEOUT = 0.1\n": "TIMEOUT = 3.0\n",
+    "threading.Timer(0.01,": "threading.Timer(1.0,",
+    "wait_for_heartbeat(0.1)": "wait_for_heartbeat(3.0)",
+    "time.sleep(0.1)": "time.sleep(2.0)",
+    "time.sleep(0.2)": "time.sleep(2.0)",
+    "recv(1)": "recv(30)",
+}
 
 # Runs inside of their suite: their interface's name means ours.
 PLUGIN = '''
 import can.interface
+from canopen.sdo import SdoClient
 from polepair.can import Bus
 
+SdoClient.RESPONSE_TIMEOUT = 5
 can.interface.BACKENDS["virtual"] = ("polepair.can", "Bus")
 opened = []
 inner = Bus.__init__
@@ -57,26 +68,29 @@ def suite():
         # The tests alone: the package that is tried is the one that is installed.
         tests = [part for part in packed.getmembers() if part.name.startswith(f"{name}/test/")]
         packed.extractall(BUILD, members=tests, filter="data")
+    be_patient((BUILD / name / "test").glob("test_*.py"))
     (BUILD / name / "polepair_buses.py").write_text(PLUGIN)
     return BUILD / name
 
 
-def run(suite, *words):
-    """Whether they pass, and what is told of it."""
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "polepair_buses", *words, "test"],
-        cwd=suite, capture_output=True, text=True, timeout=1200, check=False,
-    )
-    return done.returncode == 0, done.stdout + done.stderr
+def be_patient(files):
+    unseen = set(PATIENCE)
+    for file in files:
+        text = file.read_text()
+        unseen -= {short for short in PATIENCE if short in text}
+        for short, long in PATIENCE.items():
+            text = text.replace(short, long)
+        file.write_text(text)
+    assert not unseen, f"their tests are others now: {unseen}"
 
 
 def test_their_tests_pass_on_our_buses(suite):
-    passed, first = run(suite, "--cache-clear")
-    told = first
-    for _ in range(TRIES_MAX):
-        if not passed:
-            passed, told = run(suite, "--last-failed")
-    assert passed, told[-4000:]
-    tests = sum(int(count) for count in re.findall(r"(\d+) (?:passed|failed)", first))
-    buses = int(re.search(r"buses of polepair: (\d+)", first)[1])
-    assert tests >= 170 and buses >= 50, first[-500:]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "polepair_buses", "test"],
+        cwd=suite, capture_output=True, text=True, timeout=1200, check=False,
+    )
+    told = done.stdout + done.stderr
+    assert done.returncode == 0, told[-4000:]
+    tests = int(re.search(r"(\d+) passed", told)[1])
+    buses = int(re.search(r"buses of polepair: (\d+)", told)[1])
+    assert tests >= 170 and buses >= 50, told[-500:]

@@ -13,7 +13,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let url = words.first().map_or("sim:tmcl:1,3?time=virtual", String::as_str);
     let last: u32 = words.get(1).map_or(Ok(8), |word| word.parse())?;
 
-    let connector = polepair::Connector::discover()?;
+    let connector = polepair::Connector::discover();
     let found = scan(&connector, url, 1..=last, &mut |at| {
         eprint!("\raddress {} ({} of {}) ", at.number, at.done + 1, at.of);
         ControlFlow::Continue(())

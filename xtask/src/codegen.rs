@@ -238,8 +238,14 @@ impl Emitter {
         let watchdog = match p.watchdog {
             Watchdog::None => "Watchdog::None".to_owned(),
             Watchdog::Fixed { after_ms } => format!("Watchdog::Fixed {{ after_ms: {after_ms} }}"),
-            Watchdog::Configurable { parameter } => {
-                format!("Watchdog::Configurable {{ parameter: {} }}", id(parameter))
+            Watchdog::Configurable { parameter, on_can } => {
+                let on_can = on_can.map_or("None".to_owned(), |it| format!("Some({})", id(it)));
+                let parameter = id(parameter);
+                format!("Watchdog::Configurable {{ parameter: {parameter}, on_can: {on_can} }}")
+            }
+            Watchdog::Heartbeat { consumer, reaction } => {
+                let (consumer, reaction) = (id(consumer), id(reaction));
+                format!("Watchdog::Heartbeat {{ consumer: {consumer}, reaction: {reaction} }}")
             }
         };
         let identity = p.identity.map_or("None".to_owned(), |it| {
@@ -253,8 +259,9 @@ impl Emitter {
                  firmware: {firmware} }})"
             )
         });
-        let reach: Vec<String> = p.reach.iter().map(|it| id(*it)).collect();
-        let reach = reach.join(", ");
+        let ids =
+            |ids: &[ParameterId]| ids.iter().map(|it| id(*it)).collect::<Vec<String>>().join(", ");
+        let (reach, optional) = (ids(p.reach), ids(p.optional));
         let ram = p.ram.map_or("None".to_owned(), |mode| {
             let (parameter, ram, flash) = (id(mode.parameter), mode.ram, mode.flash);
             format!("Some(RamMode {{ parameter: {parameter}, ram: {ram}, flash: {flash} }})")
@@ -265,6 +272,7 @@ impl Emitter {
              protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
              identity: {identity}, ram: {ram}, reach: &[{reach}], \
+             optional: &[{optional}], \
              watchdog: {watchdog}, reply_timeout_ms: {}, caution: {:?} }};\n\n",
             p.name,
             p.family,
@@ -525,8 +533,9 @@ mod tests {
             "Step::Write(ParameterId(0), Operand::Given(Argument::Velocity))",
             "Test { mask: 0x80, compare: Compare::Equal, value: 128 }, within_ms: 60000",
             "Step::Send { function: 0x1, index: 0x2, operand: Operand::Is(-3), like: Some(",
-            "Watchdog::Configurable { parameter: ParameterId(1) }",
+            "Watchdog::Configurable { parameter: ParameterId(1), on_can: None }",
             "reach: &[ParameterId(1)]",
+            "optional: &[ParameterId(0)]",
         ] {
             assert!(rust.contains(piece), "{piece}\n{rust}");
         }

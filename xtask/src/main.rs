@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod codegen;
+mod gateway;
 mod language;
 mod pages;
 mod picture;
@@ -16,9 +17,7 @@ usage: cargo xtask COMMAND
   codegen [--check]   profiles/*.toml as Rust constants and drive pages, or what is stale
   tidy                the architecture's never-rules, checked
   picture             a terminal's output on stdin as an SVG picture on stdout
-  swarm [--seeds N] [--from S] [--jobs J]   seeded worlds with faults; 8000 seeds from 1 by default
-  swarm --replay S                          one seed again, with everything that happens
-  swarm --debug ...                         the same without a release build first";
+  swarm [--help] ...  seeded worlds with faults; `swarm --help` explains all of it";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -28,6 +27,11 @@ fn main() -> ExitCode {
         ["codegen", "--check"] => codegen::run(&root(), true),
         ["tidy"] => tidy::run(&root()),
         ["picture"] => picture::run(),
+        ["swarm", "--help" | "-h" | "help"] => {
+            println!("{}", swarm::HELP);
+            Ok(())
+        }
+        ["swarm", rest @ ..] if gateway::is_meant(rest) => gateway::run(&root(), rest),
         ["swarm", "--debug", rest @ ..] => swarm::run(rest),
         ["swarm", rest @ ..] if cfg!(debug_assertions) => in_release(rest),
         ["swarm", rest @ ..] => swarm::run(rest),

@@ -100,9 +100,19 @@ fn watchdog(profile: &Profile) -> String {
                            themselves, or wire a stop"
             .to_owned(),
         Watchdog::Fixed { after_ms } => format!("the drive stops after {after_ms} ms"),
-        Watchdog::Configurable { parameter } => {
-            format!("the drive stops after the time in `{}`; 0 is never", name(profile, parameter))
+        Watchdog::Configurable { parameter, on_can } => {
+            let on_can = on_can.map_or_else(String::new, |on_can| {
+                format!(" on a serial line, in `{}` on CAN", name(profile, on_can))
+            });
+            let parameter = name(profile, parameter);
+            format!("the drive stops after the time in `{parameter}`{on_can}; 0 is never")
         }
+        Watchdog::Heartbeat { consumer, reaction } => format!(
+            "the drive does what `{}` says when the heartbeat in `{}` stays out; with 0 in either \
+             it goes on",
+            name(profile, reaction),
+            name(profile, consumer)
+        ),
     }
 }
 

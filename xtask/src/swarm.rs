@@ -8,6 +8,35 @@ use std::time::Instant;
 use polepair_core::medium::MediumKind;
 use polepair_sim::swarm::{self, Report};
 
+/// What `swarm --help` prints.
+pub const HELP: &str = "\
+usage: cargo xtask swarm [--on serial|can|gateway] [--seeds N] [--from S] [--jobs J]
+       cargo xtask swarm --replay serial:S | can:S | gateway:S
+       cargo xtask swarm --debug ...
+
+Lives through seeded worlds in virtual time. A seed decides everything that happens in its world, so the
+same seed gives the same history each time. After every event the invariants are checked; a seed that
+breaks one is named, with what broke and how to see it again.
+
+  --on serial    hosts and drives of every protocol on serial wires: bytes damaged, lost, late, doubled,
+                 wrong baud rates, pulled cables, drives that restart
+  --on can       the same on CAN buses: frames lost, repeated, late, bus-off, strangers
+                 (without --on: serial, then CAN)
+  --on gateway   a server's bench with several clients that take leases, move, stop, vanish, hang and come
+                 back, drives of every family, and wires that are cut, refused, dropped, silent and slow
+  --seeds N      how many worlds; 8000 (gateway: 1000)
+  --from S       the first seed; 1
+  --jobs J       how many at once; one for each processor
+  --replay M:S   one seed again, and everything that happens in it: who says what, every frame, what each
+                 was told, what is true of each motor
+  --debug        without a release build first: slower worlds, sooner begun
+
+Invariants on serial and CAN are explained in crates/sim/src/swarm.rs and crates/sim/src/check.rs, those on
+the gateway in crates/swarm/src/lib.rs. `excused` counts what looks like a violation and of which it is
+proven on the wire that no host could know better; it is no violation.
+
+Exit code 0: no invariant was broken. 1: some were, or a word is not understood.";
+
 /// Seeds that are named at most when they break something.
 const NAMED_MAX: usize = 20;
 

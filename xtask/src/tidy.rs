@@ -5,6 +5,7 @@
 
 mod docs;
 mod names;
+mod prose;
 #[cfg(test)]
 mod tests;
 
@@ -370,6 +371,14 @@ impl<'ast> Visit<'ast> for Eyes<'_> {
             self.path(last.ident.span(), &segments);
         }
         visit::visit_path(self, path);
+    }
+
+    fn visit_expr(&mut self, expression: &'ast syn::Expr) {
+        if prose::decides(expression) {
+            let span = syn::spanned::Spanned::span(expression);
+            self.break_at(span, "rule 14: a message's words decide");
+        }
+        visit::visit_expr(self, expression);
     }
 
     fn visit_macro(&mut self, invoked: &'ast syn::Macro) {

@@ -1,35 +1,126 @@
-//! Ctrl-C: the first one ends what waits, so that the verb can stop what it started; the second one
-//! ends the process.
+//! What ends a verb from outside: Ctrl-C, Ctrl-\, Ctrl-Z, `kill`, a terminal that closes. The first
+//! such signal ends what waits, so that the verb can stop what it started; Ctrl-C or Ctrl-\ once more
+//! ends the process, and says what may be turning.
 
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use polepair_core::time::Instant;
+use polepair_link::clock;
 
 use crate::problem::Exit;
+use crate::terminal::say;
+
+/// Keys that come sooner after the first are the same press: they bounce, and `timeout` sends its
+/// signal to a process and to its group.
+const SAME_PRESS_MS: u32 = 300;
 
 static COUNT: AtomicU32 = AtomicU32::new(0);
 static WAKE: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
+/// What may be turning because of this process: the connection string that stops it.
+static HELD: Mutex<Option<String>> = Mutex::new(None);
+static FIRST: Mutex<Option<Instant>> = Mutex::new(None);
 
-/// Listens for Ctrl-C, SIGTERM and SIGHUP from now on; `wake` is called, on another thread, when one comes.
+/// Listens for every signal that would end this process, from now on; `wake` is called, on another
+/// thread, when one comes.
 pub fn listen(wake: impl Fn() + Send + 'static) {
-    let mut wakes = WAKE.lock().unwrap_or_else(PoisonError::into_inner);
-    let first = wakes.is_empty();
-    wakes.push(Box::new(wake));
-    if first {
-        // A second handler cannot be refused for a reason that the user could mend.
-        let _ = ctrlc::set_handler(heard);
+    static LISTENING: AtomicBool = AtomicBool::new(false);
+    locked(&WAKE).push(Box::new(wake));
+    if !cfg!(test) && !LISTENING.swap(true, Ordering::SeqCst) {
+        system::hear(system::ENDING);
     }
 }
 
-/// True once Ctrl-C was pressed.
+/// Says what may be turning because of this process until the answer is dropped. Meanwhile it is not
+/// suspended: Ctrl-Z ends what waits, too, for nobody would watch the motor.
+pub fn hold(url: &str) -> Holding {
+    static UNSUSPENDED: AtomicBool = AtomicBool::new(false);
+    *locked(&HELD) = Some(url.to_owned());
+    if !cfg!(test) && !UNSUSPENDED.swap(true, Ordering::SeqCst) {
+        system::hear(system::SUSPENDING);
+    }
+    Holding(())
+}
+
+/// Something may be turning because of this process.
+pub struct Holding(());
+
+impl Drop for Holding {
+    fn drop(&mut self) {
+        *locked(&HELD) = None;
+    }
+}
+
+/// True once such a signal came.
 pub fn came() -> bool {
-    COUNT.load(Ordering::SeqCst) > 0
+    count() > 0
 }
 
-fn heard() {
-    if COUNT.fetch_add(1, Ordering::SeqCst) > 0 {
-        std::process::exit(Exit::Interrupted as i32);
+/// How many such signals came.
+pub fn count() -> u32 {
+    COUNT.load(Ordering::SeqCst)
+}
+
+/// Takes a signal; `key` for one of the keyboard's that asks for an end at once when it comes again.
+fn heard(key: bool) {
+    if COUNT.fetch_add(1, Ordering::SeqCst) == 0 {
+        *locked(&FIRST) = Some(clock::now());
+        locked(&WAKE).iter().for_each(|wake| wake());
+        return;
     }
-    for wake in WAKE.lock().unwrap_or_else(PoisonError::into_inner).iter() {
-        wake();
+    // A terminal that closes, and whoever ends a service, sends several signals.
+    let same = locked(&FIRST).is_none_or(|first| clock::now() < first.plus_ms(SAME_PRESS_MS));
+    let held = locked(&HELD).clone();
+    if same || !(key || held.is_none()) {
+        return;
+    }
+    if let Some(url) = held {
+        say(&format!("left at once: a motor may still turn; this stops it: polepair stop {url}"));
+    }
+    std::process::exit(Exit::Interrupted as i32);
+}
+
+fn locked<T>(what: &Mutex<T>) -> MutexGuard<'_, T> {
+    what.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(unix)]
+mod system {
+    use signal_hook::consts::signal::{
+        SIGALRM, SIGHUP, SIGINT, SIGPROF, SIGQUIT, SIGTERM, SIGTSTP, SIGUSR1, SIGUSR2, SIGVTALRM,
+        SIGXCPU, SIGXFSZ,
+    };
+    use signal_hook::iterator::Signals;
+
+    /// Signals that end a process unless it hears them. (SIGPIPE is ignored from the beginning.)
+    pub const ENDING: &[i32] = &[
+        SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGALRM, SIGVTALRM, SIGPROF, SIGUSR1, SIGUSR2, SIGXCPU,
+        SIGXFSZ,
+    ];
+    /// Ctrl-Z.
+    pub const SUSPENDING: &[i32] = &[SIGTSTP];
+
+    /// Hears these signals on a thread of its own.
+    pub fn hear(signals: &[i32]) {
+        // Refused for lack of descriptors or threads alone, which no user could mend here.
+        let Ok(mut signals) = Signals::new(signals) else { return };
+        let hear = move || {
+            signals.forever().for_each(|signal| super::heard(matches!(signal, SIGINT | SIGQUIT)));
+        };
+        let _ = std::thread::Builder::new().name("signals".to_owned()).spawn(hear);
+    }
+}
+
+#[cfg(not(unix))]
+mod system {
+    pub const ENDING: &[i32] = &[0];
+    pub const SUSPENDING: &[i32] = &[];
+
+    /// Hears Ctrl-C, Ctrl-Break and a console that closes.
+    pub fn hear(signals: &[i32]) {
+        if !signals.is_empty() {
+            // A second handler cannot be refused for a reason that the user could mend.
+            let _ = ctrlc::set_handler(|| super::heard(true));
+        }
     }
 }

@@ -10,20 +10,24 @@ use std::path::PathBuf;
 
 use clap::{Arg, Args, Command};
 pub use polepair_client::ALL;
-use polepair_client::message::{AxisInfo, BenchView};
+use polepair_client::message::{AxisInfo, BenchView, LinkState, LinkView};
 use polepair_client::{Gateway, Options, Refused, pick};
+use polepair_core::drives;
+use polepair_core::units::Unit;
+use polepair_link::clock;
 
 pub use motion::{ANSWER_MAX, Order, argument, fresh, run, state};
 
 use crate::outcome::sentence;
-use crate::problem::{Exit, Problem, Result};
+use crate::problem::{Problem, Result};
 use crate::target::Target;
 use crate::value;
 
 /// Verbs that a server carries out, and whether they are about all axes where none is named.
-const VERBS: [(&str, bool); 15] = [
+const VERBS: [(&str, bool); 17] = [
     ("clear", false),
     ("disable", false),
+    ("dismiss", false),
     ("enable", false),
     ("get", false),
     ("home", false),
@@ -37,6 +41,7 @@ const VERBS: [(&str, bool); 15] = [
     ("stop", true),
     ("torque", false),
     ("watch", false),
+    ("watchdog", true),
 ];
 
 /// Options that help does not show, because they are about links.
@@ -131,8 +136,7 @@ impl Joined {
     pub fn new(gateway: Gateway) -> Result<Self> {
         let mut bench = gateway.bench().map_err(refused)?;
         if bench.links.len() > 1 {
-            let of = |axis: &mut AxisInfo| axis.label += &format!(" of link {}", axis.link);
-            bench.axes.iter_mut().for_each(of);
+            bench.axes.iter_mut().for_each(label_with_link);
         }
         Ok(Self { gateway, bench })
     }
@@ -158,18 +162,55 @@ impl Joined {
     }
 }
 
+/// Tells an axis from those of other links.
+pub fn label_with_link(axis: &mut AxisInfo) {
+    axis.label += &format!(" of link {}", axis.link);
+}
+
+/// What is missing of a link, a line each: why it is not open, and which of its axes are not there.
+pub fn wanting(link: &LinkView) -> Vec<String> {
+    let LinkView { id, url, state, error, since_ms, absent, owed, .. } = link;
+    let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
+    let seconds = since_ms.map_or(0.0, |since_ms| ((now_ms - since_ms) / 1e3).max(0.0));
+    let word = match state {
+        LinkState::Open => None,
+        LinkState::Lost => Some("LOST"),
+        LinkState::NotOpen => Some("NOT OPEN"),
+    };
+    let hinted = |error: &Refused| match &*error.hint {
+        "" => error.message.clone(),
+        hint => format!("{}; {hint}", error.message),
+    };
+    let mut lines = Vec::new();
+    if let Some(word) = word {
+        let why = error
+            .as_ref()
+            .map_or_else(String::new, |error| format!(": {} ({})", hinted(error), error.code));
+        lines.push(format!("LINK {id} IS {word} for {seconds:.0} s, {url}{why}"));
+    }
+    if *state == LinkState::NotOpen {
+        lines.push(format!(
+            "nothing stops the motors of link {id}, however many it has; it is tried again"
+        ));
+    }
+    for axis in absent {
+        let why = hinted(&axis.error);
+        lines.push(format!("axis {} of link {id} is not there: {why}", axis.number));
+    }
+    for number in owed {
+        lines.push(format!(
+            "AXIS {number} OF LINK {id} MAY BE TURNING, CUT ITS SUPPLY: the server before was told to \
+             stop it, and it is not there"
+        ));
+    }
+    lines
+}
+
 /// What the server refuses, or what became of it.
 pub fn refused(refused: Refused) -> Problem {
-    let why = match refused.executed {
-        _ if refused.message.contains("executed") => "",
-        None => "It may have been executed.",
-        Some(false) if refused.exit() == Exit::Refused => "Nothing was sent.",
-        Some(_) => "",
-    };
-    let (exit, hint) = (refused.exit(), refused.hint);
-    Problem::new(exit, refused.code, sentence(&refused.message))
-        .why(why)
-        .hint_if(Some(hint).filter(|hint| !hint.is_empty()))
+    let (exit, what) = (refused.exit(), sentence(&refused.sentence()));
+    let Refused { code, hint, .. } = refused;
+    Problem::new(exit, code, what).hint_if(Some(hint).filter(|hint| !hint.is_empty()))
 }
 
 /// A verb or an option that a server does not have.
@@ -185,11 +226,36 @@ pub fn no_dry_run(dry_run: bool) -> Result<()> {
     }
 }
 
+/// The drive's own numbers are for who opens a link.
+pub fn no_raw(raw: bool) -> Result<()> {
+    match raw {
+        false => Ok(()),
+        true => Err(cannot("--raw with motion", "It takes values with their units.")),
+    }
+}
+
 /// A verb that is for links, or for files.
 pub fn no_such_verb(verb: &str) -> Problem {
     let known: Vec<&str> = VERBS.iter().map(|(verb, _)| *verb).collect();
     cannot(&format!("`{verb}`"), &format!("A server does {}.", crate::problem::list(&known)))
         .hint("leave --server out; the server's link has to be free, so end the server first")
+}
+
+/// The unit in which people read a signal of a server's axis, as on a link of one's own: that of the
+/// drive's profile, where this program knows the profile and it measures the same.
+pub fn unit_of(axis: &AxisInfo, signal: &str, si: &str) -> Option<Unit> {
+    let profile = drives::profiles().iter().find(|profile| profile.name == axis.profile)?;
+    let source = profile.signals.iter().find(|source| source.signal.name() == signal)?;
+    let unit = profile.parameter(source.parameter)?.unit;
+    (source.equals.is_none() && !si.is_empty() && unit.si_symbol() == si).then_some(unit)
+}
+
+/// A signal's value, which a server tells in SI, as people read it.
+pub fn signal_shown(axis: &AxisInfo, signal: &str, value: f64, si: &str) -> String {
+    match unit_of(axis, signal, si) {
+        Some(unit) => shown(value / unit.si(), unit.symbol()),
+        None => shown(value, si),
+    }
 }
 
 /// A value in its unit, as people read it.

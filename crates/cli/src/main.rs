@@ -1,9 +1,13 @@
 //! The polepair command line. No protocol is named here: what a drive speaks is known by the library.
 #![forbid(unsafe_code)]
+// A terminal that went away must not end who has a motor turning: `terminal::draw` and `say`.
+#![deny(clippy::print_stderr)]
 
 mod capture;
 mod cmd;
 mod ears;
+#[cfg(test)]
+mod every_frame;
 mod interrupt;
 mod joined;
 mod motion;
@@ -26,7 +30,7 @@ fn main() -> ExitCode {
         Ok(exit) => ExitCode::from(exit as u8),
         Err(problem) => {
             if !problem.what.is_empty() {
-                eprint!("{}", problem.render(terminal::colour_err()));
+                terminal::draw(&problem.render(terminal::colour_err()));
             }
             ExitCode::from(problem.exit as u8)
         }

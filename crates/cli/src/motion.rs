@@ -4,17 +4,18 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use polepair::Axis;
+use polepair::axis::{OWED_MAX, stop_owed};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
-use polepair_core::profile::{Profile, Severity, Signal, Watchdog};
+use polepair_core::profile::{Severity, Signal};
 use polepair_core::time::Instant;
-use polepair_link::clock;
 
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{Session, signal, verb_if_any};
 use crate::terminal::{self, say};
+use crate::value;
 
 /// How often a held motion looks for Ctrl-C and its end.
 const LOOK_MS: u32 = 25;
@@ -38,8 +39,13 @@ pub enum Then {
     Detach,
 }
 
-/// Reads an argument in its unit.
-pub fn argument(axis: &Axis, verb: Verb, which: Argument, text: &str) -> Result<f64> {
+/// Reads an argument in its unit, or as the drive's own number.
+pub fn argument(
+    axis: &Axis,
+    verb: Verb,
+    which: Argument,
+    (text, raw): (&str, bool),
+) -> Result<f64> {
     let Some(unit) = axis.unit_of(verb, which) else {
         let option = match which {
             Argument::Velocity => "--vel",
@@ -54,10 +60,20 @@ pub fn argument(axis: &Axis, verb: Verb, which: Argument, text: &str) -> Result<
             None => format!("{name} cannot {}.", verb.name().replace('-', " ")),
             Some(_) => format!("{name} takes no {option} with this verb."),
         };
-        return Err(Problem::usage("E218", what)
-            .why("Its profile has no steps for that; nothing was sent."));
+        let why = format!("Its profile has no steps for that. {}", outcome::unsent());
+        return Err(Problem::usage("E218", what).why(why));
     };
+    if raw {
+        let number = value::whole(text).ok_or_else(|| {
+            let what = format!("{text:?} is not a whole number.");
+            Problem::usage("E217", what).why(outcome::unsent())
+        })?;
+        return axis.raw_argument(verb, which, number).map_err(outcome::error);
+    }
     let measure = polepair::quantity::parse(text).map_err(outcome::error)?;
+    if measure.si != 0.0 {
+        axis.check_unit(verb, which, text).map_err(outcome::error)?;
+    }
     // Why a unit is not the drive's, its parameter's description says best.
     let written = axis.destination(verb, which).flatten();
     let about = written.map_or("", |parameter| parameter.about);
@@ -76,23 +92,7 @@ pub fn caution(session: &Session) {
         if !profile.caution.is_empty() {
             say(&format!("caution: {}: {}", profile.name, profile.caution));
         }
-        say(&format!("watchdog: {}", watchdog(profile)));
-    }
-}
-
-/// What the drive does when the link dies.
-pub fn watchdog(profile: &Profile) -> String {
-    match profile.watchdog {
-        Watchdog::None => {
-            "none - the motor keeps doing what it was last told if the link dies".into()
-        }
-        Watchdog::Fixed { after_ms } => {
-            format!("the drive stops {after_ms} ms after the link dies")
-        }
-        Watchdog::Configurable { parameter } => {
-            let name = profile.parameter(parameter).map_or("?", |parameter| parameter.name);
-            format!("the drive stops after the time in {name:?} without requests, 0 is never")
-        }
+        say(&format!("watchdog: {}", axis.watchdog_rule()));
     }
 }
 
@@ -122,34 +122,61 @@ fn carry_out(
     }
     caution(session);
     session.listen();
-    let mut started: Vec<Started> = Vec::new();
+    let mut begun = Begun::new(&session.url);
     let within = match then {
         Then::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
         _ => ARRIVE_MAX,
     };
     // One span for all of it: homing is part of the command, the way to a target is not.
-    let deadline = clock::now() + within;
-    let powered = power(commands, &mut started);
-    let ended = powered.and_then(|()| start(commands, deadline)).and_then(|()| match then {
-        Then::Hold(seconds) => hold(commands, seconds),
-        Then::Arrive(_) => arrive(commands, deadline),
-        Then::Detach => Ok(()),
-    });
+    let deadline = session.now() + within;
+    let powered = power(commands, &mut begun);
+    let ended = powered
+        .and_then(|()| {
+            begun.moves();
+            start(commands, deadline)
+        })
+        .and_then(|()| match then {
+            Then::Hold(seconds) => hold(session, commands, seconds),
+            Then::Arrive(_) => arrive(commands, deadline),
+            Then::Detach => Ok(()),
+        });
     if then == Then::Detach && ended.is_ok() {
+        begun.leave();
         say(&format!("left running; this stops it: polepair stop {}", session.url));
         return Ok(Exit::Ok);
     }
     let arrived = matches!(then, Then::Arrive(_)) && ended.is_ok();
-    let stopped = finish(&started, arrived);
-    match ended {
-        Err(problem) if problem.exit == Exit::Interrupted => {
-            stopped?;
-            say("interrupted: the motion was stopped");
+    over(ended, begun.finish(arrived), "the motion was stopped")
+}
+
+/// What a verb tells that has ended a motion: why it ended, and what became of its stop.
+pub fn over(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
+    match (ended, stopped) {
+        (Ok(()), stopped) => stopped.map(|()| Exit::Ok),
+        (Err(problem), Ok(())) if problem.exit == Exit::Interrupted => {
+            say(&format!("interrupted: {quiet}"));
             Err(Problem::interrupted())
         }
-        Err(problem) => Err(problem),
-        Ok(()) => stopped.map(|()| Exit::Ok),
+        (Err(problem), Err(stop)) if problem.exit == Exit::Interrupted => Err(stop),
+        // Whatever was feared when it ended, the stop was acknowledged.
+        (Err(problem), Ok(())) => Err(Problem { may_turn: false, ..problem }),
+        // Why it ended is told last; that it was not stopped is no less true.
+        (Err(problem), Err(stop)) => {
+            terminal::draw(&stop.render(terminal::colour_err()));
+            Err(problem)
+        }
     }
+}
+
+/// Arms and powers an axis for a motion that ends by itself, and stops it at its end, whatever that
+/// was.
+pub fn within(session: &Session, axis: &Axis, motion: impl FnOnce() -> Result<()>) -> Result {
+    let mut begun = Begun::new(&session.url);
+    let ended = begun.power(axis, true).and_then(|()| {
+        begun.moves();
+        motion()
+    });
+    over(ended, begun.finish(false), "the motion was stopped")
 }
 
 /// Whether a motion goes on until it is stopped.
@@ -157,26 +184,66 @@ const fn lasts(verb: Verb) -> bool {
     matches!(verb, Verb::Velocity | Verb::Torque)
 }
 
+/// Axes that this verb powers and sets in motion. Whatever ends it stops them, a panic too.
+struct Begun {
+    started: Vec<Started>,
+    _holding: interrupt::Holding,
+}
+
 /// An axis that this verb set in motion.
 struct Started {
     axis: Axis,
     /// It was not powered before.
     enabled_here: bool,
+    /// A motion was asked for, whether it was heard or not.
+    moved: bool,
+}
+
+impl Begun {
+    fn new(url: &str) -> Self {
+        Self { started: Vec::new(), _holding: interrupt::hold(url) }
+    }
+
+    /// Arms an axis, and powers it.
+    fn power(&mut self, axis: &Axis, powers: bool) -> Result<()> {
+        axis.arm(true);
+        self.started.push(Started { axis: axis.clone(), enabled_here: powers, moved: false });
+        if powers { verb_if_any(axis, Verb::Enable).map(drop) } else { Ok(()) }
+    }
+
+    /// A motion is asked for.
+    fn moves(&mut self) {
+        self.started.iter_mut().for_each(|one| one.moved = true);
+    }
+
+    /// The motion goes on without this process.
+    fn leave(mut self) {
+        self.started.clear();
+    }
+
+    /// Stops what was started, all at once, and takes the power off that was put on.
+    fn finish(mut self, arrived: bool) -> Result<()> {
+        finish(&std::mem::take(&mut self.started), arrived)
+    }
+}
+
+impl Drop for Begun {
+    fn drop(&mut self) {
+        if !self.started.is_empty() {
+            let _ = finish(&std::mem::take(&mut self.started), false);
+        }
+    }
 }
 
 /// Powers every axis, before any of them moves.
-fn power(commands: &[(Axis, Command)], started: &mut Vec<Started>) -> Result<()> {
+fn power(commands: &[(Axis, Command)], begun: &mut Begun) -> Result<()> {
     // What the limits of a file refuse is refused before anything has power.
     for (axis, command) in commands {
         axis.prepare(*command).map(drop).map_err(outcome::error)?;
     }
     for (axis, _) in commands {
         let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
-        axis.arm(true);
-        started.push(Started { axis: axis.clone(), enabled_here: !enabled });
-        if !enabled {
-            verb_if_any(axis, Verb::Enable)?;
-        }
+        begun.power(axis, !enabled)?;
     }
     Ok(())
 }
@@ -189,7 +256,8 @@ fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     let begun = ready.iter().map(polepair::axis::Prepared::start);
     let begun: Vec<_> = begun.collect::<std::result::Result<_, _>>().map_err(outcome::error)?;
     for (mut running, (axis, command)) in begun.into_iter().zip(commands) {
-        if running.wait(deadline.since(clock::now())).map_err(outcome::error)?.is_none() {
+        let left = deadline.since(axis.connection().now());
+        if running.wait(left).map_err(outcome::error)?.is_none() {
             return Err(late(axis, command));
         }
     }
@@ -204,14 +272,14 @@ fn late(axis: &Axis, command: &Command) -> Problem {
 }
 
 /// Waits, and shows what the drive does where a person looks.
-pub fn hold(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
-    let mut next = clock::now();
+pub fn hold(session: &Session, commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
+    let mut next = session.now();
     let mut live = Live::new();
-    hold_while(seconds, |now| {
+    let pause = |until: Instant| session.link.sleep(until.since(session.now()));
+    hold_while(seconds, (&|| session.now(), &pause), |now| {
         for (axis, _) in commands {
             if let Some(why) = axis.leaving(AHEAD).map_err(outcome::error)? {
                 return Err(Problem::new(Exit::Negative, "E105", outcome::sentence(&why))
-                    .why("It was stopped.")
                     .hint("hold it for less time: --for; `polepair move` ends by itself"));
             }
         }
@@ -226,15 +294,21 @@ pub fn hold(commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
     })
 }
 
+/// The clock that is waited on: what it shows, and who waits until an instant of it.
+pub type Clock<'a> = (&'a dyn Fn() -> Instant, &'a dyn Fn(Instant));
+
 /// Waits for so many seconds, or until Ctrl-C, for as long as each look finds nothing wrong.
-pub fn hold_while(seconds: Option<f64>, mut look: impl FnMut(Instant) -> Result<()>) -> Result<()> {
-    let begun = clock::now();
-    let end = seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
+pub fn hold_while(
+    seconds: Option<f64>,
+    (now, pause): Clock<'_>,
+    mut look: impl FnMut(Instant) -> Result<()>,
+) -> Result<()> {
+    let end = seconds.map(|seconds| now().plus_ns((seconds * 1e9) as u64));
     if seconds.is_none() {
         say("holding; Ctrl-C stops it");
     }
     loop {
-        let now = clock::now();
+        let now = now();
         if interrupt::came() {
             return Err(Problem::interrupted());
         }
@@ -243,7 +317,7 @@ pub fn hold_while(seconds: Option<f64>, mut look: impl FnMut(Instant) -> Result<
         }
         look(now)?;
         let until = now.plus_ms(LOOK_MS);
-        clock::sleep_until(end.map_or(until, |end| until.min(end)));
+        pause(end.map_or(until, |end| until.min(end)));
     }
 }
 
@@ -272,24 +346,19 @@ fn arrive(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
             say(&format!("{} cannot tell when it arrives; it was started", axis.label()));
             continue;
         }
-        axis.wait(deadline.since(clock::now())).map_err(outcome::error)?;
+        axis.wait(deadline.since(axis.connection().now())).map_err(outcome::error)?;
     }
     Ok(())
 }
 
-/// Stops what was started, all at once, and takes the power off that was put on.
+/// Stops what was started, all at once, and takes the power off that was put on. A stop that was lost
+/// is said again for a while: nobody else would.
 fn finish(started: &[Started], arrived: bool) -> Result<()> {
-    let stop = |one: &Started| {
-        let plan = one.axis.profile().plan(Verb::Stop).filter(|_| !arrived);
-        plan.map(|_| one.axis.start(Command::new(Verb::Stop)))
-    };
-    // Every stop is sent before the first is waited for.
-    let stops: Vec<_> = started.iter().map(stop).collect();
+    let owed: Vec<&Started> = started.iter().filter(|_| !arrived).collect();
+    let mut stopped = stop_each(&owed).into_iter();
     let mut ended = Ok(());
-    for (Started { axis, enabled_here }, stop) in started.iter().zip(stops) {
-        let stopped = stop.map_or(Ok(()), |stop| {
-            stop.and_then(|mut stop| stop.finish().map(drop)).map_err(outcome::error)
-        });
+    for one @ Started { axis, enabled_here, .. } in started {
+        let stopped = stopped.next().unwrap_or(Ok(()));
         let rested = match &stopped {
             Ok(()) if *enabled_here && !arrived => rest(axis),
             _ => Ok(()),
@@ -297,19 +366,80 @@ fn finish(started: &[Started], arrived: bool) -> Result<()> {
         // Also after a stop that failed: a motor without power at least does not drive.
         let off = if *enabled_here { verb_if_any(axis, Verb::Disable) } else { Ok(None) };
         axis.arm(false);
+        let is_off = *enabled_here && off.is_ok();
+        if stopped.is_err() && !is_off {
+            say(&format!("{} may {}: cut its supply", axis.label(), one.may()));
+        } else if off.is_err() {
+            say(&format!("{} may still be powered", axis.label()));
+        }
         ended = ended.and(stopped).and(rested).and(off.map(drop));
     }
     ended
 }
 
+impl Started {
+    /// What a motor may do whose stop nobody confirmed.
+    const fn may(&self) -> &'static str {
+        if self.moved { "still turn" } else { "still be powered" }
+    }
+}
+
+/// Stops axes.
+fn stop_each(started: &[&Started]) -> Vec<Result<()>> {
+    let axes: Vec<Axis> = started.iter().map(|one| one.axis.clone()).collect();
+    let mut owed = Owed::new();
+    let ended = stop_owed(&axes, OWED_MAX, |axis, _| {
+        let one = started.iter().find(|one| one.axis.number() == axis.number());
+        owed.again(axis, one.map_or("still turn", |one| one.may()))
+    });
+    let told = axes.iter().zip(ended).map(|(axis, ended)| owed.told(axis, ended));
+    told.collect()
+}
+
+/// What is said of stops that were lost.
+pub struct Owed {
+    told: Vec<String>,
+    /// Signals that had come before.
+    came: u32,
+}
+
+impl Owed {
+    pub fn new() -> Self {
+        Self { told: Vec::new(), came: interrupt::count() }
+    }
+
+    /// Says once of an axis that its stop is said again; false when somebody wants this to end.
+    pub fn again(&mut self, axis: &Axis, may: &str) -> bool {
+        let label = axis.label();
+        if !self.told.contains(&label) {
+            say(&format!(
+                "{label} may {may}: cut its supply. Its stop was not confirmed, and is said again for \
+                 {} s",
+                OWED_MAX.as_secs()
+            ));
+            self.told.push(label);
+        }
+        interrupt::count() == self.came
+    }
+
+    /// Says of an axis that its stop was confirmed after all.
+    pub fn told(&self, axis: &Axis, ended: std::result::Result<(), polepair::Error>) -> Result<()> {
+        if ended.is_ok() && self.told.contains(&axis.label()) {
+            say(&format!("{} is stopped", axis.label()));
+        }
+        ended.map_err(outcome::error)
+    }
+}
+
 /// Waits until a motor that was told to stop stands still: without power it would coast.
 pub fn rest(axis: &Axis) -> Result<()> {
-    let end = clock::now() + REST_MAX;
+    let now = || axis.connection().now();
+    let end = now() + REST_MAX;
     while let Some(velocity) = signal(axis, Signal::Velocity)?
         && velocity.raw.abs() > 1
-        && clock::now() < end
+        && now() < end
     {
-        clock::sleep_until(clock::now().plus_ms(LOOK_MS));
+        axis.sleep(Duration::from_millis(LOOK_MS.into()));
     }
     Ok(())
 }
@@ -339,7 +469,7 @@ impl Live {
             }
             line.push_str("   ");
         }
-        eprint!("\r\x1b[K{line}");
+        terminal::draw(&format!("\r\x1b[K{line}"));
         Ok(())
     }
 }
@@ -347,7 +477,7 @@ impl Live {
 impl Drop for Live {
     fn drop(&mut self) {
         if self.shown {
-            eprint!("\r\x1b[K");
+            terminal::draw("\r\x1b[K");
         }
     }
 }

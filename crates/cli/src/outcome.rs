@@ -1,15 +1,41 @@
 //! The library's errors as the user sees them. One place, so that every verb says the same.
 
-use polepair::Error;
+use std::sync::{Mutex, PoisonError};
+
 pub use polepair::faults;
+use polepair::{Connector, Error, Sent};
 use polepair_link::LinkError;
 
 use crate::problem::{Exit, Problem};
 
+/// What counts the frames that left on links that this process opened.
+static SENT: Mutex<Vec<Sent>> = Mutex::new(Vec::new());
+
+/// Has the frames counted that leave on a connector's links.
+pub fn count(connector: &Connector) {
+    SENT.lock().unwrap_or_else(PoisonError::into_inner).push(connector.sent());
+}
+
+/// Whether anything left before something was refused here, in a sentence.
+pub fn unsent() -> String {
+    let sent = SENT.lock().unwrap_or_else(PoisonError::into_inner);
+    match sent.iter().map(Sent::count).sum::<u64>() {
+        0 => "Nothing was sent.".to_owned(),
+        1 => "It was not sent; 1 frame had gone out before.".to_owned(),
+        count => format!("It was not sent; {count} frames had gone out before."),
+    }
+}
+
 /// Any error of the library.
 pub fn error(error: Error) -> Problem {
-    let mut problem = Problem::new(error.exit(), error.code(), sentence(&error.to_string()));
-    problem = problem.why(why(&error));
+    let mut problem = Problem::new(error.exit(), error.code(), sentence(&error.sentence()));
+    problem = match &error {
+        Error::Failed { heard, .. } if error.exit() == Exit::NoReply && !heard.is_nothing() => {
+            problem.why("Something came back, repeats included, but no answer.")
+        }
+        _ => problem.why(why(&error)),
+    };
+    problem.may_turn = error.may_turn();
     problem.hint_if(Some(error.hint().trim()).filter(|hint| !hint.is_empty()))
 }
 
@@ -19,15 +45,17 @@ pub fn link_error(link: &LinkError) -> Problem {
 }
 
 /// One sentence of why, where the exit code alone does not say it.
-fn why(error: &Error) -> &'static str {
-    match (error.exit(), error.executed()) {
+fn why(error: &Error) -> String {
+    let told = match (error.exit(), error.executed()) {
         (Exit::NoReply, _) => "Nothing came back within the time allowed, repeats included.",
         (Exit::Corrupt, _) => "Noise, a second host, or two drives with one address can do that.",
         (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",
         (Exit::Negative, _) => "The drive took the command, but what was waited for did not come.",
-        (Exit::Usage, _) => "Nothing was sent.",
+        // What was executed of it, the sentence says.
+        (Exit::Usage, Some(false)) => return unsent(),
         _ => "",
-    }
+    };
+    told.to_owned()
 }
 
 /// With a capital and a full stop.

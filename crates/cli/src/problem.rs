@@ -19,6 +19,8 @@ pub struct Problem {
     pub why: String,
     /// Things to try.
     pub hints: Vec<String>,
+    /// A motor may turn that cannot be stopped from here.
+    pub may_turn: bool,
 }
 
 /// What every verb returns.
@@ -27,7 +29,14 @@ pub type Result<T = Exit> = std::result::Result<T, Problem>;
 impl Problem {
     /// A problem without reason and advice yet.
     pub fn new(exit: Exit, code: impl Into<Cow<'static, str>>, what: impl Into<String>) -> Self {
-        Self { exit, code: code.into(), what: what.into(), why: String::new(), hints: Vec::new() }
+        Self {
+            exit,
+            code: code.into(),
+            what: what.into(),
+            why: String::new(),
+            hints: Vec::new(),
+            may_turn: false,
+        }
     }
 
     /// Something about the command line.
@@ -71,6 +80,9 @@ impl Problem {
         // Writing into a String cannot fail.
         if !self.why.is_empty() {
             let _ = writeln!(text, "  {}", self.why.replace('\n', "\n  "));
+        }
+        if self.may_turn {
+            let _ = writeln!(text, "  {red}The motor may still turn: cut its supply.{off}");
         }
         for hint in &self.hints {
             let _ = writeln!(text, "  {blue}try:{off} {hint}");

@@ -3,6 +3,7 @@
 use polepair::{Axis, Link, Value};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::time::Instant;
 
 use crate::outcome;
 use crate::problem::Result;
@@ -21,6 +22,11 @@ impl Session {
         crate::interrupt::listen(move || {
             interrupters.iter().for_each(polepair_link::Interrupter::interrupt);
         });
+    }
+
+    /// The present time of the link: a simulation has a clock of its own.
+    pub fn now(&self) -> Instant {
+        self.axes().first().map_or(Instant::ZERO, |axis| axis.connection().now())
     }
 
     /// Every axis.
@@ -77,7 +83,9 @@ pub fn verb_if_any(axis: &Axis, wanted: Verb) -> Result<Option<i64>> {
 /// Reads a signal, if the drive has it. Flags are 0 or 1, without a unit.
 pub fn signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
     let Some(source) = axis.profile().signal(signal) else { return Ok(None) };
-    let value = read(axis, source.parameter)?;
+    let id = source.parameter;
+    let Some(raw) = axis.read_if_any(id).map_err(outcome::error)? else { return Ok(None) };
+    let value = axis.value(id, raw).map_err(outcome::error)?;
     let masked = value.raw & source.mask;
     let plain = |raw: i64| Value {
         raw,

@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
 use polepair::url::Target::Rack;
-use polepair::{Axis, Connector};
+use polepair::{Axis, Connector, Link};
 use polepair_capture::{Decoder, Rules, Stamp, text};
 use polepair_core::axis::{Command, RehearsedStep, Verb};
 use polepair_core::explain::Direction as Said;
@@ -18,6 +18,7 @@ use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_link::tap::{Direction, Log, Tap};
 
+use crate::cmd::passed_over;
 use crate::joined;
 use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
@@ -41,6 +42,9 @@ pub struct Target {
     /// What the drive turned out to be, for those who show its frames.
     #[arg(skip)]
     naming: Naming,
+    /// Motors are brought to rest: no file that can be done without is in the way.
+    #[arg(skip)]
+    stops: bool,
 }
 
 /// The profile by which frames are named, once it is known.
@@ -58,9 +62,22 @@ pub enum Format {
 }
 
 impl Target {
+    /// The same for those who bring motors to rest.
+    pub fn for_stop(self) -> Self {
+        Self { stops: true, ..self }
+    }
+
     /// Opens the link and finds out what is there.
     pub fn open(&self) -> Result<Session> {
         self.open_url(&self.url)
+    }
+
+    /// The same with the axes that answer; those that do not come beside it, each with what is wrong.
+    pub fn open_present(&self) -> Result<(Session, Vec<Problem>)> {
+        let (link, absent) =
+            self.connector()?.connect_present(&self.url).map_err(outcome::error)?;
+        let absent = absent.into_iter().map(|(_, error)| outcome::error(error)).collect();
+        Ok((self.session(link, &self.url)?, absent))
     }
 
     /// What stands where the URL would, where a server does it. Frames pass where the server is.
@@ -74,7 +91,14 @@ impl Target {
 
     /// How links are opened, with what shows or keeps the frames.
     pub fn connector(&self) -> Result<Connector> {
-        let mut connector = self.profiles.connector()?;
+        let mut connector = match self.stops {
+            true => self.profiles.connector_to_stop(),
+            false => self.profiles.connector()?,
+        };
+        #[cfg(test)]
+        {
+            connector = crate::every_frame::wired(connector);
+        }
         let trace = self
             .trace
             .as_deref()
@@ -125,7 +149,17 @@ impl Target {
     }
 
     fn open_url(&self, url: &str) -> Result<Session> {
-        let link = self.connector()?.connect(url).map_err(outcome::error)?;
+        self.open_by(&self.connector()?, url)
+    }
+
+    /// Opens a link as a connector does: for who opens several, one trace has the frames of all.
+    pub fn open_by(&self, connector: &Connector, url: &str) -> Result<Session> {
+        let link = connector.connect(url).map_err(outcome::error)?;
+        warn_of(connector);
+        self.session(link, url)
+    }
+
+    fn session(&self, link: Link, url: &str) -> Result<Session> {
         if link.axes().is_empty() {
             return Err(Problem::new(Exit::NoReply, "E402", format!("there is no axis on {url}.")));
         }
@@ -137,6 +171,12 @@ impl Target {
         }
         Ok(Session { link, url: self.url.clone() })
     }
+}
+
+/// Says which files were wrong and done without, but for those of the configuration, which was said.
+pub fn warn_of(connector: &Connector) {
+    let known = connector.config.broken.len();
+    connector.passed_over().iter().skip(known).for_each(passed_over);
 }
 
 /// One step of a plan: its bytes, and what they do.
@@ -269,6 +309,6 @@ impl Shown {
         }
         let mut lines = Vec::new();
         unit.decode(decoder, at, name, direction, &mut |event| text.write(event, &mut lines));
-        eprint!("{}", String::from_utf8_lossy(&lines));
+        terminal::draw(&String::from_utf8_lossy(&lines));
     }
 }

@@ -46,7 +46,9 @@ pub struct Output {
 impl Output {
     /// stdout.
     pub fn stdout() -> Self {
-        Self { sink: Box::new(io::stdout()), name: "stdout".to_owned(), gathered: Vec::new() }
+        let sink: Box<dyn io::Write + Send> =
+            if cfg!(test) { Box::new(io::sink()) } else { Box::new(io::stdout()) };
+        Self { sink, name: "stdout".to_owned(), gathered: Vec::new() }
     }
 
     /// A new file.
@@ -97,7 +99,40 @@ impl Output {
 
 /// A line of prose, on stderr.
 pub fn say(text: &str) {
-    let _ = writeln!(io::stderr(), "{text}");
+    draw(&format!("{text}\n"));
+}
+
+/// Where prose goes: tests read what was said.
+fn err() -> Box<dyn io::Write> {
+    if cfg!(test) { Box::new(io::sink()) } else { Box::new(io::stderr()) }
+}
+
+/// What a thread that tries a verb has said.
+#[cfg(test)]
+pub mod tried {
+    use std::cell::RefCell;
+
+    thread_local! {
+        static SAID: RefCell<String> = const { RefCell::new(String::new()) };
+    }
+
+    pub fn hear(text: &str) {
+        SAID.with_borrow_mut(|said| said.push_str(text));
+    }
+
+    /// Takes it.
+    pub fn said() -> String {
+        SAID.take()
+    }
+}
+
+/// Something that is drawn over on stderr. A terminal that went away ends nothing: a motor may be
+/// turning, and whoever draws has to stop it.
+pub fn draw(text: &str) {
+    #[cfg(test)]
+    tried::hear(text);
+    let mut err = err();
+    let _ = err.write_all(text.as_bytes()).and_then(|()| err.flush());
 }
 
 /// A table with aligned columns; the last one may be as wide as it likes.

@@ -41,6 +41,14 @@ pub fn value_name(parameter: &Parameter, raw: i64) -> Option<&'static str> {
     parameter.values.iter().find(|(value, _)| *value == raw).map(|(_, name)| *name)
 }
 
+/// A whole number, also as `0x1F`.
+pub fn whole(text: &str) -> Option<i64> {
+    match text.strip_prefix("0x") {
+        Some(digits) => i64::from_str_radix(digits, 16).ok(),
+        None => text.parse().ok(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::{number, span};

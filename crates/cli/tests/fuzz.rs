@@ -1,4 +1,5 @@
-//! The fuzz targets' bodies on seeded inputs, without nightly: what `make soak` does for longer.
+//! The fuzz targets' bodies on the inputs that are kept in `fuzz/corpus`, then on seeded ones, without
+//! cargo-fuzz: what `make soak` does for longer.
 //! `POLEPAIR_FUZZ_SECONDS=60 cargo test -p polepair-cli --test fuzz` gives each target a minute.
 
 #[path = "../../../fuzz/bodies.rs"]
@@ -59,22 +60,33 @@ fn mutate(random: &mut Random, kept: &[Vec<u8>]) -> Vec<u8> {
     bytes
 }
 
+/// What cargo-fuzz found and `fuzz/run --keep` took in, by name.
+fn corpus(name: &str) -> Vec<Vec<u8>> {
+    let folder = format!("{}/../../fuzz/corpus/{name}", env!("CARGO_MANIFEST_DIR"));
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files: Vec<_> = entries.map(|entry| entry.path()).collect();
+    files.sort();
+    files.iter().map(|file| std::fs::read(file).expect("an input")).collect()
+}
+
 fn try_target(name: &str) {
     let (name, body, seeds) = bodies::TARGETS.into_iter().find(|t| t.0 == name).expect("a target");
     let mut random = Random::new(1);
     let mut kept: Vec<Vec<u8>> = seeds.iter().map(|seed| seed.to_vec()).collect();
+    kept.extend(corpus(name));
+    let given = kept.len();
     let end = Instant::now() + budget();
-    for round in 0..ROUNDS_MAX {
-        if Instant::now() > end {
+    for round in 0..given + ROUNDS_MAX {
+        // Those that are kept are all tried, however slow the machine.
+        if round >= given && Instant::now() > end {
             break;
         }
-        let input =
-            if round < seeds.len() { kept[round].clone() } else { mutate(&mut random, &kept) };
+        let input = if round < given { kept[round].clone() } else { mutate(&mut random, &kept) };
         let tried = Tried(name, &input);
         body(&input);
         drop(tried);
         // Now and then the seeds are left further behind.
-        if kept.len() < KEPT_MAX && round % 50 == 0 && !input.is_empty() {
+        if kept.len() < given + KEPT_MAX && round % 50 == 0 && !input.is_empty() {
             kept.push(input);
         }
     }
@@ -100,4 +112,4 @@ macro_rules! targets {
     };
 }
 
-targets!(deframe, can, text, host, device, capture, url, profile, setup);
+targets!(deframe, can, text, host, device, capture, url, profile, setup, session, gateway);

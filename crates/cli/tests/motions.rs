@@ -75,6 +75,57 @@ fn ctrl_c_stops_what_is_held() {
 }
 
 #[test]
+fn every_signal_that_ends_a_process_stops_the_motor_first() {
+    let sim = served(&KINDS[0]);
+    let each =
+        ["QUIT", "TERM", "HUP", "TSTP", "USR1", "USR2", "ALRM", "VTALRM", "PROF", "XCPU", "XFSZ"];
+    // A terminal that closes sends several, and so does who ends a service.
+    let several: [&[&str]; 3] = [&["HUP", "HUP", "CONT"], &["TERM", "HUP"], &["INT", "INT"]];
+    let each = each.iter().map(std::slice::from_ref).chain(several);
+    for signals in each {
+        let held = Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");
+        let ran = held.signalled(signals);
+        assert_eq!(ran.code, 130, "{signals:?}: {}", ran.err);
+        assert!(ran.err.ends_with("interrupted: the motion was stopped\n"), "{}", ran.err);
+        stopped(&sim, &KINDS[0]);
+    }
+    sim.end();
+}
+
+/// Drawn on by a motion that lasts; nothing can be drawn any more once it is gone.
+#[test]
+fn a_terminal_that_is_gone_leaves_no_motor_turning() {
+    use polepair_link::Link as _;
+    let sim = served(&KINDS[0]);
+    let pty = polepair_link::pty::Pty::open(None).expect("a pseudo-terminal");
+    let end = || {
+        let file = std::fs::File::options().read(true).write(true).open(pty.path());
+        std::process::Stdio::from(file.expect("its end"))
+    };
+    let mut child = run::command(&["spin", &sim.url, "300rpm", "--for", "3s"])
+        .env_remove("NO_COLOR")
+        .env("TERM", "xterm")
+        .stdout(end())
+        .stderr(end())
+        .spawn()
+        .expect("starts");
+    let (mut said, mut buffer) = (String::new(), [0; 256]);
+    while !said.contains("velocity") {
+        let until = polepair_link::clock::now().plus_ms(60_000);
+        match pty.receive(&mut buffer, until).expect("a terminal") {
+            polepair_link::Received::Bytes { len, .. } => {
+                said.push_str(&String::from_utf8_lossy(&buffer[..len]));
+            }
+            other => panic!("{other:?}: {said}"),
+        }
+    }
+    drop(pty);
+    assert_eq!(child.wait().expect("ends").code(), Some(0));
+    stopped(&sim, &KINDS[0]);
+    sim.end();
+}
+
+#[test]
 fn a_motion_for_a_time_stops_by_itself() {
     for kind in &KINDS {
         let sim = served(kind);

@@ -14,7 +14,7 @@ fn parameters_are_set_and_read_back() {
     assert_eq!(ok(&["get", &sim.url, "--raw", "AP 6"]), "max current = 10\n");
     let refused = polepair(&["set", &sim.url, "max current=99A"]);
     assert_eq!(refused.code, 2);
-    let expected = "error[E216]: 99A is out of range for \"max current\".\n  It takes 0 A to 25 A; nothing was sent.\n";
+    let expected = "error[E216]: 99A is out of range for \"max current\".\n  It takes 0 A to 25 A. It was not sent; ";
     assert!(refused.err.starts_with(expected), "{}", refused.err);
     assert!(ok(&["info", &sim.url]).contains("faults           none"));
     sim.end();
@@ -36,7 +36,7 @@ fn nobody_at_an_address_is_exit_code_4() {
     let link = sim.url.split('#').next().expect("a link");
     let ran = polepair(&["get", &format!("{link}?profile=syntron-ts#7"), "motor speed"]);
     assert_eq!(ran.code, 4, "{}", ran.err);
-    assert!(ran.err.starts_with("error[E401]: ") && ran.err.contains("executed"), "{}", ran.err);
+    assert!(ran.err.starts_with("error[E401]: ") && ran.err.contains("no answer"), "{}", ran.err);
     sim.end();
 }
 
@@ -75,7 +75,10 @@ fn what_is_traced_can_be_decoded() {
     ok(&["get", &sim.url, "motor speed", "--trace", path]);
     let shown = ok(&["decode", path, "--as", "modbus-rtu"]);
     std::fs::remove_file(&trace).expect("a trace");
-    assert!(shown.lines().count() >= 2 && !shown.contains('!'), "{shown}");
+    // A session begins in doubt: it reads what the drive may refuse.
+    let is_probe = |line: &str| line.ends_with("the drive does not know this function code");
+    let strange = shown.lines().find(|line| line.contains('!') && !is_probe(line));
+    assert!(shown.contains("motor speed = ") && strange.is_none(), "{shown}");
     sim.end();
 }
 

@@ -4,6 +4,7 @@
 mod run;
 
 use run::{Served, ok, polepair};
+use std::io::{Read as _, Write as _};
 use std::time::{Duration, Instant};
 
 /// A stop of everybody ends by itself in this time, whoever is there.
@@ -91,6 +92,48 @@ fn one_that_does_not_answer_keeps_no_other_turning() {
     assert!(ran.err.contains("error[E702]: 1 stops of 2 are not confirmed."), "{}", ran.err);
     assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
     sim.end();
+}
+
+/// A TMCL module with two motors, made from the protocol's manual: nine bytes a datagram, MST with the
+/// motor in its third byte, status 4 for a motor that it has not.
+#[test]
+fn a_module_with_several_motors_has_all_of_them_stopped() {
+    let server = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let url = format!("tmcl+tcp://{}#1", server.local_addr().expect("an address"));
+    let module = std::thread::spawn(move || {
+        let (mut wire, _) = server.accept().expect("a host");
+        let (mut turning, mut order) = ([true, true], Vec::new());
+        let mut asked = [0; 9];
+        while wire.read_exact(&mut asked).is_ok() {
+            let [address, opcode, _, motor, ..] = asked;
+            let (status, value): (u8, i32) = match (opcode, usize::from(motor)) {
+                _ if address != 1 => continue,
+                (136, _) => (100, 0x17DE_0112),
+                (3, n) if n < turning.len() => {
+                    turning[n] = false;
+                    order.push(n);
+                    (100, 0)
+                }
+                (3, _) => (4, 0),
+                (6, _) => (100, i32::from(turning[0]) * 300),
+                _ => (2, 0),
+            };
+            let mut reply = [2, 1, status, opcode, 0, 0, 0, 0, 0];
+            reply[4..8].copy_from_slice(&value.to_be_bytes());
+            reply[8] = reply[..8].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
+            wire.write_all(&reply).expect("a host");
+        }
+        (turning, order)
+    });
+    let ran = timed(&["stop", &url]);
+    let (turning, order) = module.join().expect("a module");
+    assert_eq!((ran.code, turning), (0, [false; 2]), "{}", ran.err);
+    assert!(
+        ran.err.contains("module 1: motor 1 took the stop too; standing not looked at\n"),
+        "{}",
+        ran.err
+    );
+    assert_eq!(&order[..2], &[0, 1]);
 }
 
 #[test]

@@ -6,8 +6,9 @@ use std::sync::Arc;
 use std::task::{Wake, Waker};
 
 use polepair_messages::{
-    AxisState, BenchView, Change, LookOrder, LookView, Outcome, ParameterInfo, ParameterRead,
-    RawOrder, SignalValue, StopOrder, Stopped, TakeIn, TakenIn, WriteParameters,
+    AxisState, BenchView, Change, DismissStop, LookOrder, LookView, Outcome, ParameterInfo,
+    ParameterRead, RawOrder, SetWatchdog, SignalValue, StopOrder, Stopped, TakeIn, TakenIn,
+    WatchdogTold, WriteParameters,
 };
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::oneshot;
@@ -151,6 +152,22 @@ impl Gateway {
         self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/parameters"), wanted))
     }
 
+    /// Reads how an axis' own watchdog is set now.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn watchdog(&self, id: u16) -> Result<WatchdogTold, Refused> {
+        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}/watchdog")))
+    }
+
+    /// Sets an axis' own watchdog, and tells how it is set then. Sent once.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn set_watchdog(&self, id: u16, wanted: &SetWatchdog) -> Result<WatchdogTold, Refused> {
+        self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/watchdog"), wanted))
+    }
+
     /// Looks for drives on a link, by reads only. Tells when it has begun.
     ///
     /// # Errors
@@ -196,6 +213,14 @@ impl Gateway {
             }
             _ => refused,
         })
+    }
+
+    /// Has an axis owed its stop no more, though nobody saw it stand. The journal keeps who said so.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench); `gateway.lease` when it is taken over by who does not hold its lease.
+    pub fn dismiss(&self, id: u16, dismiss: &DismissStop) -> Result<(), Refused> {
+        self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/dismiss"), dismiss))
     }
 
     /// Sends a request in the protocol's own text. Sent once.

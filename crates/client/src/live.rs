@@ -13,7 +13,7 @@ use std::time::Duration;
 use polepair_core::time::Instant;
 use polepair_messages::telemetry::Sample;
 use polepair_messages::{
-    AxisState, AxisStopped, CommandOrder, FrameItem, LeaseAct, LockTold, Source,
+    AxisInfo, AxisState, AxisStopped, CommandOrder, FrameItem, LeaseAct, LinkView, LockTold, Source,
 };
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
@@ -168,6 +168,18 @@ impl Live {
     /// `E313` with what went away.
     pub fn linked(&self, axis: u16) -> Result<(), Refused> {
         self.known().linked(axis)
+    }
+
+    /// The links that the server has, as it told them last.
+    #[must_use]
+    pub fn links(&self) -> Vec<LinkView> {
+        self.known().links()
+    }
+
+    /// The axes that the server has behind the first so many: some join later.
+    #[must_use]
+    pub fn axes_from(&self, first: usize) -> Vec<AxisInfo> {
+        self.known().axes_from(first)
     }
 
     /// Who locked motion, if somebody did.

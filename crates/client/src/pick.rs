@@ -31,7 +31,7 @@ pub fn pick(bench: &BenchView, words: &str) -> Result<Vec<AxisInfo>, Refused> {
         let axis = one(bench, link, word.trim())?;
         if axes.iter().any(|its| its.id == axis.id) {
             let what = format!("{words:?} names axis {} twice", full(&axis));
-            return Err(Refused::new("E210", what).hint("nothing was sent; name each axis once"));
+            return Err(Refused::new("E210", what).hint("name each axis once"));
         }
         axes.push(axis);
     }
@@ -61,7 +61,7 @@ fn one(bench: &BenchView, link: Option<u16>, word: &str) -> Result<AxisInfo, Ref
         _ => {
             let all: Vec<_> = found.into_iter().map(full).collect();
             let what = format!("the server has several axes {word:?}: {}", all.join(", "));
-            Err(Refused::new("E212", what).hint("name the link as well; nothing was sent"))
+            Err(Refused::new("E212", what).hint("name the link as well"))
         }
     }
 }

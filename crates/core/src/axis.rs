@@ -1,10 +1,10 @@
 //! The unified vocabulary: what any axis can be told, what it tells, and who translates.
 
 use crate::error::{Failure, Outcome, Unsupported};
+use crate::explain::Raw;
 use crate::lane::{Piece, Transfer, TransferKind};
-use crate::medium::Frame;
 use crate::plan::Argument;
-use crate::profile::{Parameter, ParameterId, Profile};
+use crate::profile::{Parameter, ParameterId, Profile, Readdress};
 use crate::program::{MemoryRules, Order, TransferStep};
 use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
 use crate::stream::cyclic::{Account, Following, Order as CycleOrder, Setpoint};
@@ -12,177 +12,22 @@ use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, Point};
 use crate::time::Instant;
 
 mod news;
+mod rehearsed;
 mod state;
+mod verb;
 
 pub use news::{Change, News, Presence, TOLD_MAX, Told};
+pub use rehearsed::{Rehearsed, RehearsedStep};
 pub use state::{Reading, State};
+pub use verb::Verb;
 
-/// What an axis can be told to do. A profile has a plan for each verb that its drive can do.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-#[non_exhaustive]
-pub enum Verb {
-    /// Power the motor, holding where it stands.
-    Enable,
-    /// Take power off the motor.
-    Disable,
-    /// Come to rest along the ramp and stay powered where the drive can.
-    Stop,
-    /// Come to rest as fast as the drive can.
-    QuickStop,
-    /// Clear faults.
-    Clear,
-    /// Turn at a speed.
-    Velocity,
-    /// Turn with a torque.
-    Torque,
-    /// Go to a position.
-    MoveTo,
-    /// Go so far.
-    MoveBy,
-    /// Go so far from the last target, reached or not.
-    MoveOn,
-    /// Go to a position along an S-curve, where acceleration has no steps.
-    CurveTo,
-    /// Go so far along an S-curve.
-    CurveBy,
-    /// Find the reference position.
-    Home,
-    /// Wait until the last move or homing is done. Moves nothing.
-    Reached,
-    /// Give its time to the other drives of its bus, again and again.
-    GiveTime,
-    /// Give its time no more.
-    WithholdTime,
-    /// Put the settings into permanent memory.
-    Store,
-    /// Power the motor where it stands, ready to follow positions cycle by cycle.
-    FollowPosition,
-    /// The same for speeds.
-    FollowVelocity,
-    /// The same for torques.
-    FollowTorque,
-    /// Take back what following needed of the drive. Moves nothing.
-    Unfollow,
-    /// Make ready to go to a position, and wait for [`Begin`](Self::Begin).
-    PrepareTo,
-    /// Make ready to go so far, and wait for [`Begin`](Self::Begin).
-    PrepareBy,
-    /// Let every drive of the bus that was made ready begin at once.
-    Begin,
-    /// Make sure that the drive has begun what it was made ready for.
-    Begun,
-}
-
-impl Verb {
-    /// Every verb.
-    pub const ALL: [Self; 25] = [
-        Self::Enable,
-        Self::Disable,
-        Self::Stop,
-        Self::QuickStop,
-        Self::Clear,
-        Self::Velocity,
-        Self::Torque,
-        Self::MoveTo,
-        Self::MoveBy,
-        Self::MoveOn,
-        Self::CurveTo,
-        Self::CurveBy,
-        Self::Home,
-        Self::Reached,
-        Self::GiveTime,
-        Self::WithholdTime,
-        Self::Store,
-        Self::FollowPosition,
-        Self::FollowVelocity,
-        Self::FollowTorque,
-        Self::Unfollow,
-        Self::PrepareTo,
-        Self::PrepareBy,
-        Self::Begin,
-        Self::Begun,
-    ];
-
-    /// The word in profiles and messages.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Enable => "enable",
-            Self::Disable => "disable",
-            Self::Stop => "stop",
-            Self::QuickStop => "quick-stop",
-            Self::Clear => "clear",
-            Self::Velocity => "velocity",
-            Self::Torque => "torque",
-            Self::MoveTo => "move-to",
-            Self::MoveBy => "move-by",
-            Self::MoveOn => "move-on",
-            Self::CurveTo => "curve-to",
-            Self::CurveBy => "curve-by",
-            Self::Home => "home",
-            Self::Reached => "reached",
-            Self::GiveTime => "give-time",
-            Self::WithholdTime => "withhold-time",
-            Self::Store => "store",
-            Self::FollowPosition => "follow-position",
-            Self::FollowVelocity => "follow-velocity",
-            Self::FollowTorque => "follow-torque",
-            Self::Unfollow => "unfollow",
-            Self::PrepareTo => "prepare-to",
-            Self::PrepareBy => "prepare-by",
-            Self::Begin => "begin",
-            Self::Begun => "begun",
-        }
-    }
-
-    /// True for what sets an axis in motion or powers it: it needs an armed axis.
-    #[must_use]
-    pub const fn needs_arming(self) -> bool {
-        use Verb::{Begin, Enable, Home, PrepareBy, PrepareTo, Torque, Velocity};
-        matches!(self, Enable | Velocity | Torque | Home | PrepareTo | PrepareBy | Begin)
-            || self.is_move()
-            || self.follows()
-    }
-
-    /// True for what makes a drive follow set-points cycle by cycle.
-    #[must_use]
-    pub const fn follows(self) -> bool {
-        matches!(self, Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque)
-    }
-
-    /// True for what goes to a position, or so far, and tells when it is there.
-    #[must_use]
-    pub const fn is_move(self) -> bool {
-        use Verb::{CurveBy, CurveTo, MoveBy, MoveOn, MoveTo};
-        matches!(self, MoveTo | MoveBy | MoveOn | CurveTo | CurveBy)
-    }
-
-    /// Whether a caller can give it such an argument. All others are never there.
-    #[must_use]
-    pub const fn takes(self, argument: Argument) -> bool {
-        use Argument::{Acceleration, JerkTime, Period, Target, Torque, Velocity};
-        match self {
-            Self::Velocity => matches!(argument, Velocity | Acceleration),
-            Self::Torque => matches!(argument, Torque),
-            Self::MoveTo | Self::MoveBy | Self::MoveOn | Self::PrepareTo | Self::PrepareBy => {
-                matches!(argument, Target | Velocity | Acceleration)
-            }
-            Self::CurveTo | Self::CurveBy => {
-                matches!(argument, Target | Velocity | Acceleration | JerkTime)
-            }
-            Self::Home => matches!(argument, Velocity),
-            Self::GiveTime | Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque => {
-                matches!(argument, Period)
-            }
-            _ => false,
-        }
-    }
-
-    /// True for what takes motion out: it overtakes all else and ends what runs on the axis.
-    #[must_use]
-    pub const fn is_stop(self) -> bool {
-        matches!(self, Self::Stop | Self::QuickStop | Self::Disable)
-    }
+/// A part of what stops an axis.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum StopPart {
+    /// All that takes motion out of the drive.
+    Tell,
+    /// What is told once the motor stands: [`Plan::after_wait`](crate::plan::Plan::after_wait).
+    Release,
 }
 
 /// A verb with its arguments, in SI: rad or m, rad/s, rad/s², N·m (1 on ratio axes), s. An argument
@@ -303,6 +148,13 @@ pub trait Driver {
     /// [`Unsupported::BadText`] when it is not of that language.
     fn parse(&self, text: &str) -> Result<Self::Request, Unsupported>;
 
+    /// The request that a frame of the protocol is, if a host sends this drive such requests. The
+    /// class comes of what it asks, as for [`parse`](Self::parse).
+    ///
+    /// # Errors
+    /// [`Unsupported::BadBytes`] when it is no such frame, or is for another drive.
+    fn decode(&self, frame: &Raw<'_>) -> Result<Self::Request, Unsupported>;
+
     /// The raw value in an answer. `parameter` is what was read or written, if it was one.
     ///
     /// # Errors
@@ -313,10 +165,24 @@ pub trait Driver {
         answer: &Self::Answer,
     ) -> Result<i64, Failure>;
 
+    /// Whether a refusal of that code says that the drive has no such parameter, which is no fault of
+    /// the request.
+    fn lacks(&self, code: u32) -> bool {
+        let _ = code;
+        false
+    }
+
     /// Takes what the drive said unasked, and tells what it is about.
     fn unasked(&mut self, answer: &Self::Answer) -> [Option<Told>; TOLD_MAX] {
         let _ = answer;
         [None; TOLD_MAX]
+    }
+
+    /// What a parameter decides of how the drive is reached, where a write of it acts at once: the
+    /// answer to the next request then comes from, or goes to, another address.
+    fn readdresses(&self, parameter: &Parameter) -> Option<Readdress> {
+        let _ = parameter;
+        None
     }
 
     /// A parameter that must be read before all that the drive sends by itself is understood, the
@@ -377,7 +243,7 @@ pub trait Driver {
         None
     }
 
-    /// What tells the drive an order about its programs; `None` where it takes none.
+    /// What tells the drive such an order; `None` where it takes none.
     fn order(&self, order: Order) -> Option<Self::Request> {
         let _ = order;
         None
@@ -387,36 +253,6 @@ pub trait Driver {
     fn is_group(&self) -> bool {
         false
     }
-}
-
-/// Something a rehearsal would do.
-#[derive(Clone, Copy, Debug)]
-pub struct Rehearsed<'a> {
-    /// What the step does, and to which parameter.
-    pub step: RehearsedStep,
-    /// The bytes on the wire; a CAN frame's data.
-    pub bytes: &'a [u8],
-    /// The frame that carries them, on CAN.
-    pub frame: Option<&'a Frame>,
-}
-
-/// What a rehearsed step does.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub enum RehearsedStep {
-    /// Reads a parameter.
-    Read(ParameterId),
-    /// Writes a raw value.
-    Write(ParameterId, i64),
-    /// Has the parameter's value kept over power-off.
-    Keep(ParameterId),
-    /// Writes a raw value if the parameter holds another.
-    WriteIfDifferent(ParameterId, i64),
-    /// Writes what a read will bring; the bytes show the read.
-    WriteWhatWasRead(ParameterId, ParameterId),
-    /// Sends the protocol's own request.
-    Send,
-    /// Waits, sending nothing.
-    Wait(u32),
 }
 
 /// What one drive of a group answered.
@@ -441,6 +277,12 @@ pub trait Axes {
     /// What is known of the axis.
     fn state(&self, axis: AxisIndex) -> Option<&State>;
 
+    /// Whether its drive answers what changes something; see [`Host`](crate::station::Host::CONFIRMED).
+    fn is_confirmed(&self, axis: AxisIndex) -> bool {
+        let _ = axis;
+        true
+    }
+
     /// Lets motion commands through, or no longer.
     fn arm(&mut self, axis: AxisIndex, armed: bool);
 
@@ -455,6 +297,26 @@ pub trait Axes {
         axis: AxisIndex,
         command: Command,
     ) -> Result<(), Unsupported>;
+
+    /// Starts a part of what stops an axis. Its outcome is `Done` only if every step was answered.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn stop(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        part: StopPart,
+    ) -> Result<(), Unsupported> {
+        let _ = (now, ticket, axis, part);
+        Err(Unsupported::NoPlan)
+    }
+
+    /// Has what was just asked for under `ticket` put on the wire once, however silent the drive is.
+    fn send_once(&mut self, ticket: Ticket) {
+        let _ = ticket;
+    }
 
     /// Reads a parameter, raw.
     ///
@@ -495,6 +357,21 @@ pub trait Axes {
         axis: AxisIndex,
         text: &str,
     ) -> Result<(), Unsupported>;
+
+    /// Sends a request in the protocol's own bytes: a whole frame, with its identifier on CAN.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: nothing is sent.
+    fn raw_frame(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        frame: &Raw<'_>,
+    ) -> Result<(), Unsupported> {
+        let _ = (now, ticket, axis, frame);
+        Err(Unsupported::BadBytes)
+    }
 
     /// Begins a path that is streamed point by point from where the axis stands; see
     /// [`feed`](Self::feed). It ends in one outcome under `ticket`: the number of points, when all
@@ -605,8 +482,7 @@ pub trait Axes {
 
     /// What the next drive of a group answered under `ticket`; it comes before the outcome, in the
     /// order of the drives' addresses.
-    fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
-        let _ = ticket;
+    fn poll_part(&mut self, _ticket: Ticket) -> Option<Part> {
         None
     }
 
@@ -628,6 +504,17 @@ pub trait Axes {
     /// The next outcome.
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)>;
 
+    /// What a write of a parameter changes at once of how the drive is reached, if it does.
+    ///
+    /// # Errors
+    /// [`Unsupported::Forbidden`] for an address at which nobody could talk with it any more.
+    fn readdresses(
+        &self,
+        axis: AxisIndex,
+        parameter: ParameterId,
+        raw: i64,
+    ) -> Result<Option<Readdress>, Unsupported>;
+
     /// A parameter that must be read before all that a drive sends by itself is understood: the n-th
     /// of those that are not known yet, to be read in this order.
     fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
@@ -637,9 +524,7 @@ pub trait Axes {
 
     /// Begins, or ends, to keep what happens for [`poll_news`](Self::poll_news). What is so already
     /// when it begins is not news.
-    fn listen(&mut self, on: bool) {
-        let _ = on;
-    }
+    fn listen(&mut self, _on: bool) {}
 
     /// The next thing that happened while [`listen`](Self::listen) is on: what drives said unasked,
     /// and faults and the loss of arming whoever found them. `now` stamps what has no time of its own.
@@ -659,6 +544,14 @@ pub trait Axes {
         show: &mut dyn FnMut(Rehearsed<'_>),
     ) -> Result<(), Unsupported>;
 
+    /// Whether the drive was asked for a parameter and said that it has none such: one of those that
+    /// its profile calls [optional](Profile::optional). It is not asked again until it restarts, what
+    /// a plan does with it is left out, and what it scales is raw.
+    fn lacks(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
+        let _ = (axis, parameter);
+        false
+    }
+
     /// SI value of a raw one, by the scale of its parameter. `None` while a parameter that the
     /// scale depends on was never read.
     fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64>;
@@ -668,6 +561,11 @@ pub trait Axes {
 
     /// What happened on the wire so far.
     fn counters(&self) -> Counters;
+
+    /// What came while the last request of that axis that ended in silence was on the wire.
+    fn heard(&self, _axis: AxisIndex) -> Counters {
+        Counters::default()
+    }
 
     /// Takes one more axis in, behind all that there are: those keep their places, states and
     /// requests. Of several lanes on a wire it goes to the one of that number, 0 for one alone.
@@ -689,9 +587,7 @@ pub trait Axes {
     }
 
     /// Somebody else had the wire until now: the silence before a frame begins anew.
-    fn disturbed(&mut self, now: Instant) {
-        let _ = now;
-    }
+    fn disturbed(&mut self, _now: Instant) {}
 }
 
 /// A lane with its host erased: what connections and simulated worlds hold.

@@ -147,6 +147,8 @@ pub enum Unsupported {
     Busy,
     /// Text that is not of the protocol's language.
     BadText,
+    /// Bytes that are no request of the protocol to this axis.
+    BadBytes,
     /// The protocol's rules forbid it; the text says which.
     Forbidden(&'static str),
 }
@@ -158,6 +160,58 @@ pub enum Outcome {
     Done(i64),
     /// It was not executed and never will be.
     NotDone(Failure),
+    /// A plan of several steps did not come to its end, and steps before were executed.
+    Partly(Failure, Extent),
     /// It may have been executed: the request went out and no answer came back.
     Unknown(Failure),
+}
+
+impl Outcome {
+    /// Why it was not done, or not all of it; `None` for [`Done`](Self::Done).
+    #[must_use]
+    pub const fn failure(self) -> Option<Failure> {
+        match self {
+            Self::Done(_) => None,
+            Self::NotDone(failure) | Self::Partly(failure, _) | Self::Unknown(failure) => {
+                Some(failure)
+            }
+        }
+    }
+
+    /// The same outcome for another reason; [`Done`](Self::Done) stays.
+    #[must_use]
+    pub const fn with_failure(self, failure: Failure) -> Self {
+        match self {
+            Self::Done(_) => self,
+            Self::NotDone(_) => Self::NotDone(failure),
+            Self::Partly(_, extent) => Self::Partly(failure, extent),
+            Self::Unknown(_) => Self::Unknown(failure),
+        }
+    }
+}
+
+/// How far a plan went. Each mask has a bit for each step, the first step is bit 0; only steps that
+/// can change the drive count. A plan has at most [`STEPS_MAX`](crate::plan::STEPS_MAX) steps.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Extent {
+    /// Steps that the drive acknowledged, or that were read back.
+    pub done: u64,
+    /// Steps that were sent and not answered: nobody knows whether they were executed.
+    pub unknown: u64,
+    /// Steps that were answered with no, or were read back and are not there.
+    pub refused: u64,
+    /// The steps of the plan's undoing were all acknowledged afterwards.
+    pub undone: bool,
+}
+
+impl Extent {
+    /// How a plan that went so far ends for this reason.
+    #[must_use]
+    pub const fn outcome(self, failure: Failure) -> Outcome {
+        match (self.done, self.unknown) {
+            (0, 0) => Outcome::NotDone(failure),
+            (0, _) => Outcome::Unknown(failure),
+            _ => Outcome::Partly(failure, self),
+        }
+    }
 }

@@ -3,11 +3,13 @@
 //! All storage is made when the lane is made, an axis joins it, or a path is begun; nothing allocates
 //! afterwards.
 
+mod axes;
 mod cycle;
 mod execute;
 mod job;
 mod news;
 mod path;
+mod readdress;
 mod slot;
 mod table;
 #[cfg(test)]
@@ -19,11 +21,12 @@ use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use core::marker::PhantomData;
 
-use crate::axis::{Axes, Command, News, Part, Rehearsed, RehearsedStep, State, Verb};
-use crate::error::{Outcome, Unsupported};
+use crate::axis::{Axes, Command, News, Part, Rehearsed, RehearsedStep, State, StopPart, Verb};
+use crate::error::{Failure, Outcome, Unsupported};
+use crate::explain::Raw;
 use crate::medium::Medium;
 use crate::plan::Step;
-use crate::profile::{ParameterId, Profile};
+use crate::profile::{ParameterId, Profile, Readdress};
 use crate::program::{MemoryRules, Order};
 use crate::station::{
     AxisIndex, Class, Counters, Event, Host, LineEvent, Request, Station, Ticket, Timed, To,
@@ -72,6 +75,13 @@ impl<M: Medium, H: Host<M>> core::fmt::Debug for Lane<M, H> {
     }
 }
 
+/// The steps by which a lane writes one parameter: permanent memory is spared, or asked for.
+#[must_use]
+pub fn write_steps(profile: &Profile, id: ParameterId, raw: i64, keep: bool) -> Vec<Step> {
+    let steps = Steps::Write(Write::new(profile, id, raw, keep));
+    (0..=u8::MAX).map_while(|at| steps.step(at)).collect()
+}
+
 impl<M: Medium, H: Host<M>> Lane<M, H> {
     /// A lane of that host with one axis per driver, in that order. At most 256 axes.
     pub fn new(
@@ -111,11 +121,25 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     #[inline]
     fn settle(&mut self, now: Instant) {
         while let Some(event) = self.host.poll_event() {
+            let silent = silent(&self.jobs, event);
             let told = (&mut self.parts, &mut self.tidings);
             take(now, &mut self.jobs, &mut self.slots, told, event);
             if let (Some(cycle), (To::Address(address), Ok(_))) = (&mut self.cycle, event) {
                 cycle.heard(now, *address, &self.slots);
             }
+            if let Some(axis) = silent {
+                self.note_heard(axis);
+            }
+        }
+    }
+
+    /// Keeps what came while a request of this axis was on the wire, that ended in silence.
+    #[cold]
+    fn note_heard(&mut self, axis: u8) {
+        let mut counted = self.host.counters();
+        counted.skipped += self.host.unread() as u64;
+        if let Some(slot) = self.slots.get_mut(usize::from(axis)) {
+            slot.heard = counted.since(slot.asked_at);
         }
     }
 
@@ -125,10 +149,14 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         // Where a host asks many drives at once, those that have one to answer are passed by.
         let mut open = u64::MAX;
         while let Some((n, job)) = self.jobs.next(open) {
-            let Some(slot) = self.slots.get(usize::from(job.axis)) else { return };
+            let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
             if let Some((id, request)) = execute::plain_read(job, slot) {
                 if let Ok(()) = self.host.submit(now, Ticket(n as u32), *request) {
                     job.asked = Asked::Read(id);
+                    if job.once {
+                        self.host.send_once(Ticket(n as u32));
+                    }
+                    slot.asked_at = self.host.counters();
                     self.jobs.sent(n);
                 } else if H::PARALLEL {
                     open &= !self.jobs.of_axis(n);
@@ -162,14 +190,32 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                     self.jobs.given_back(other as usize);
                 }
                 let Ok(()) = self.host.submit(now, Ticket(n as u32), request) else { return false };
+                slot.asked_at = self.host.counters();
                 if let Some(job) = self.jobs.get_mut(n) {
                     job.asked = asked;
+                    if job.once {
+                        self.host.send_once(Ticket(n as u32));
+                    }
+                    slot.state.going |= job.sets_going(slot.profile, asked);
                 }
                 self.jobs.sent(n);
             }
-            Err(next) => self.jobs.passed(n, next),
+            Err(next) => {
+                if matches!(next, execute::Next::End(Outcome::Done(_))) && job.ends_going() {
+                    slot.state.going = false;
+                }
+                self.jobs.passed(n, next);
+            }
         }
         true
+    }
+}
+
+/// The axis whose request ended in silence by this.
+fn silent<R: Request, A>(jobs: &Table<R>, (to, answer): &Event<A>) -> Option<u8> {
+    match (to, answer) {
+        (To::Ticket(Ticket(n)), Err(Failure::Silent)) => jobs.axis(*n as usize),
+        _ => None,
     }
 }
 
@@ -219,10 +265,14 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
             if self.jobs.read_answered(now, &mut self.slots, event) {
                 continue;
             }
+            let silent = silent(&self.jobs, event);
             let told = (&mut self.parts, &mut self.tidings);
             take(now, &mut self.jobs, &mut self.slots, told, event);
             if let (Some(cycle), (To::Address(address), Ok(_))) = (&mut self.cycle, event) {
                 cycle.heard(now, *address, &self.slots);
+            }
+            if let Some(axis) = silent {
+                self.note_heard(axis);
             }
         }
     }
@@ -260,306 +310,6 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     }
 }
 
-impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
-    fn axes(&self) -> usize {
-        self.slots.len()
-    }
-
-    fn address(&self, axis: AxisIndex) -> Option<u32> {
-        Some(self.slot(axis).ok()?.driver.address())
-    }
-
-    fn profile(&self, axis: AxisIndex) -> Option<&'static Profile> {
-        Some(self.slot(axis).ok()?.profile)
-    }
-
-    fn state(&self, axis: AxisIndex) -> Option<&State> {
-        Some(&self.slot(axis).ok()?.state)
-    }
-
-    fn arm(&mut self, axis: AxisIndex, armed: bool) {
-        if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
-            slot.state.armed = armed;
-        }
-    }
-
-    fn command(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        command: Command,
-    ) -> Result<(), Unsupported> {
-        let slot = self.slot(axis)?;
-        let verb = command.verb;
-        let plan = slot.profile.plan(verb).ok_or(Unsupported::NoPlan)?;
-        for step in plan.steps {
-            slot.check(step, &command)?;
-        }
-        if verb.needs_arming() {
-            if !slot.state.armed {
-                return Err(Unsupported::NotArmed);
-            }
-            if self.moving(axis) {
-                return Err(Unsupported::Busy);
-            }
-        }
-        if verb.is_stop() {
-            self.cancel(axis);
-        }
-        if verb.needs_arming() || verb.is_stop() {
-            self.slot_mut(axis)?.follows = followed(verb);
-        }
-        let run = Run::new(Steps::Plan(plan.steps), plan.undo, command, Some(verb));
-        self.jobs.add(ticket, axis, Task::Run(run), verb.is_stop())
-    }
-
-    fn read(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        parameter: ParameterId,
-    ) -> Result<(), Unsupported> {
-        self.slot(axis)?.read(parameter)?;
-        self.jobs.add(ticket, axis, Task::Read(parameter), false)
-    }
-
-    fn write(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        id: ParameterId,
-        raw: i64,
-        keep: bool,
-    ) -> Result<(), Unsupported> {
-        let slot = self.slot(axis)?;
-        let parameter = slot.writable(id, raw)?;
-        if parameter.moves && !slot.state.armed {
-            return Err(Unsupported::NotArmed);
-        }
-        if parameter.moves && self.follows_beat(axis) {
-            return Err(Unsupported::Busy);
-        }
-        let steps = Steps::Write(Write::new(slot.profile, id, raw, keep));
-        let command = Command::new(crate::axis::Verb::Store);
-        let run = Run::new(steps, &[], command, None);
-        self.jobs.add(ticket, axis, Task::Run(run), false)
-    }
-
-    fn raw(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        text: &str,
-    ) -> Result<(), Unsupported> {
-        let slot = self.slot(axis)?;
-        let request = slot.driver.parse(text)?;
-        self.say(ticket, axis, request)
-    }
-
-    fn stream(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        kind: PathKind,
-    ) -> Result<(), Unsupported> {
-        let slot = self.slot(axis)?;
-        let parameters = slot.driver.path_parameters().ok_or(Unsupported::NoPlan)?;
-        if !slot.state.armed {
-            return Err(Unsupported::NotArmed);
-        }
-        if self.moving(axis) {
-            return Err(Unsupported::Busy);
-        }
-        self.jobs.add(ticket, axis, Task::Path, false)?;
-        if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
-            slot.path = Some(Box::new(Path::new(kind, parameters)));
-        }
-        Ok(())
-    }
-
-    fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
-        let axis = self.jobs.fed(ticket)?;
-        let path = self.slots.get_mut(usize::from(axis))?.path.as_mut()?;
-        Some(path.feed(points, complete))
-    }
-
-    fn follow(
-        &mut self,
-        now: Instant,
-        ticket: Ticket,
-        following: &Following<'_>,
-    ) -> Result<(), Unsupported> {
-        const BEATS: &str = "other axes of this link follow a beat; there is one for all";
-        const FULL: &str = "the set-points of these axes and what the drives tell take more than 80 % \
-                            of the bus: choose a longer period, a higher bit rate or fewer axes";
-        if self.cycle.as_ref().is_some_and(|cycle| cycle.runs()) {
-            return Err(Unsupported::Forbidden(BEATS));
-        }
-        if following.axes.iter().any(|axis| self.moving(*axis)) {
-            return Err(Unsupported::Busy);
-        }
-        let cycle = Cycle::new(now, ticket, following, &self.slots)?;
-        let needs = u128::from(self.cycle_ns(following.axes).unwrap_or(0));
-        if needs * 100 > following.period.as_nanos() * u128::from(LOAD_MAX_PERCENT) {
-            return Err(Unsupported::Forbidden(FULL));
-        }
-        self.cycle = Some(Box::new(cycle));
-        Ok(())
-    }
-
-    fn feed_cycles(&mut self, ticket: Ticket, setpoints: &[f64], complete: bool) -> Option<usize> {
-        let cycle = self.cycle.as_mut().filter(|cycle| cycle.ticket() == ticket)?;
-        cycle.feed(&self.slots, setpoints, complete)
-    }
-
-    fn account(&self, axis: AxisIndex) -> Option<&Account> {
-        self.cycle.as_ref().filter(|cycle| cycle.has(axis)).map(|cycle| cycle.account())
-    }
-
-    fn cycle_ns(&self, axes: &[AxisIndex]) -> Option<u64> {
-        let mut bits = (0, 0);
-        for axis in axes {
-            let (own, beat) = self.slot(*axis).ok()?.driver.cycle_bits();
-            bits = (bits.0 + u64::from(own), u64::from(beat));
-        }
-        let ns = (bits.0 + bits.1) * 1_000_000_000;
-        Some(ns.checked_div(self.host.bit_rate().into()).unwrap_or(0))
-    }
-
-    fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
-        self.slot(axis).ok()?.driver.memory()
-    }
-
-    fn transfer(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        kind: TransferKind,
-        pieces: &[Piece],
-    ) -> Result<(), Unsupported> {
-        let rules = self.slot(axis)?.driver.memory().ok_or(Unsupported::NoPlan)?;
-        if self.moving(axis) || self.jobs.transfers(axis) {
-            return Err(Unsupported::Busy);
-        }
-        let transfer = Transfer::new(kind, rules, pieces.to_vec())?;
-        self.jobs.add(ticket, axis, Task::Transfer(kind), false)?;
-        if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
-            slot.transfer = Some(Box::new(transfer));
-        }
-        Ok(())
-    }
-
-    fn transferred(&self, axis: AxisIndex) -> Option<&Transfer> {
-        self.slot(axis).ok()?.transfer.as_deref()
-    }
-
-    fn order(
-        &mut self,
-        _now: Instant,
-        ticket: Ticket,
-        axis: AxisIndex,
-        order: Order,
-    ) -> Result<(), Unsupported> {
-        let request = self.slot(axis)?.driver.order(order).ok_or(Unsupported::NoPlan)?;
-        if request.class() == Class::Never && self.moving(axis) {
-            return Err(Unsupported::Busy);
-        }
-        self.say(ticket, axis, request)
-    }
-
-    fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        let cycle = self.cycle.as_mut().and_then(|cycle| cycle.take_outcome());
-        cycle.or_else(|| self.jobs.outcome())
-    }
-
-    fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
-        self.slot(axis).ok()?.driver.unlearnt(n)
-    }
-
-    fn listen(&mut self, on: bool) {
-        let states = self.slots.iter().map(|slot| &slot.state);
-        self.tidings = on.then(|| Box::new(Tidings::new(states)));
-    }
-
-    fn poll_news(&mut self, now: Instant) -> Option<News> {
-        let tidings = self.tidings.as_mut()?;
-        tidings.take(now).or_else(|| {
-            tidings.compare(now, &self.slots);
-            tidings.take(now)
-        })
-    }
-
-    fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
-        let at = self.parts.iter().position(|part| part.ticket == ticket)?;
-        self.parts.remove(at)
-    }
-
-    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
-        self.host.poll_bytes(self.jobs.raw(ticket)?, out)
-    }
-
-    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
-        self.host.feed_bytes(self.jobs.raw(ticket)?, bytes)
-    }
-
-    fn rehearse(
-        &self,
-        axis: AxisIndex,
-        command: Command,
-        show: &mut dyn FnMut(Rehearsed<'_>),
-    ) -> Result<(), Unsupported> {
-        let slot = self.slot(axis)?;
-        let plan = slot.profile.plan(command.verb).ok_or(Unsupported::NoPlan)?;
-        for step in plan.steps {
-            slot.check(step, &command)?;
-        }
-        plan.steps.iter().try_for_each(|step| self.rehearse_step(slot, *step, &command, show))
-    }
-
-    fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
-        self.slot(axis).ok()?.to_si(parameter, raw)
-    }
-
-    fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64> {
-        self.slot(axis).ok()?.to_raw(parameter, si)
-    }
-
-    fn counters(&self) -> Counters {
-        self.host.counters()
-    }
-
-    fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
-        let make = self.make.filter(|_| self.may_join(lane, address))?;
-        let axis = AxisIndex(u8::try_from(self.slots.len()).ok()?);
-        self.slots.push(Slot::new(make(profile, address)));
-        self.host.joined(address);
-        if let (Some(tidings), Some(slot)) = (&mut self.tidings, self.slots.last()) {
-            tidings.know(&slot.state);
-        }
-        Some(axis)
-    }
-
-    fn may_join(&self, lane: usize, address: u32) -> bool {
-        // Two slots of one drive would not know what the other has it do.
-        let known = self.slots.iter().any(|slot| slot.driver.address() == address);
-        lane == 0 && self.make.is_some() && !known && self.host.may_join(address)
-    }
-
-    fn keeps_alive(&self) -> bool {
-        self.cycle.as_ref().is_some_and(|cycle| cycle.runs()) || self.host.keeps_alive()
-    }
-
-    fn disturbed(&mut self, now: Instant) {
-        self.host.disturbed(now);
-    }
-}
-
 /// What a verb makes a drive ready to follow.
 const fn followed(verb: Verb) -> Option<Setpoint> {
     match verb {
@@ -576,6 +326,25 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         axis: AxisIndex,
     ) -> Result<&mut Slot<H::Request, H::Answer>, Unsupported> {
         self.slots.get_mut(usize::from(axis.0)).ok_or(Unsupported::NoSuchAxis)
+    }
+
+    /// Starts steps that carry a command out; what stops ends what runs.
+    fn start(
+        &mut self,
+        ticket: Ticket,
+        axis: AxisIndex,
+        (steps, undo): (&'static [Step], &'static [Step]),
+        command: Command,
+    ) -> Result<(), Unsupported> {
+        let verb = command.verb;
+        if verb.is_stop() {
+            self.cancel(axis);
+        }
+        if verb.needs_arming() || verb.is_stop() {
+            self.slot_mut(axis)?.follows = followed(verb);
+        }
+        let run = Run::new(Steps::Plan(steps), undo, command, Some(verb));
+        self.jobs.add(ticket, axis, Task::Run(run), verb.is_stop())
     }
 
     fn follows_beat(&self, axis: AxisIndex) -> bool {

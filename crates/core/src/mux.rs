@@ -6,11 +6,12 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
-use crate::axis::{AnyLane, Axes, Command, News, Part, Rehearsed, State};
+use crate::axis::{AnyLane, Axes, Command, News, Part, Rehearsed, State, StopPart};
 use crate::error::{Outcome, Unsupported};
+use crate::explain::Raw;
 use crate::lane::{Piece, Transfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
-use crate::profile::{ParameterId, Profile};
+use crate::profile::{ParameterId, Profile, Readdress};
 use crate::program::{MemoryRules, Order};
 use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
 use crate::stream::cyclic::{Account, Following};
@@ -141,6 +142,10 @@ impl Axes for Mux {
         lane.profile(axis)
     }
 
+    fn is_confirmed(&self, axis: AxisIndex) -> bool {
+        self.of(axis).is_none_or(|(lane, axis)| lane.is_confirmed(axis))
+    }
+
     fn state(&self, axis: AxisIndex) -> Option<&State> {
         let (lane, axis) = self.of(axis)?;
         lane.state(axis)
@@ -161,6 +166,21 @@ impl Axes for Mux {
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.of_mut(axis)?;
         lane.command(now, ticket, axis, command)
+    }
+
+    fn stop(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        part: StopPart,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.stop(now, ticket, axis, part)
+    }
+
+    fn send_once(&mut self, ticket: Ticket) {
+        self.lanes.iter_mut().for_each(|lane| lane.send_once(ticket));
     }
 
     fn read(
@@ -196,6 +216,17 @@ impl Axes for Mux {
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.of_mut(axis)?;
         lane.raw(now, ticket, axis, text)
+    }
+
+    fn raw_frame(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        frame: &Raw<'_>,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.of_mut(axis)?;
+        lane.raw_frame(now, ticket, axis, frame)
     }
 
     fn stream(
@@ -278,6 +309,16 @@ impl Axes for Mux {
         self.lanes.iter_mut().find_map(|lane| lane.poll_outcome())
     }
 
+    fn readdresses(
+        &self,
+        axis: AxisIndex,
+        parameter: ParameterId,
+        raw: i64,
+    ) -> Result<Option<Readdress>, Unsupported> {
+        let (lane, axis) = self.of(axis).ok_or(Unsupported::NoSuchAxis)?;
+        lane.readdresses(axis, parameter, raw)
+    }
+
     fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
         let (lane, axis) = self.of(axis)?;
         lane.unlearnt(axis, n)
@@ -304,6 +345,10 @@ impl Axes for Mux {
         lane.rehearse(axis, command, show)
     }
 
+    fn lacks(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
+        self.of(axis).is_some_and(|(lane, axis)| lane.lacks(axis, parameter))
+    }
+
     fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
         let (lane, axis) = self.of(axis)?;
         lane.to_si(axis, parameter, raw)
@@ -316,6 +361,10 @@ impl Axes for Mux {
 
     fn counters(&self) -> Counters {
         self.lanes.iter().map(|lane| lane.counters()).fold(Counters::default(), Counters::plus)
+    }
+
+    fn heard(&self, axis: AxisIndex) -> Counters {
+        self.of(axis).map_or(Counters::default(), |(lane, axis)| lane.heard(axis))
     }
 
     fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {

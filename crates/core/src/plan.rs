@@ -25,6 +25,29 @@ pub struct Plan {
     pub undo: &'static [Step],
 }
 
+impl Plan {
+    /// Where what is waited for last begins and ends: steps between that only read and wait.
+    fn last_wait(&self) -> Option<(usize, usize)> {
+        let waits = |step: &Step| matches!(step, Step::Until { .. });
+        let last = self.steps.iter().rposition(waits)?;
+        let sent = self.steps[..last].iter().rposition(Step::sends).map_or(0, |at| at + 1);
+        let first = sent + self.steps[sent..].iter().position(waits)?;
+        Some((first, last + 1))
+    }
+
+    /// The steps before those that only wait: all that a stop has to tell its drive.
+    #[must_use]
+    pub fn before_wait(&self) -> &'static [Step] {
+        &self.steps[..self.last_wait().map_or(self.steps.len(), |(first, _)| first)]
+    }
+
+    /// The steps behind what is waited for last: what a stop tells its drive once the motor stands.
+    #[must_use]
+    pub fn after_wait(&self) -> &'static [Step] {
+        &self.steps[self.last_wait().map_or(self.steps.len(), |(_, end)| end)..]
+    }
+}
+
 /// One step.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Step {
@@ -102,6 +125,15 @@ pub enum Step {
         /// So long.
         ms: u32,
     },
+}
+
+impl Step {
+    /// Whether it may change something in the drive.
+    #[must_use]
+    pub const fn sends(&self) -> bool {
+        use Step::{Copy, Ensure, Keep, Send, Write};
+        matches!(self, Write(..) | Ensure(..) | Copy { .. } | Send { .. } | Keep(_))
+    }
 }
 
 /// Masked comparison.

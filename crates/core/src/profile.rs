@@ -1,6 +1,7 @@
 //! A drive as data: parameters, faults, signals and plans in tables that are written by people as
 //! TOML and read here as constants.
 
+use crate::medium::MediumKind;
 use crate::plan::Plan;
 use crate::units::Unit;
 
@@ -37,6 +38,9 @@ pub struct Profile {
     /// Settings that decide how the drive is reached: address, baud rate, framing, locks. What
     /// copies settings from one drive to another leaves them alone.
     pub reach: &'static [ParameterId],
+    /// What not every drive of the profile has, because its standard leaves it to the maker. A drive
+    /// that says that it has no such object is not at fault: see [`Axes::lacks`](crate::axis::Axes::lacks).
+    pub optional: &'static [ParameterId],
     /// What stops the motor when the link dies.
     pub watchdog: Watchdog,
     /// Longest time the drive may take for a reply, ms.
@@ -122,6 +126,15 @@ pub enum Ask {
     Text(&'static str),
 }
 
+/// What a parameter decides of how its drive is reached.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Readdress {
+    /// The drive's own address.
+    Own,
+    /// The address of the host that it answers.
+    Host,
+}
+
 /// The parameter and value that keep writes in RAM.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct RamMode {
@@ -158,7 +171,33 @@ pub enum Watchdog {
     Configurable {
         /// The parameter that holds the time.
         parameter: ParameterId,
+        /// The one that holds it for requests that come by CAN, where that is another.
+        on_can: Option<ParameterId>,
     },
+    /// It watches the heartbeat that its host sends (CiA 301, 7.2.8.3.2), and does then what a
+    /// parameter says.
+    Heartbeat {
+        /// Whose heartbeat, and how long it may stay out: node-ID in bits 16 to 22, ms in bits 0 to
+        /// 15; 0 in either is never (CiA 301, 1016h).
+        consumer: ParameterId,
+        /// What it does then: 0 is nothing, 1 fault, 2 power off, 3 quick stop (CiA 402-2, 6007h).
+        reaction: ParameterId,
+    },
+}
+
+impl Watchdog {
+    /// The parameter that holds the time where the host speaks by that medium; `None` where none
+    /// does, or only together with others.
+    #[must_use]
+    pub const fn time(self, medium: MediumKind) -> Option<ParameterId> {
+        match (self, medium) {
+            (Self::Configurable { on_can: Some(parameter), .. }, MediumKind::Can) => {
+                Some(parameter)
+            }
+            (Self::Configurable { parameter, .. }, _) => Some(parameter),
+            _ => None,
+        }
+    }
 }
 
 /// One named setting or reading of a drive.

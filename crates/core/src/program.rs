@@ -146,9 +146,12 @@ pub enum TransferStep {
     Sum(Memory, u16, u16),
 }
 
-/// What a drive is told of its programs.
+/// What a drive is told of its programs, and of motors that its axis does not stand for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Order {
+    /// Stop the motor of that number behind the drive's address, counted from 0. A drive refuses the
+    /// number of a motor that it has not.
+    StopMotor(u8),
     /// Go on there, whatever runs now.
     Go(u16),
     /// Call the routine there, so that it can be given up.

@@ -101,8 +101,10 @@ pub struct Counters {
     pub resent: u64,
     /// Replies that answered what was asked.
     pub answered: u64,
-    /// Whole, valid replies that came when nothing waited for them.
+    /// Whole, valid replies that came when nothing waited for them, or too soon.
     pub late: u64,
+    /// Those among them that fitted what waited, but came sooner than the line's rate lets them.
+    pub early: u64,
     /// Valid frames of another address, opcode or length than the one asked.
     pub foreign: u64,
     /// Our own bytes heard back (RS-485 echo).
@@ -111,24 +113,51 @@ pub struct Counters {
     pub skipped: u64,
     /// Frames whose check failed.
     pub corrupt: u64,
+    /// Acknowledgements of what waited for one, by the drive that was asked.
+    pub acknowledged: u64,
+    /// The same for a drive behind the one that acknowledged.
+    pub relayed: u64,
+    /// Answers as lines of text, where frames were asked for.
+    pub texts: u64,
     /// Requests that ended in silence.
     pub silent: u64,
 }
 
 impl Counters {
+    /// Answers that nothing waited for: those of others, damaged ones, and late ones. A drive that is
+    /// slower than its host's patience gives late ones too.
+    #[must_use]
+    pub const fn unaccounted(&self) -> u64 {
+        self.late + self.foreign + self.corrupt
+    }
+
     /// Both counts together.
     #[must_use]
-    pub const fn plus(self, other: Self) -> Self {
+    pub fn plus(self, other: Self) -> Self {
+        self.with(other, u64::saturating_add)
+    }
+
+    /// What was counted since then.
+    #[must_use]
+    pub fn since(self, then: Self) -> Self {
+        self.with(then, u64::saturating_sub)
+    }
+
+    fn with(self, other: Self, both: fn(u64, u64) -> u64) -> Self {
         Self {
-            sent: self.sent + other.sent,
-            resent: self.resent + other.resent,
-            answered: self.answered + other.answered,
-            late: self.late + other.late,
-            foreign: self.foreign + other.foreign,
-            echoed: self.echoed + other.echoed,
-            skipped: self.skipped + other.skipped,
-            corrupt: self.corrupt + other.corrupt,
-            silent: self.silent + other.silent,
+            sent: both(self.sent, other.sent),
+            resent: both(self.resent, other.resent),
+            answered: both(self.answered, other.answered),
+            late: both(self.late, other.late),
+            early: both(self.early, other.early),
+            foreign: both(self.foreign, other.foreign),
+            echoed: both(self.echoed, other.echoed),
+            skipped: both(self.skipped, other.skipped),
+            corrupt: both(self.corrupt, other.corrupt),
+            acknowledged: both(self.acknowledged, other.acknowledged),
+            relayed: both(self.relayed, other.relayed),
+            texts: both(self.texts, other.texts),
+            silent: both(self.silent, other.silent),
         }
     }
 }
@@ -141,6 +170,9 @@ pub trait Host<M: Medium>: Station<M> {
     type Answer: Copy + 'static;
     /// A request that is given back concerns its drive alone: others may be asked meanwhile.
     const PARALLEL: bool = false;
+    /// A drive answers each request that changes something. Where it does not, such a request is done
+    /// when it has left, and may have been lost on its way.
+    const CONFIRMED: bool = true;
 
     /// Takes a request, or gives it back when it cannot take one now (half-duplex: one outstanding;
     /// quarantine after silence admits a stop only).
@@ -162,6 +194,13 @@ pub trait Host<M: Medium>: Station<M> {
         None
     }
 
+    /// Puts the request that was just submitted with this ticket on the wire once, whatever its class:
+    /// who asks a drive that has long been silent does not keep the others' wire for as long as one that
+    /// answers is given. Hosts whose drives do not wait for one another need not.
+    fn send_once(&mut self, ticket: Ticket) {
+        let _ = ticket;
+    }
+
     /// The next thing that happened: a request's end, or a drive that spoke unasked. It is lent, not
     /// copied.
     fn poll_event(&mut self) -> Option<&Event<Self::Answer>>;
@@ -172,11 +211,21 @@ pub trait Host<M: Medium>: Station<M> {
     /// What happened on the wire so far.
     fn counters(&self) -> Counters;
 
+    /// Bytes that came and of which no frame was made yet, nor were they thrown away.
+    fn unread(&self) -> usize {
+        0
+    }
+
     /// Puts a request that nobody answers on the wire ahead of everything else; no event tells of
     /// it. The application is alive for whoever watches it.
     fn say(&mut self, now: Instant, request: &Self::Request, out: &mut M::Out) -> usize {
         let _ = now;
         self.emit(request, out)
+    }
+
+    /// The host's own address on the wire, where drives answer one and none may have it.
+    fn own_address(&self) -> Option<u32> {
+        None
     }
 
     /// Bits a second of the wire; zero without timing.

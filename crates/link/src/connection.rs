@@ -148,6 +148,12 @@ impl Connection {
         self.0.0.trouble()
     }
 
+    /// Closes the link at once, for all clones: what is under way ends as when the link is lost, and
+    /// what is asked later ends with [`Cause::Closed`](crate::Cause::Closed). It is never opened again.
+    pub fn close(&self) {
+        self.0.0.close();
+    }
+
     /// Whether both are clones of one connection.
     #[must_use]
     pub fn is(&self, other: &Self) -> bool {

@@ -33,6 +33,8 @@ pub enum Cause {
     Stalled,
     /// A network or CAN interface is there, and switched off.
     Down,
+    /// This program closed it.
+    Closed,
     /// Something else; the system's error number tells.
     System,
 }
@@ -148,6 +150,7 @@ const fn sentence(cause: Cause) -> &'static str {
         Cause::Unsuitable => "it cannot do what was asked of it",
         Cause::Stalled => "the far end takes no bytes",
         Cause::Down => "the interface is switched off",
+        Cause::Closed => "this program has closed it",
         Cause::System => "the operating system reports an error",
     }
 }
@@ -172,6 +175,7 @@ const fn hint(cause: Cause) -> &'static str {
             "Choose a speed and format that the adapter can do, or another adapter."
         }
         Cause::Stalled => "Check that flow control is off and that something reads at the far end.",
+        Cause::Closed => "Open it again, and take the axes of the new link.",
         Cause::Down => "`ip link show` lists the interfaces; switch it on.",
         Cause::System => "The number in brackets is the system's own.",
     }

@@ -59,7 +59,7 @@ pub use connection::{
 pub use error::{Cause, LinkError};
 pub use limit::{is_private, open_files, stand_back};
 pub use link::{Link, Losses, Received};
-pub use ports::{Carries, Port, ports};
+pub use ports::{Carries, Port, has_no_baud_rate, ports};
 pub use serve::{Served, Stop, Wire, serve};
 pub use tap::{Direction, Tap, Tapped};
 pub use wake::Waker;

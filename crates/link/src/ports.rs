@@ -101,6 +101,17 @@ impl Usb {
     }
 }
 
+/// Drivers of ports behind which no UART may be: USB CDC, as drives with a USB connector have it.
+/// What is sent there takes no time, whatever baud rate is set.
+const WITHOUT_BAUD_RATE: [&str; 2] = ["cdc_acm", "usbser"];
+
+/// Whether the driver of the port at `path` is known to have no baud rate. False where the system does
+/// not tell (Windows), and for converters that pretend to have one.
+#[must_use]
+pub fn has_no_baud_rate(path: &str) -> bool {
+    system::driver(path).is_some_and(|driver| WITHOUT_BAUD_RATE.contains(&&*driver))
+}
+
 /// The paths of serial ports alone.
 pub(crate) fn names() -> Vec<String> {
     let serial = |port: &Port| !matches!(port.carries, Carries::Can { .. });

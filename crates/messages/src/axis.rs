@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::{Refused, StopClass};
+
 /// What is known of an axis now. Nothing is fresher than its age.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AxisState {
@@ -28,6 +30,11 @@ pub struct AxisState {
     /// Who commands it; `null` where nobody does.
     #[schema(required)]
     pub lease: Option<LeaseTold>,
+    /// The stop that it is owed, for exactly as long as it is; `null` where it is owed none. Whoever
+    /// shows the axis says so in red: nobody knows that it stands, and cutting its supply is what is
+    /// left to do.
+    #[schema(required)]
+    pub owed: Option<StopOwed>,
     /// What the drive's own panel shows, where it has one.
     #[schema(required)]
     pub panel: Option<PanelView>,
@@ -73,6 +80,42 @@ pub struct LeaseTold {
     pub epoch: u64,
     /// When it ends unless it is renewed.
     pub expires_ms: f64,
+}
+
+/// A stop that an axis is owed: it is to stand, and was not seen standing since. The server says the
+/// stop again until it is: at once when the link opens or the drive answers again, else with a pause
+/// that grows to 2 s.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StopOwed {
+    /// Since when.
+    pub since_ms: f64,
+    /// Why it is to stand.
+    pub why: OwedWhy,
+    /// The session that said so; `server` where nobody did.
+    pub by: String,
+    /// What is certain of the stop so far: `failed` (nothing left yet), `sent` or `acknowledged`.
+    pub class: StopClass,
+    /// How often it was said.
+    pub said: u32,
+    /// Why the last one was not confirmed; `null` while nothing is known to be wrong with it.
+    #[schema(required)]
+    pub error: Option<Refused>,
+}
+
+/// Why an axis is to stand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OwedWhy {
+    /// Somebody said STOP, or the server did, to keep it within its limits.
+    Stop,
+    /// The lease ended under which it was set in motion.
+    LeaseEnded,
+    /// Its link was lost while it moved.
+    LinkLost,
+    /// The server ends while it may move.
+    ServerEnds,
+    /// The journal says that the server before this one owed it a stop when it ended.
+    ServerBefore,
 }
 
 /// A drive's own panel.
@@ -163,6 +206,56 @@ pub struct WriteParameters {
     /// Numbers are as they lie in the drive.
     #[serde(default)]
     pub raw: bool,
+    /// Of the caller's lease.
+    #[serde(default)]
+    pub epoch: u64,
+}
+
+/// `GET /api/v1/axes/{id}/watchdog`, and the answer to its `POST`: what the drive does by itself when
+/// its host falls silent, read just now.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct WatchdogTold {
+    /// What drives of its family do, in words.
+    pub rule: String,
+    /// How it is set.
+    pub set: WatchdogSet,
+    /// The same in words.
+    pub text: String,
+    /// After so long a silence it stops, ms; `null` where it does not, or where that is not known.
+    #[schema(required)]
+    pub after_ms: Option<f64>,
+    /// The parameter that is written to set it; `null` where the drive has none that can be set.
+    #[schema(required)]
+    pub parameter: Option<String>,
+    /// What to know before it is set; may be empty.
+    pub caution: String,
+}
+
+/// How a drive's own watchdog is set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum WatchdogSet {
+    /// The drive has none: it keeps doing what it was last told.
+    None,
+    /// It has one that is off.
+    Off,
+    /// It stops after a silence.
+    On,
+    /// It watches a heartbeat that is not this host's.
+    Other,
+    /// It notices a silence, and does nothing then.
+    NoReaction,
+    /// It can be set, and the drive does not tell how it is set.
+    Untold,
+}
+
+/// `POST /api/v1/axes/{id}/watchdog`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SetWatchdog {
+    /// Stop after so long without a word of the host, ms; `null` and 0 are never.
+    #[schema(required)]
+    pub after_ms: Option<f64>,
     /// Of the caller's lease.
     #[serde(default)]
     pub epoch: u64,

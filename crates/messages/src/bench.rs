@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::LookView;
+use super::{LookView, Refused};
 use crate::scope::Scope;
 
 /// What there is: links, axes, what they can do. Values are in [`AxisState`](super::AxisState).
@@ -42,9 +42,20 @@ pub struct LinkView {
     pub simulated: bool,
     /// Whether it works.
     pub state: LinkState,
-    /// Why it was lost, in a sentence; `null` while it is open.
+    /// Why it is not open; `null` while it is.
     #[schema(required)]
-    pub reason: Option<String>,
+    pub error: Option<Refused>,
+    /// Since when it is not, in milliseconds since 1970; `null` while it is open.
+    #[schema(required)]
+    pub since_ms: Option<f64>,
+    /// Axes that its connection string names and that did not answer, or are not what they should be,
+    /// when it was opened: they are no axes of the bench, and nothing stops them from here.
+    #[serde(default)]
+    pub absent: Vec<AbsentAxis>,
+    /// Numbers of drives that the server before owed a stop when it ended and that are not there: they
+    /// may be turning, and are told to stop as soon as they are.
+    #[serde(default)]
+    pub owed: Vec<u32>,
     /// How full its wire is, 0 to 1; `null` where nobody can tell.
     #[schema(required)]
     pub load: Option<f64>,
@@ -60,6 +71,17 @@ pub enum LinkState {
     Open,
     /// It went away; its axes are disarmed.
     Lost,
+    /// It could not be opened so far, and is tried again: nobody knows who is on it.
+    NotOpen,
+}
+
+/// An axis that was not there when its link was opened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AbsentAxis {
+    /// The drive's address on the wire.
+    pub number: u32,
+    /// Why it is none of the bench.
+    pub error: Refused,
 }
 
 /// Something counted.

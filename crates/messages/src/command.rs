@@ -137,6 +137,21 @@ pub struct StopOrder {
 pub struct Stopped {
     /// Each axis.
     pub axes: Vec<AxisStopped>,
+    /// Where everything was to be stopped: links that are not open. How many motors they have is not
+    /// known, and none of them was told.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unreached: Vec<Unreached>,
+}
+
+/// A link whose motors a stop of everything did not reach.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Unreached {
+    /// Index among the links.
+    pub link: u16,
+    /// Its connection string.
+    pub url: String,
+    /// Why it is not open.
+    pub error: Refused,
 }
 
 /// How far the stop of one axis came.
@@ -153,18 +168,50 @@ pub struct AxisStopped {
     pub error: Option<Refused>,
 }
 
-/// What is certain of a stop; each includes those before.
+/// What is certain of a stop. From `sent` on each includes those before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StopClass {
-    /// Nothing left: the link is lost.
+    /// Nothing left. As an answer: and nothing will, because the drive has no stop.
     Failed,
+    /// Whoever asked has waited long enough, or the link is lost: it was not seen standing. The stop
+    /// is owed and said again, as [`AxisState::owed`](super::AxisState::owed) tells.
+    Owed,
     /// It is on the wire.
     Sent,
-    /// The drive answered it.
+    /// The drive answered all of it. As an answer: and it has nothing by which it could be seen
+    /// standing.
     Acknowledged,
-    /// It was seen to stand still.
+    /// It was seen standing, by readings that were asked after the drive had answered the stop.
     Standing,
+}
+
+/// `POST /api/v1/axes/{id}/dismiss`: the axis is owed no stop any more, though nobody saw it stand.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DismissStop {
+    /// Why not.
+    pub reason: DismissReason,
+    /// Of the caller's lease, for `taken_over`.
+    #[serde(default)]
+    pub epoch: u64,
+    /// For the journal; may be empty.
+    #[serde(default)]
+    pub note: String,
+}
+
+/// Why an axis is owed a stop no more that was not seen standing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DismissReason {
+    /// The drive was taken away, or has no supply.
+    DriveGone,
+    /// Another master commands it.
+    OtherMaster,
+    /// Something else turns its shaft: water a propeller, a load.
+    TurnedByLoad,
+    /// Whoever holds its lease commands it on, knowing that it may be turning.
+    TakenOver,
 }
 
 /// `POST /api/v1/simulation/{link}/{drive}`.

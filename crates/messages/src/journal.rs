@@ -32,6 +32,8 @@ pub enum Deed {
     Started,
     /// The server ended by itself.
     Ended,
+    /// A link could not be opened, or was opened later: the detail says which, and why not.
+    Link,
     /// Somebody came in, or failed to.
     Login,
     /// An axis got an owner.
@@ -48,12 +50,18 @@ pub enum Deed {
     Parameters,
     /// A stop goes out.
     Stop,
+    /// An axis is owed a stop from now on: the detail says why, by which link and number it is found.
+    StopOwed,
+    /// It is owed none any more: the detail says how that is known, or who dismissed it and why.
+    StopEnded,
     /// Motion is let again.
     Release,
     /// Somebody looks for drives on a link.
     Look,
     /// Drives that were found become axes.
     TakeIn,
+    /// A drive was had to watch this server's heartbeat: the detail says how its watchdog was, and is.
+    Watchdog,
     /// A simulated drive or its time is meddled with.
     Simulation,
     /// What was done here and could not be written: the detail says how many records, and why.

@@ -33,17 +33,18 @@ pub mod telemetry;
 mod tests;
 
 pub use axis::{
-    AxisState, Change, FaultTold, Given, LeaseTold, PanelView, ParameterInfo, ParameterRead,
-    SignalValue, WriteParameters,
+    AxisState, Change, FaultTold, Given, LeaseTold, OwedWhy, PanelView, ParameterInfo,
+    ParameterRead, SetWatchdog, SignalValue, StopOwed, WatchdogSet, WatchdogTold, WriteParameters,
 };
 pub use bench::{
-    ActInfo, ArgumentInfo, AxisInfo, BenchView, Clash, Counter, LimitInfo, LinkState, LinkView,
-    LockTold, SignalInfo, VerbInfo,
+    AbsentAxis, ActInfo, ArgumentInfo, AxisInfo, BenchView, Clash, Counter, LimitInfo, LinkState,
+    LinkView, LockTold, SignalInfo, VerbInfo,
 };
 pub use capture::{CaptureOpened, CapturePage, ExplainedField, FrameDirection, FrameItem};
 pub use command::{
-    Act, Arguments, AxisStopped, CommandOrder, Ended, Epoch, LeaseGranted, Login, Outcome, Pace,
-    Proof, RawOrder, Session, StopClass, StopOrder, Stopped, TTL_MS, TakeLease,
+    Act, Arguments, AxisStopped, CommandOrder, DismissReason, DismissStop, Ended, Epoch,
+    LeaseGranted, Login, Outcome, Pace, Proof, RawOrder, Session, StopClass, StopOrder, Stopped,
+    TTL_MS, TakeLease, Unreached,
 };
 pub use journal::{Deed, JournalRecord};
 pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};

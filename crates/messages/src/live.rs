@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{
-    AxisState, BenchView, CommandOrder, ExplainedField, FrameItem, LockTold, LookView, Outcome,
-    Refused, Stopped,
+    AxisState, BenchView, CommandOrder, DismissStop, ExplainedField, FrameItem, LockTold, LookView,
+    Outcome, Refused, Stopped,
 };
 use crate::scope::Scope;
 
@@ -74,6 +74,14 @@ pub enum ClientMessage {
         #[serde(default)]
         reason: String,
     },
+    /// Owe an axis its stop no more.
+    Dismiss {
+        /// Which axis.
+        axis: u16,
+        /// Why.
+        #[serde(flatten)]
+        dismiss: DismissStop,
+    },
     /// Let motion again.
     Release,
     /// Are you there?
@@ -141,8 +149,13 @@ pub enum ServerMessage {
         #[schema(required)]
         expires_ms: Option<f64>,
     },
-    /// Axes were stopped, by whomever. Comes again for an axis whose class rises.
+    /// Axes were stopped, by whomever. Comes again for an axis whose class changes.
     Stopped(Stopped),
+    /// The answer to `dismiss`: the axis is owed no stop.
+    Dismissed {
+        /// Which axis.
+        axis: u16,
+    },
     /// Motion is locked.
     Locked(LockTold),
     /// Motion is let again.
@@ -177,7 +190,7 @@ pub enum ServerMessage {
         /// `type` of the message; `null` where it could not be read.
         #[schema(required)]
         about: Option<String>,
-        /// The channel of a `subscribe`, the axis of a `lease`.
+        /// The channel of a `subscribe`, the axis of a `lease` or a `dismiss`.
         #[schema(required)]
         subject: Option<u16>,
     },

@@ -19,10 +19,14 @@ pub struct Refused {
     /// What to try; empty when there is nothing to add.
     #[serde(default)]
     pub hint: String,
-    /// Whether a drive did it; `null` when nobody can know.
+    /// Whether a drive did it; `null` when nobody can know, or when it did a part of it. The message
+    /// does not repeat it.
     #[schema(required)]
     pub executed: Option<bool>,
 }
+
+/// Said of what a drive may have done.
+const IN_DOUBT: &str = "it may have been executed, or a part of it";
 
 impl Refused {
     /// Something that the gateway itself does not let through: nothing was sent.
@@ -42,6 +46,16 @@ impl Refused {
         self
     }
 
+    /// What is wrong, and whether it was executed where that is in doubt: one sentence, without a full
+    /// stop.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        match self.executed {
+            None => format!("{}; {IN_DOUBT}", self.message),
+            Some(_) => self.message.clone(),
+        }
+    }
+
     /// The HTTP status that goes with its code.
     #[must_use]
     pub fn status(&self) -> u16 {
@@ -51,7 +65,8 @@ impl Refused {
             "gateway.scope" | "gateway.origin" => 403,
             "gateway.missing" | "E212" | "E205" | "E213" => 404,
             "gateway.method" => 405,
-            "gateway.lease" | "gateway.expired" | "gateway.simulated" | "gateway.look" => 409,
+            "gateway.lease" | "gateway.expired" | "gateway.owed" | "gateway.simulated"
+            | "gateway.look" => 409,
             "gateway.size" => 413,
             "gateway.host" => 421,
             "gateway.locked" => 423,
@@ -116,7 +131,7 @@ impl From<polepair::Error> for Refused {
     fn from(error: polepair::Error) -> Self {
         Self {
             code: error.code().into(),
-            message: error.to_string(),
+            message: error.brief(),
             hint: error.hint().to_owned(),
             executed: error.executed(),
         }

@@ -40,7 +40,10 @@ fn a_servers_message_says_its_type() {
     let text = serde_json::to_value(ServerMessage::Unlocked).unwrap();
     assert_eq!(text, serde_json::json!({ "type": "unlocked" }));
     let stopped = AxisStopped { id: 1, class: StopClass::Standing, ms: 2.5, error: None };
-    let text = serde_json::to_value(ServerMessage::Stopped(Stopped { axes: vec![stopped] }));
+    let text = serde_json::to_value(ServerMessage::Stopped(Stopped {
+        axes: vec![stopped],
+        unreached: Vec::new(),
+    }));
     let axis = serde_json::json!({ "id": 1, "class": "standing", "ms": 2.5, "error": null });
     assert_eq!(text.unwrap(), serde_json::json!({ "type": "stopped", "axes": [axis] }));
 }

@@ -64,12 +64,17 @@ impl Amount {
         }
     }
 
-    /// The SI value of what is shown in `unit`, if anything is: a number is SI.
+    /// The SI value of what is shown in `unit`, if anything is: a number is SI, text has a unit. Zero
+    /// needs none.
     pub(crate) fn in_si(&self, unit: Option<Unit>) -> Result<f64, Error> {
-        match (self, unit) {
-            (Self::Number(number), _) => finite(*number),
-            (Self::Text(text), Some(unit)) => quantity::parse(text)?.si(unit),
-            (Self::Text(text), None) => Ok(quantity::parse(text)?.si),
+        let text = match self {
+            Self::Number(number) => return finite(*number),
+            Self::Text(text) => text,
+        };
+        let measure = quantity::parse(text)?;
+        match unit {
+            Some(unit) => measure.with_unit(unit),
+            None => Ok(measure.si),
         }
     }
 }

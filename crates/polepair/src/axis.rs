@@ -16,38 +16,45 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod argument;
 mod armed;
 mod bytes;
 mod fail;
 mod following;
 mod mode;
 mod mounted;
+mod owed;
 mod program;
 mod running;
+mod scaled;
 mod stopping;
 mod streamed;
 mod together;
+mod watchdog;
 
 pub use armed::Armed;
 pub use following::Following;
+pub use owed::{OWED_MAX, stop_owed};
 pub use running::{Prepared, Running};
+pub use scaled::Pending;
 pub use stopping::{Class, Stopping};
 pub use together::start_together;
+pub use watchdog::WatchdogState;
 
 use crate::amount::{Amount, Meant, Value};
 use crate::error::Error;
 use crate::identify::Identified;
-use crate::mounting::{self, Mounted};
+use crate::mounting::Mounted;
 use crate::simulate::Simulation;
 use crate::url::Number;
 use crate::words;
+use fail::RequestKind;
 use polepair_core::axis::{Command, Reading, Rehearsed, RehearsedStep, State, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Frame, MediumKind};
 use polepair_core::plan::{Argument, Operand, Step};
-use polepair_core::profile::{AxisKind, Parameter, ParameterId, Profile, Signal};
+use polepair_core::profile::{Parameter, ParameterId, Profile, Signal};
 use polepair_core::station::AxisIndex;
-use polepair_core::units::Unit;
 use polepair_link::Connection;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -62,6 +69,10 @@ pub struct Axis {
     pub(crate) name: String,
     pub(crate) protocol: &'static str,
     pub(crate) medium: MediumKind,
+    /// The number that the host has among the drives of its wire, where it has one.
+    pub(crate) host: Option<u32>,
+    /// The period of the heartbeat that the host sends on its wire, where it was told to.
+    pub(crate) heartbeat: Option<Duration>,
     pub(crate) profile: &'static Profile,
     pub(crate) identified: Identified,
     pub(crate) simulation: Option<Simulation>,
@@ -257,16 +268,13 @@ impl Axis {
     /// [`Error::Usage`] `E217`; or what reading the parameters brings that the scale depends on.
     pub fn raw_of(&self, id: ParameterId, amount: &Amount) -> Result<i64, Error> {
         let parameter = self.parameter(id)?;
+        self.read_unread_factors(parameter)?;
         let si = match amount.for_parameter(parameter, self.unit(id))? {
             Meant::Raw(raw) => return Ok(raw),
             Meant::Si(si) => si * self.factor(id),
         };
-        let convert = || self.connection.with(|axes, _| axes.to_raw(self.index, id, si));
-        if let Some(raw) = convert() {
-            return Ok(raw);
-        }
-        self.read_factors(parameter)?;
-        convert().ok_or_else(|| {
+        let raw = self.connection.with(|axes, _| axes.to_raw(self.index, id, si));
+        raw.ok_or_else(|| {
             let what = format!("`{}`: the scale of this value is not known", parameter.name);
             Error::usage("E217", what, "write it raw")
         })
@@ -300,7 +308,7 @@ impl Axis {
 
     fn read_factors(&self, parameter: &Parameter) -> Result<(), Error> {
         let factors = [parameter.scale.times, parameter.scale.over];
-        factors.into_iter().flatten().try_for_each(|id| self.read(id).map(drop))
+        factors.into_iter().flatten().try_for_each(|id| self.read_if_any(id).map(drop))
     }
 
     /// Waits on the link's own clock: in virtual time it is over at once.
@@ -313,10 +321,34 @@ impl Axis {
         self.connection.with(|axes, _| axes.arm(self.index, armed));
     }
 
+    /// Arms the axis for one who will stop it at the end, so that nobody else's end stops it
+    /// meanwhile.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] `E220` when it is armed already.
+    pub fn take_arming(&self) -> Result<(), Error> {
+        let armed = self.connection.with(|axes, _| {
+            let before = axes.state(self.index).is_some_and(|state| state.armed);
+            axes.arm(self.index, true);
+            before
+        });
+        match armed {
+            false => Ok(()),
+            true => Err(Error::Unsupported {
+                what: format!("{}: it is armed already", self.label()),
+                why: Unsupported::Busy,
+                hint: "move it in the block that armed it: the end of a second one would stop it \
+                       there"
+                    .to_owned(),
+            }),
+        }
+    }
+
     /// Arms and enables the axis until the guard is dropped, which stops and disables it.
     ///
     /// # Errors
-    /// [`Error`] by blame; the axis is then disarmed again.
+    /// [`Error`] by blame; the axis is then disarmed again. `E220` when it is armed already: it then
+    /// stays so.
     pub fn armed(&self) -> Result<Armed, Error> {
         Armed::new(self)
     }
@@ -451,15 +483,23 @@ impl Axis {
         let mut running = self.start(Command::new(Verb::Reached))?;
         match running.wait(within) {
             Ok(ended) => Ok(ended.is_some()),
-            Err(Error::Failed { outcome: Outcome::NotDone(Failure::NotReached), .. })
-            | Err(Error::Failed { outcome: Outcome::Unknown(Failure::NotReached), .. }) => {
+            Err(Error::Failed { outcome, .. })
+                if outcome.failure() == Some(Failure::NotReached) =>
+            {
                 Ok(false)
             }
             // The question was not answered, but the move it asks after had been sent.
-            Err(Error::Failed { what, outcome: Outcome::NotDone(failure), hint })
-                if matches!(failure, Failure::Silent | Failure::LinkDown) =>
-            {
-                Err(Error::Failed { what, outcome: Outcome::Unknown(failure), hint })
+            Err(Error::Failed {
+                what,
+                outcome: Outcome::NotDone(failure),
+                heard,
+                may_turn,
+                hint,
+                ..
+            }) if matches!(failure, Failure::Silent | Failure::LinkDown) => {
+                let went = "whether the move arrived is not known".to_owned();
+                let outcome = Outcome::Unknown(failure);
+                Err(Error::Failed { what, went, outcome, heard, may_turn, hint })
             }
             Err(error) => Err(error),
         }
@@ -474,33 +514,8 @@ impl Axis {
             return Ok(());
         }
         let outcome = Outcome::NotDone(Failure::NotReached);
-        Err(self.failed(&format!("waiting {} for the move", spoken(within)), outcome))
-    }
-
-    /// The SI value of a verb's argument: text must have a unit that fits the drive's parameter.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] `E217`.
-    pub fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
-        amount.in_si(self.unit_of(verb, which))
-    }
-
-    /// The unit in which an argument of a verb is shown and, where none is given, meant: that of the
-    /// parameter which the plan writes, or the machine's where a file mounts the axis. `None` when
-    /// the verb has no use for it.
-    #[must_use]
-    pub fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
-        let unit = self.destination(verb, which)?.map_or(Unit::None, |parameter| parameter.unit);
-        let unit = self.unit_here(verb, which, unit);
-        Some(if unit == Unit::None { customary(self.profile.axis, which) } else { unit })
-    }
-
-    /// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
-    /// `None` when it has no use for it.
-    #[must_use]
-    pub fn destination(&self, verb: Verb, which: Argument) -> Option<Option<&'static Parameter>> {
-        let id = mounting::destination(self.profile, verb, which)?;
-        Some(id.and_then(|id| self.profile.parameter(id)))
+        let what = format!("waiting {} for the move", spoken(within));
+        Err(self.failed(&what, RequestKind::Question, outcome))
     }
 
     /// Makes a verb ready to be started: where a file mounts the axis, its arguments are turned into
@@ -511,6 +526,7 @@ impl Axis {
     /// [`Error::Usage`] `E223` for what a file's limits do not let through; what reading the position
     /// brings.
     pub fn prepare(&self, command: Command) -> Result<Prepared, Error> {
+        self.check_scales(&command)?;
         Ok(Prepared { axis: self.clone(), command: self.fitted(command)? })
     }
 
@@ -540,7 +556,11 @@ impl Axis {
             Some(value) => Ok(value),
             None => {
                 let what = format!("{} within {}", command.verb.name(), spoken(within));
-                Err(self.failed(&what, Outcome::NotDone(Failure::NotReached)))
+                Err(self.failed(
+                    &what,
+                    RequestKind::Question,
+                    Outcome::NotDone(Failure::NotReached),
+                ))
             }
         }
     }
@@ -604,7 +624,10 @@ impl Axis {
                 if let Some(parameter) = self.profile.parameter(source.parameter) {
                     self.read_unread_factors(parameter)?;
                 }
-                self.read(source.parameter)?;
+                if self.read_if_any(source.parameter)?.is_none() {
+                    let what = format!("{} has no object for its {}", self.label(), signal.name());
+                    return Err(Error::usage("E213", what, "its maker left it out"));
+                }
                 read.push(source.parameter);
             }
         }
@@ -613,10 +636,14 @@ impl Axis {
     }
 
     pub(crate) fn read_unread_factors(&self, parameter: &'static Parameter) -> Result<(), Error> {
+        if self.knows_factors(parameter) { Ok(()) } else { self.read_factors(parameter) }
+    }
+
+    pub(crate) fn knows_factors(&self, parameter: &'static Parameter) -> bool {
         let id = self.profile.parameters.iter().position(|p| std::ptr::eq(p, parameter));
         let id = id.and_then(|n| u16::try_from(n).ok()).map(ParameterId);
         let known = id.and_then(|id| self.connection.with(|axes, _| axes.to_si(self.index, id, 0)));
-        if known.is_some() { Ok(()) } else { self.read_factors(parameter) }
+        known.is_some()
     }
 
     /// Reads signals again and again, every `period` on the link's clock, until `show` breaks.
@@ -638,21 +665,6 @@ impl Axis {
             let spent = self.connection.now().since(began);
             crate::simulate::pass(self.simulation.as_ref(), period.saturating_sub(spent));
         }
-    }
-}
-
-/// What people say for an axis of that kind.
-const fn customary(kind: AxisKind, argument: Argument) -> Unit {
-    match (kind, argument) {
-        (AxisKind::Rotary, Argument::Target) => Unit::Degree,
-        (AxisKind::Rotary, Argument::Velocity) => Unit::Rpm,
-        (AxisKind::Rotary, Argument::Acceleration) => Unit::RpmPerSecond,
-        (AxisKind::Linear, Argument::Target) => Unit::Millimetre,
-        (AxisKind::Linear, Argument::Velocity) => Unit::MillimetrePerSecond,
-        (AxisKind::Linear, Argument::Acceleration) => Unit::MillimetrePerSecondSquared,
-        (AxisKind::Ratio, Argument::Target) => Unit::Percent,
-        (_, Argument::JerkTime | Argument::Period) => Unit::Second,
-        _ => Unit::None,
     }
 }
 

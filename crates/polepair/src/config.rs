@@ -45,33 +45,41 @@ pub struct Config {
     pub links: Vec<(String, String)>,
     /// Profiles beyond those that are compiled in.
     pub profiles: Vec<&'static Profile>,
+    /// Files that were found and are wrong. They stand in the way of what names something in them, and
+    /// of nothing else: whoever finds any says so, once.
+    pub broken: Vec<FileError>,
 }
 
 impl Config {
-    /// What is found from the working folder upward and in the configuration folder.
-    ///
-    /// # Errors
-    /// [`Error::File`] when a file that was found is wrong.
-    pub fn discover() -> Result<Self, Error> {
+    /// What is found from the working folder upward and in the configuration folder. A file that is
+    /// wrong is [kept](Self::broken) and refuses nobody who needs nothing of it.
+    #[must_use]
+    pub fn discover() -> Self {
         let here = std::env::current_dir().unwrap_or_default();
         Self::discover_from(&here, folder().as_deref())
     }
 
-    /// What is found from `here` upward and in the configuration folder `folder`.
-    ///
-    /// # Errors
-    /// [`Error::File`] when a file that was found is wrong.
-    pub fn discover_from(here: &Path, folder: Option<&Path>) -> Result<Self, Error> {
+    /// What is found from `here` upward and in the configuration folder `folder`, as
+    /// [`discover`](Self::discover).
+    #[must_use]
+    pub fn discover_from(here: &Path, folder: Option<&Path>) -> Self {
         let above = here.ancestors().take(FOLDERS_MAX).chain(folder);
         let file = above.map(|folder| folder.join(FILE)).find(|file| file.is_file());
-        let mut config = match file {
-            Some(file) => Self::load(&file)?,
-            None => Self::default(),
-        };
-        if let Some(folder) = folder {
-            config.profiles = profiles_in(&folder.join("profiles"))?;
+        let mut config = Self::default();
+        if let Some(file) = file {
+            match Self::links_of(&file) {
+                Ok(links) => config.links = links,
+                Err(error) => config.broken.push(error),
+            }
+            config.file = Some(file);
         }
-        Ok(config)
+        for file in folder.map(|folder| files_in(&folder.join("profiles"))).unwrap_or_default() {
+            match profile::load(&file) {
+                Ok(profile) => config.profiles.push(profile),
+                Err(error) => config.broken.push(error),
+            }
+        }
+        config
     }
 
     /// Reads one `polepair.toml`.
@@ -79,8 +87,12 @@ impl Config {
     /// # Errors
     /// [`Error::File`] with file, line, column and reason.
     pub fn load(file: &Path) -> Result<Self, Error> {
-        let links = links(&file.display().to_string(), &text_of(file)?)?;
-        Ok(Self { file: Some(file.to_path_buf()), links, profiles: Vec::new() })
+        let links = Self::links_of(file)?;
+        Ok(Self { file: Some(file.to_path_buf()), links, ..Self::default() })
+    }
+
+    fn links_of(file: &Path) -> Result<Vec<(String, String)>, FileError> {
+        links(&file.display().to_string(), &text_of(file)?)
     }
 
     /// Adds a profile file.
@@ -105,10 +117,25 @@ impl Config {
     /// # Errors
     /// [`Error::File`] with file, line, column and reason.
     pub fn profile_of(&self, word: &str) -> Result<&'static Profile, Error> {
-        match self.profile(word) {
-            Some(known) => Ok(known),
-            None => Ok(profile::load(word.as_ref())?),
+        match (self.profile(word), self.broken_profile(word)) {
+            (Some(known), _) => Ok(known),
+            (None, Some(error)) => Err(error.clone().into()),
+            (None, None) => Ok(profile::load(word.as_ref())?),
         }
+    }
+
+    /// Whether a file was found and is wrong.
+    pub(crate) fn is_broken(&self, file: &Path) -> bool {
+        self.broken.iter().any(|error| Path::new(&error.file) == file)
+    }
+
+    /// What is wrong with the user's own profile of that name.
+    pub(crate) fn broken_profile(&self, name: &str) -> Option<&FileError> {
+        let is = |error: &&FileError| {
+            let file = Path::new(&error.file);
+            file.file_stem().is_some_and(|stem| stem == name) && self.file.as_deref() != Some(file)
+        };
+        self.broken.iter().find(is)
     }
 
     /// Every profile, the user's own first.
@@ -119,12 +146,18 @@ impl Config {
     /// The connection string that `text` stands for: itself, unless it begins with `@`.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E211` for a name that no file has.
+    /// [`Error::Usage`] `E211` for a name that no file has; [`Error::File`] where the file that could
+    /// have it is wrong.
     pub fn expand(&self, text: &str) -> Result<String, Error> {
         let Some(named) = text.strip_prefix('@') else { return Ok(text.to_owned()) };
         let (name, more) = named.split_at(named.find(['?', '#']).unwrap_or(named.len()));
         let known = self.links.iter().find(|(other, _)| other == name);
         let Some((_, url)) = known else {
+            let file = self.file.as_deref();
+            let broken = self.broken.iter().find(|it| file == Some(Path::new(&it.file)));
+            if let Some(error) = broken {
+                return Err(error.clone().into());
+            }
             let names = self.links.iter().map(|(name, _)| name.as_str());
             let near = words::hint(name, names);
             let place = self.file.as_ref().map_or_else(
@@ -199,11 +232,12 @@ pub fn folder() -> Option<PathBuf> {
     base.map(|base| base.join("polepair"))
 }
 
-fn profiles_in(folder: &Path) -> Result<Vec<&'static Profile>, FileError> {
-    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(Vec::new()) };
+/// The profiles of a folder, by name.
+fn files_in(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
     files.retain(|file| file.extension().is_some_and(|e| e == "toml"));
     files.sort();
     files.truncate(profile::PROFILES_MAX);
-    files.iter().map(|file| profile::load(file)).collect()
+    files
 }

@@ -9,38 +9,45 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod chosen;
+mod found;
 mod given;
 mod kept;
 mod options;
+mod parts;
 mod rack;
+mod readdressed;
 mod spoken;
+mod tapped;
 
 use crate::axis::Axis;
 use crate::bus;
 use crate::config::Config;
 use crate::error::Error;
-use crate::file::Place;
-use crate::identify::{Identified, Prober};
+use crate::file::{FileError, Place};
+use crate::identify::Identified;
 use crate::mounting::{Mounted, Mounting};
 use crate::registry::{self, Spoken};
 use crate::scan::Found;
 use crate::simulate::{self, Description, Pace, Simulation};
 use crate::url::{Number, Target, Url};
-use crate::wire::{AnyLink, OpenWire, SharedLink};
-use crate::words;
+use crate::wire::{AnyLink, OpenWire, Sent, SharedLink};
 pub(crate) use kept::{Kept, Lent};
-use options::{line_of, rate, standard, wire_options};
-use polepair_core::medium::{Can, CanLine, Frame, MediumKind, Stream};
+use options::{line_of, rate, seed, standard, wire_options};
+pub use parts::Part;
+use polepair_core::medium::{Can, CanLine, MediumKind, Stream};
 use polepair_core::mux::Mux;
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Counters};
-use polepair_core::time::Instant;
-use polepair_link::{Connection, Direction, Interrupter, Link as _, Tap};
+use polepair_link::{Connection, Interrupter, Link as _};
 use rack::{expected, seed_of};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
+pub use tapped::AnyTap;
+pub(crate) use tapped::SharedTap;
+use tapped::{Links, Taps};
 
 /// Opens a link with the configuration that is found from the working folder upward.
 ///
@@ -48,7 +55,7 @@ use std::time::Duration;
 /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened,
 /// [`Error::Failed`] when an axis that it names does not answer.
 pub fn connect(url: &str) -> Result<Link, Error> {
-    Connector::discover()?.connect(url)
+    Connector::discover().connect(url)
 }
 
 /// How links are opened: with which names, profiles and taps.
@@ -57,53 +64,19 @@ pub struct Connector {
     /// Named links and users' profiles.
     pub config: Config,
     taps: Option<Taps>,
-}
-
-/// What sees the units of any link: runs of bytes on serial lines, frames on CAN.
-pub trait AnyTap: Tap<Stream> + Tap<Can> {}
-
-impl<T: Tap<Stream> + Tap<Can>> AnyTap for T {}
-
-#[derive(Clone)]
-pub(crate) struct SharedTap(Arc<Mutex<dyn AnyTap>>);
-
-impl SharedTap {
-    pub(crate) fn new(tap: impl AnyTap + 'static) -> Self {
-        Self(Arc::new(Mutex::new(tap)))
-    }
-}
-
-/// What makes the tap of a wire, by its number.
-#[derive(Clone)]
-struct Taps(Arc<dyn Fn(usize) -> SharedTap + Send + Sync>);
-
-impl Tap<Stream> for SharedTap {
-    fn unit(&mut self, at: Instant, direction: Direction, unit: &[u8]) {
-        let mut tap = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        Tap::<Stream>::unit(&mut *tap, at, direction, unit);
-    }
-}
-
-impl Tap<Can> for SharedTap {
-    fn unit(&mut self, at: Instant, direction: Direction, unit: &Frame) {
-        let mut tap = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        Tap::<Can>::unit(&mut *tap, at, direction, unit);
-    }
-}
-
-impl std::fmt::Debug for Taps {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Taps")
-    }
+    links: Option<Links>,
+    stops: bool,
+    /// Files that were wrong and could be done without.
+    passed_over: Arc<Mutex<Vec<FileError>>>,
+    sent: Sent,
 }
 
 impl Connector {
-    /// With the configuration that is found from the working folder upward.
-    ///
-    /// # Errors
-    /// [`Error::File`] when a file that was found is wrong.
-    pub fn discover() -> Result<Self, Error> {
-        Ok(Self { config: Config::discover()?, taps: None })
+    /// With the configuration that is found from the working folder upward: see
+    /// [`Config::broken`] for what is wrong with it.
+    #[must_use]
+    pub fn discover() -> Self {
+        Self { config: Config::discover(), ..Self::default() }
     }
 
     /// With a user's profile file besides.
@@ -115,27 +88,10 @@ impl Connector {
         Ok(self)
     }
 
-    /// With a tap that sees every unit on every link that is opened from now on.
+    /// What counts the frames that leave on every link that this connector, or a clone of it, opens.
     #[must_use]
-    pub fn with_tap(mut self, tap: impl AnyTap + 'static) -> Self {
-        let tap = SharedTap::new(tap);
-        self.taps = Some(Taps(Arc::new(move |_| tap.clone())));
-        self
-    }
-
-    /// With a tap for each wire that is opened from now on, made by the number that the wire has
-    /// among those of its connection string.
-    #[must_use]
-    pub fn with_taps<T: AnyTap + 'static>(
-        mut self,
-        make: impl Fn(usize) -> T + Send + Sync + 'static,
-    ) -> Self {
-        self.taps = Some(Taps(Arc::new(move |wire| SharedTap::new(make(wire)))));
-        self
-    }
-
-    fn tap(&self, wire: usize) -> Option<SharedTap> {
-        self.taps.as_ref().map(|taps| taps.0(wire))
+    pub fn sent(&self) -> Sent {
+        self.sent.clone()
     }
 
     /// The connection string with its name, if it is one, looked up.
@@ -177,7 +133,7 @@ impl Connector {
                     continue;
                 }
             };
-            return Err(Error::usage("E210", what, "nothing was sent"));
+            return Err(Error::usage("E210", what, ""));
         }
         Ok((lines, simulation))
     }
@@ -214,6 +170,7 @@ impl Connector {
             axes.extend(its);
             wires.extend(Line::wire_of(lines));
         }
+        axes.iter().try_for_each(Axis::learn_scales)?;
         let link = Link { url, axes, wires, kept, simulation };
         link.url.names.iter().try_for_each(|name| link.named(name).map(drop))?;
         Ok(link)
@@ -236,7 +193,7 @@ impl Connector {
         options.host = options.host.or_else(|| spoken.other_host(&url.axes));
         let link = match opened {
             Some(link) => link,
-            None => SharedLink::new(open(url, &spoken, &options)?, self.tap(0)),
+            None => self.tapped(0, open(url, &spoken, &options)?, None),
         };
         let numbers =
             if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
@@ -274,6 +231,8 @@ impl Connector {
                     name: line.seats[n].name.clone(),
                     protocol: line.spoken.name,
                     medium: line.spoken.medium,
+                    host: line.host(),
+                    heartbeat: line.heartbeat(),
                     profile,
                     identified,
                     simulation: simulation.cloned(),
@@ -282,37 +241,6 @@ impl Connector {
             }
         }
         Ok(axes)
-    }
-
-    /// What each axis of a line is: as the string says, or by asking, where a rack says what is to be
-    /// there.
-    fn identified(
-        &self,
-        url: &Url,
-        line: &Line,
-        ask: bool,
-    ) -> Result<Vec<(&'static Profile, Identified)>, Error> {
-        let named = self.chosen_profile(url, line)?;
-        let mut found = Vec::new();
-        for (&number, seat) in line.numbers.iter().zip(&line.seats) {
-            found.push(match (named, &seat.profile) {
-                (Some(profile), _) => (profile, Identified::Named),
-                _ if Number(number).is_group() => (line.spoken.generic, Identified::Group),
-                (None, Some((profile, _))) if !ask => (*profile, Identified::Named),
-                (None, Some((profile, place))) => {
-                    let prober = Prober::new(line, &self.config);
-                    expected(prober.expecting(profile), number, profile, place.as_ref())?
-                }
-                (None, None) => Prober::new(line, &self.config).identify(number)?,
-            });
-        }
-        // Drives of a group cannot all be asked: they are taken for what the first axis is.
-        if let Some((profile, _)) = found.iter().find(|(_, how)| *how != Identified::Group).cloned()
-        {
-            let groups = found.iter_mut().filter(|(_, how)| *how == Identified::Group);
-            groups.for_each(|(of_group, _)| *of_group = profile);
-        }
-        Ok(found)
     }
 
     /// Axes by number on one line, whatever others it has. One host at a time.
@@ -326,46 +254,14 @@ impl Connector {
             name: String::new(),
             protocol: line.spoken.name,
             medium: line.spoken.medium,
+            host: line.host(),
+            heartbeat: line.heartbeat(),
             profile: one.profile,
             identified: one.identified.clone(),
             simulation: None,
             mounted: None,
         };
         Ok(found.iter().enumerate().map(axis).collect())
-    }
-
-    /// The profile that a connection string chooses: by name, or a drive's set-up archive.
-    pub(crate) fn chosen_profile(
-        &self,
-        url: &Url,
-        line: &Line,
-    ) -> Result<Option<&'static Profile>, Error> {
-        if let Some((key, file)) =
-            ["setup", "eds"].iter().find_map(|key| Some((key, url.key(key)?)))
-        {
-            let profile = crate::profile::load(Path::new(file))?;
-            if profile.protocol == line.spoken.profile {
-                return Ok(Some(profile));
-            }
-            let what = format!("{file} is not of a {} drive", line.spoken.name);
-            let hint = format!("choose another file, or leave {key}= out");
-            return Err(Error::usage("E213", what, hint));
-        }
-        url.key("profile").map(|name| self.named_profile(name, line)).transpose()
-    }
-
-    fn named_profile(&self, name: &str, line: &Line) -> Result<&'static Profile, Error> {
-        let speaks = |p: &&'static Profile| p.protocol == line.spoken.profile;
-        let mut fitting = self.config.all_profiles().filter(speaks);
-        let generic = line.spoken.generic;
-        let found = fitting.find(|p| p.name == name || p.family == name);
-        if let Some(profile) = found.or((name == generic.name).then_some(generic)) {
-            return Ok(profile);
-        }
-        let known: Vec<&str> = self.config.all_profiles().filter(speaks).map(|p| p.name).collect();
-        let near = words::hint(name, known.iter().copied());
-        let what = format!("no profile `{name}` speaks {}{near}", line.spoken.name);
-        Err(Error::usage("E213", what, format!("known are {}", known.join(", "))))
     }
 }
 
@@ -513,6 +409,17 @@ impl Line {
         bus::Seat { spoken: self.spoken.clone(), address }
     }
 
+    /// The number that the host has on it.
+    pub(crate) fn host(&self) -> Option<u32> {
+        self.options.host.or(self.spoken.host)
+    }
+
+    /// The period of the host's heartbeat, where it was told to send one.
+    fn heartbeat(&self) -> Option<Duration> {
+        let ms = self.options.heartbeat_ms.filter(|ms| *ms > 0)?;
+        Some(Duration::from_millis(ms.into()))
+    }
+
     fn mounting(&self, axis: usize) -> Option<Arc<Mounting>> {
         self.seats[axis].mounting.clone()
     }
@@ -537,7 +444,9 @@ impl Line {
         let relay = self.relay.filter(|relay| axes.iter().all(|(_, number)| number != relay));
         let first = relay.map(|relay| (self.spoken.generic, relay));
         let all: Vec<_> = first.into_iter().chain(axes.iter().copied()).collect();
-        let options = HostOptions { probing, ..self.options };
+        // Who looks for drives takes whatever tells of one.
+        let doubt = self.options.doubt.filter(|_| !probing);
+        let options = HostOptions { probing, doubt, ..self.options };
         Ok((self.connection_with(options, &all)?, all.len() - axes.len()))
     }
 
@@ -572,6 +481,8 @@ impl Line {
     ) -> Result<Connection, Error> {
         let missing = || Error::usage("E203", "the protocol has no host", "");
         let name = self.spoken.name;
+        // What one session asked may still be answered in the next.
+        let options = HostOptions { doubt: options.doubt.map(|_| seed()), ..options };
         Ok(match &self.link {
             SharedLink::Serial(link) => {
                 let lane = registry::lane(name, options, axes).ok_or_else(missing)?;
@@ -668,6 +579,12 @@ impl Link {
             first = first.and(ended);
         }
         first
+    }
+
+    /// Closes it at once, though axes of it are still held elsewhere: they end with `E322` from now on.
+    /// No axis is stopped by this.
+    pub fn close(self) {
+        self.axes.iter().for_each(|axis| axis.connection.close());
     }
 
     /// What ends waits from elsewhere, for instance upon Ctrl-C: one for each wire.

@@ -1,6 +1,7 @@
 //! What is wrong, from the cable up: each check one sentence, and what to try.
 //!
-//! Nothing is moved or written: a link is opened, listened to, and asked by reads.
+//! Nothing is moved or written: a link is opened, listened to, and asked by reads. Only
+//! [`prove_watchdog`], which nothing else calls, turns a motor.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
@@ -16,6 +17,7 @@
 mod bus;
 mod drive;
 mod machine;
+mod prove;
 mod serial;
 
 use crate::connect::{Connector, Line};
@@ -25,6 +27,7 @@ use crate::scan::{self, Found};
 use crate::url::{Number, Target, Url};
 use crate::wire::SharedLink;
 pub use machine::machine;
+pub use prove::{prove_watchdog, proving_speed};
 
 /// Addresses that are asked where the string names none.
 const FEW: usize = 8;
@@ -198,7 +201,7 @@ fn look_for(
     let mut wanted = if named { line.numbers.clone() } else { scan::everybody(line)? };
     wanted.retain(|number| !Number(*number).is_group());
     wanted.truncate(if named { wanted.len() } else { FEW });
-    let chosen = connector.chosen_profile(url, line)?;
+    let chosen = connector.chosen_profile(url, &line.spoken)?;
     let prober = Prober::new(line, &connector.config).looking();
     let (mut found, mut damaged) = (Vec::new(), 0);
     for &number in &wanted {
@@ -216,11 +219,15 @@ fn look_for(
             Probe::Forbidden(hint) => {
                 hear(Check::wrong(&about, Exit::Usage, "cannot be asked on this line", hint));
             }
-            Probe::Damaged => damaged += 1,
-            Probe::Silent if named => {
+            Probe::Damaged(_) => damaged += 1,
+            Probe::Silent(heard) if named && !heard.is_nothing() => {
+                let said = format!("does not answer: {heard}");
+                hear(Check::wrong(&about, Exit::NoReply, said, heard.hint()));
+            }
+            Probe::Silent(_) if named => {
                 hear(Check::wrong(&about, Exit::NoReply, "does not answer", SILENT));
             }
-            Probe::Silent => {}
+            Probe::Silent(_) => {}
         }
     }
     if damaged > 0 {

@@ -3,7 +3,7 @@
 //! [`verdict`] is the one table from what a lane tells ([`Outcome`], [`Failure`]) to exit code,
 //! exception and error code; the command line and the bindings use it.
 
-use crate::FileError;
+use crate::{FileError, Heard};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_link::{Cause, LinkError};
 use std::fmt;
@@ -75,7 +75,7 @@ pub struct Verdict {
     pub exception: Exception,
     /// Stable code.
     pub code: &'static str,
-    /// Whether the drive did it; `None` when nobody can know.
+    /// Whether the drive did it; `None` when nobody can know, or when it did a part of it.
     pub executed: Option<bool>,
 }
 
@@ -93,7 +93,8 @@ pub fn verdict(outcome: Outcome) -> Option<Verdict> {
     let (failure, executed) = match outcome {
         Outcome::Done(_) => return None,
         Outcome::NotDone(failure) => (failure, Some(false)),
-        Outcome::Unknown(failure) => (failure, None),
+        // Neither yes nor no: the error's words say how far it went.
+        Outcome::Partly(failure, _) | Outcome::Unknown(failure) => (failure, None),
     };
     let (exit, exception, code) = match failure {
         Failure::Silent => (Exit::NoReply, Exception::NoReply, "E401"),
@@ -123,7 +124,7 @@ const fn unsupported_code(why: Unsupported) -> &'static str {
         Unsupported::NoPlan => "E218",
         Unsupported::NotArmed => "E219",
         Unsupported::Busy => "E220",
-        Unsupported::BadText => "E221",
+        Unsupported::BadText | Unsupported::BadBytes => "E221",
         Unsupported::Forbidden(_) => "E222",
         _ => "E299",
     }
@@ -159,8 +160,15 @@ pub enum Error {
     Failed {
         /// What was asked, with what came of it.
         what: String,
+        /// Whether and how far it was executed, in words; empty for a question, and where `what`
+        /// says it.
+        went: String,
         /// How it ended: never [`Outcome::Done`].
         outcome: Outcome,
+        /// What came though it brought no answer, where it ended in [`Failure::Silent`].
+        heard: Box<Heard>,
+        /// The axis was told to move, or was seen moving, and nothing can stop it from here.
+        may_turn: bool,
         /// What to try; empty when there is nothing to add.
         hint: String,
     },
@@ -223,10 +231,43 @@ impl Error {
         self.verdict().exception
     }
 
-    /// Whether the drive did what was asked; `None` when nobody can know.
+    /// Whether the drive did what was asked; `None` when nobody can know, and when it did a part of it
+    /// (the outcome is then [`Outcome::Partly`]).
     #[must_use]
     pub fn executed(&self) -> Option<bool> {
         self.verdict().executed
+    }
+
+    /// Whether the motor may still turn, and nothing can stop it from here but to cut its supply.
+    #[must_use]
+    pub const fn may_turn(&self) -> bool {
+        matches!(self, Self::Failed { may_turn: true, .. })
+    }
+
+    /// What went wrong, and how far a plan went that was executed in part; whether anything else was
+    /// executed is left to [`executed`](Self::executed).
+    #[must_use]
+    pub fn brief(&self) -> String {
+        let told = match self {
+            Self::Failed { what, outcome, .. } if !matches!(outcome, Outcome::Partly(..)) => {
+                what.clone()
+            }
+            _ => self.sentence(),
+        };
+        if self.may_turn() { format!("{told}; {MAY_TURN}") } else { told }
+    }
+
+    /// What went wrong and how far it went, without what the motor may do.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        match self {
+            Self::Usage { what, .. } | Self::Unsupported { what, .. } => what.clone(),
+            Self::File(error) => error.to_string(),
+            Self::Link(error) => error.to_string(),
+            Self::Failed { what, went, .. } if went.is_empty() => what.clone(),
+            Self::Failed { what, went, .. } => format!("{what}; {went}"),
+            Self::Interrupted { what } => format!("{what}: interrupted"),
+        }
     }
 
     /// What to try; empty when there is nothing to add.
@@ -253,34 +294,21 @@ const fn link_code(cause: Cause) -> &'static str {
         Cause::Unsuitable => "E316",
         Cause::Stalled => "E317",
         Cause::Down => "E319",
+        Cause::Closed => "E322",
         _ => "E318",
     }
 }
 
 impl fmt::Display for Error {
-    /// One sentence; where the wire is to blame it says whether the command was executed.
+    /// One sentence; where something was to be executed it says whether it was, and how far.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Usage { what, .. } | Self::Unsupported { what, .. } => f.write_str(what),
-            Self::File(error) => error.fmt(f),
-            Self::Link(error) => error.fmt(f),
-            Self::Failed { what, .. } => match self.verdict() {
-                Verdict {
-                    exit: Exit::NoReply | Exit::Corrupt | Exit::Adapter, executed, ..
-                } => {
-                    let said = match executed {
-                        Some(false) => "it was not executed",
-                        Some(true) => "it was executed",
-                        None => "it may have been executed",
-                    };
-                    write!(f, "{what}; {said}")
-                }
-                _ => f.write_str(what),
-            },
-            Self::Interrupted { what } => write!(f, "{what}: interrupted"),
-        }
+        f.write_str(&self.sentence())?;
+        if self.may_turn() { write!(f, "; {MAY_TURN}") } else { Ok(()) }
     }
 }
+
+/// Said where a motor was told to move, or was seen moving, and cannot be reached.
+pub const MAY_TURN: &str = "the motor may still turn: cut its supply";
 
 impl std::error::Error for Error {}
 

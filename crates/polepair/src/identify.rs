@@ -3,11 +3,12 @@
 use crate::config::Config;
 use crate::connect::Line;
 use crate::error::Error;
+use crate::heard::Heard;
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::profile::{Access, Ask, Identity, ParameterId, Profile};
-use polepair_core::station::AxisIndex;
+use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
-use polepair_link::Connection;
+use polepair_link::{Connection, LinkError};
 use std::fmt;
 use std::time::Duration;
 
@@ -56,10 +57,10 @@ pub(crate) struct Prober<'a> {
 /// What one address gave.
 #[derive(Clone, Debug)]
 pub(crate) enum Probe {
-    /// Nobody answered anything.
-    Silent,
-    /// Only damaged bytes came back.
-    Damaged,
+    /// Nobody answered anything: what came instead.
+    Silent(Heard),
+    /// Only damaged frames came back, and what else there was.
+    Damaged(Heard),
     /// The host may not ask there; nothing was sent.
     Forbidden(&'static str),
     /// Somebody is there.
@@ -105,7 +106,7 @@ impl<'a> Prober<'a> {
         match self.probe(number)? {
             Probe::Found { profile, identified, .. } => Ok((profile, identified)),
             Probe::Forbidden(hint) => Err(self.forbidden(number, hint)),
-            Probe::Silent | Probe::Damaged => Err(self.silent(number)),
+            Probe::Silent(heard) | Probe::Damaged(heard) => Err(self.silent(number, heard)),
         }
     }
 
@@ -116,13 +117,15 @@ impl<'a> Prober<'a> {
     }
 
     /// The error for an address where nobody answers.
-    pub(crate) fn silent(&self, number: u32) -> Error {
+    pub(crate) fn silent(&self, number: u32, heard: Heard) -> Error {
+        let but = if heard.is_nothing() { String::new() } else { format!(": {heard}") };
         Error::Failed {
-            what: format!("axis {number} does not answer on {}", self.describe()),
+            what: format!("axis {number} does not answer on {}{but}", self.describe()),
+            went: String::new(),
             outcome: Outcome::NotDone(Failure::Silent),
-            hint: "check power, wiring, baud rate and address; `polepair scan` looks for other \
-                   addresses"
-                .into(),
+            heard: Box::new(heard),
+            may_turn: false,
+            hint: heard.hint().into(),
         }
     }
 
@@ -142,12 +145,15 @@ impl<'a> Prober<'a> {
         let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
             if (self.broken)() {
-                return Ok(Probe::Silent);
+                return Ok(Probe::Silent(Heard::default()));
             }
             let outcome = match asked.iter().find(|(q, _)| same(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
                 None => self.ask(&connection, before + n, identity.ask),
             };
+            if outcome.and_then(Outcome::failure) == Some(Failure::LinkDown) {
+                return Err(self.lost(&connection));
+            }
             asked.push((*identity, outcome));
             match outcome {
                 Some(Outcome::NotDone(Failure::NotReady { hint })) => {
@@ -165,16 +171,22 @@ impl<'a> Prober<'a> {
                 None => {}
             }
             if silent(outcome) && !heard {
-                let counters = connection.with(|axes, _| axes.counters());
-                let damaged = counters.corrupt > 0;
-                return Ok(if damaged { Probe::Damaged } else { Probe::Silent });
+                let counted = connection.with(|axes, _| axes.counters());
+                // The bytes that are held are those of the question that ended last.
+                let held = connection.with(|axes, _| axes.heard(AxisIndex((before + n) as u8)));
+                let skipped = counted.skipped.max(held.skipped);
+                let heard = Heard::of(&Counters { skipped, ..counted });
+                return Ok(match heard.corrupt {
+                    0 => Probe::Silent(heard),
+                    _ => Probe::Damaged(heard),
+                });
             }
         }
         if !heard && !(self.broken)() {
-            heard = self.generic_answers(&connection, before, generic);
+            heard = self.generic_answers(&connection, before, generic)?;
         }
         let counters = connection.with(|axes, _| axes.counters());
-        let stray = counters.late + counters.foreign + counters.corrupt;
+        let stray = counters.unaccounted();
         Ok(match best {
             Some((_, n, raw)) => {
                 let (profile, identity) = self.candidates[n];
@@ -184,7 +196,7 @@ impl<'a> Prober<'a> {
             None if heard => {
                 Probe::Found { profile: generic, identified: Identified::Generic, stray }
             }
-            None => Probe::Silent,
+            None => Probe::Silent(Heard::of(&counters)),
         })
     }
 
@@ -195,11 +207,21 @@ impl<'a> Prober<'a> {
         connection: &Connection,
         before: usize,
         generic: &'static Profile,
-    ) -> bool {
+    ) -> Result<bool, Error> {
         let readable = generic.parameters.iter().position(|p| p.access != Access::Write);
-        let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return true };
-        self.ask(connection, before + self.candidates.len(), Ask::Parameter(ParameterId(id)))
-            .is_some_and(answered)
+        let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return Ok(true) };
+        let question = Ask::Parameter(ParameterId(id));
+        let outcome = self.ask(connection, before + self.candidates.len(), question);
+        match outcome.and_then(Outcome::failure) {
+            Some(Failure::LinkDown) => Err(self.lost(connection)),
+            _ => Ok(outcome.is_some_and(answered)),
+        }
+    }
+
+    /// The error for a link that went away while somebody was asked: that is no silence.
+    fn lost(&self, connection: &Connection) -> Error {
+        let trouble = connection.trouble();
+        Error::Link(trouble.unwrap_or_else(|| LinkError::gone(&self.describe())))
     }
 
     fn ask(&self, connection: &Connection, axis: usize, question: Ask) -> Option<Outcome> {
@@ -225,22 +247,12 @@ fn same(asked: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
 
 /// Somebody said something, if only no.
 pub(crate) const fn answered(outcome: Outcome) -> bool {
-    match outcome {
-        Outcome::Done(_) => true,
-        Outcome::NotDone(failure) | Outcome::Unknown(failure) => {
-            matches!(failure, Failure::Refused { .. } | Failure::Misbehaved)
-        }
-    }
+    matches!(outcome.failure(), None | Some(Failure::Refused { .. } | Failure::Misbehaved))
 }
 
 fn silent(outcome: Option<Outcome>) -> bool {
-    matches!(
-        outcome,
-        Some(
-            Outcome::NotDone(Failure::Silent | Failure::LinkDown)
-                | Outcome::Unknown(Failure::Silent | Failure::LinkDown)
-        )
-    )
+    let failure = outcome.and_then(Outcome::failure);
+    matches!(failure, Some(Failure::Silent | Failure::LinkDown))
 }
 
 /// The version's bits as people write versions: text where they are text, else major.minor.

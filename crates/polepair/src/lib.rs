@@ -26,6 +26,7 @@ pub mod error;
 pub mod events;
 mod faults;
 mod file;
+pub mod heard;
 mod identify;
 pub mod listen;
 mod mounting;
@@ -49,9 +50,10 @@ pub use error::Error;
 pub use events::{Event, Events};
 pub use faults::faults;
 pub use file::FileError;
+pub use heard::Heard;
 pub use identify::Identified;
 pub use program::Program;
-pub use wire::AnyLink;
+pub use wire::{AnyLink, Sent};
 pub use words::nearest;
 
 /// The programs that the README shows are run.

@@ -106,7 +106,27 @@ impl Measure {
         }
     }
 
-    /// The same, but a number without a unit is taken to be SI.
+    /// The SI value for something that is shown in `unit`, of which the unit must be said, but for
+    /// zero.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` without a unit; as [`in_unit`](Self::in_unit).
+    pub fn with_unit(self, unit: Unit) -> Result<f64, Error> {
+        if self.quantity.is_none() && self.si != 0.0 {
+            let hint = match unit {
+                Unit::None => {
+                    "give the drive's own number (--raw), or state unit and scale in the \
+                               profile"
+                        .to_owned()
+                }
+                unit => format!("write `{} {}`, or a number in SI", self.si, unit.symbol()),
+            };
+            return Err(Error::usage("E217", format!("`{}` has no unit", self.si), hint));
+        }
+        self.si(unit)
+    }
+
+    /// The same as [`in_unit`](Self::in_unit), but a number without a unit is taken to be SI.
     ///
     /// # Errors
     /// As [`in_unit`](Self::in_unit).

@@ -23,7 +23,7 @@ use crate::url::{Number, Target, Url};
 use crate::wire::{Shared, SharedLink};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::Profile;
-use polepair_link::{Link, Received};
+use polepair_link::{Link, LinkError, Received};
 use std::ops::{ControlFlow, RangeInclusive};
 
 /// Addresses that one scan tries at most on one wire.
@@ -40,6 +40,7 @@ const LOOK_MS: u32 = 10;
 
 /// What a scan tried and found.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct Scan {
     /// What was tried, in words: link, protocol, line, addresses.
     pub tried: Vec<String>,
@@ -49,6 +50,8 @@ pub struct Scan {
     pub axes: Vec<Answers>,
     /// Addresses that were not asked any more because the scan was broken off.
     pub unasked: usize,
+    /// Why the link went away before all were asked, if it did.
+    pub lost: Option<LinkError>,
 }
 
 /// A drive that answered.
@@ -95,8 +98,9 @@ pub struct Progress {
 /// where a drive that was found before would take the question for a command.
 ///
 /// # Errors
-/// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened or
-/// goes away meanwhile. That nobody answers is no error.
+/// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened. That
+/// nobody answers is no error; that the link goes away meanwhile stands in [`Scan::lost`], beside what
+/// was found before.
 pub fn scan(
     connector: &Connector,
     url: &str,
@@ -114,13 +118,31 @@ pub fn scan(
     let (mut lines, _simulation) = connector.lines_of(&whole.collect::<Vec<_>>())?;
     bus::guests_last(&mut lines, |line| &line.spoken);
     let mut look = Look::own(connector, lines, axes, numbers.into());
-    while let Some(at) = look.next(&|| false)? {
-        match progress(at) {
-            ControlFlow::Continue(()) => look.ask(&|| false)?,
-            ControlFlow::Break(()) => look.break_off(),
+    loop {
+        match look_once(&mut look, progress) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(Error::Link(lost)) => {
+                look.lose(lost);
+                break;
+            }
+            Err(error) => return Err(error),
         }
     }
     Ok(look.finish())
+}
+
+/// Asks the next address; false when all were.
+fn look_once(
+    look: &mut Look,
+    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<bool, Error> {
+    let Some(at) = look.next(&|| false)? else { return Ok(false) };
+    match progress(at) {
+        ControlFlow::Continue(()) => look.ask(&|| false)?,
+        ControlFlow::Break(()) => look.break_off(),
+    }
+    Ok(true)
 }
 
 /// Takes addresses out that a drive found before has an identifier of: a question there might be a

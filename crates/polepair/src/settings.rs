@@ -13,7 +13,7 @@
 //! unit; `{ raw = 120 }` where no text means exactly what the drive holds.
 
 use crate::amount::{Amount, Value};
-use crate::axis::Axis;
+use crate::axis::{Axis, Pending};
 use crate::error::Error;
 use crate::file::{FileError, Found, Node, Place, Text};
 use crate::identify::Identified;
@@ -274,7 +274,9 @@ impl AxisSettings {
         self.settings.is_empty()
     }
 
-    /// What differs at the drive. Every name and value is checked before the first is read.
+    /// What differs at the drive, what scales others first: in this order it is written, and raw
+    /// values are compared. Values are converted by the scales that the settings bring. Every name and
+    /// value is checked before the first is read.
     ///
     /// # Errors
     /// [`Error::File`] for settings that the drive cannot have; others by blame.
@@ -289,14 +291,21 @@ impl AxisSettings {
                 format!("these are settings of {}, this is {}", self.profile, profile.name);
             return Err(self.place.error(reason).into());
         }
-        let wanted = self.settings.iter().map(|setting| setting.wanted(axis));
-        let wanted = wanted.collect::<Result<Vec<_>, Error>>()?;
+        let named = self.settings.iter().map(|setting| Ok((setting.id(axis)?, setting)));
+        let mut named = named.collect::<Result<Vec<_>, Error>>()?;
+        named.sort_by_key(|(id, _)| !axis.scales(*id));
+        let (mut wanted, mut pending) = (Vec::new(), Pending::default());
+        for (id, setting) in named {
+            let raw = setting.wanted(axis, id, &pending)?;
+            pending.add(id, raw);
+            wanted.push((id, raw));
+        }
         let mut changes = Vec::new();
         for (n, &(id, raw)) in wanted.iter().enumerate() {
             progress(n, wanted.len());
             let now = axis.read(id)?;
             if now != raw {
-                let (now, wanted) = (axis.value(id, now)?, axis.value(id, raw)?);
+                let (now, wanted) = (axis.value(id, now)?, axis.value_after(id, raw, &pending)?);
                 changes.push(Change { id, now, wanted, reach: profile.reach.contains(&id) });
             }
         }
@@ -305,15 +314,25 @@ impl AxisSettings {
 }
 
 impl Setting {
-    fn wanted(&self, axis: &Axis) -> Result<(ParameterId, i64), Error> {
-        let at = |error: Error| match error {
+    /// The error with the setting's place in the file.
+    fn at(&self, error: Error) -> Error {
+        match error {
             Error::Usage { what, .. } => self.name.place.error(what).into(),
             other => other,
-        };
-        let id = axis.find(&self.name.value).map_err(at)?;
+        }
+    }
+
+    fn id(&self, axis: &Axis) -> Result<ParameterId, Error> {
+        axis.find(&self.name.value).map_err(|error| self.at(error))
+    }
+
+    /// The raw value, once what is pending was written.
+    fn wanted(&self, axis: &Axis, id: ParameterId, pending: &Pending) -> Result<i64, Error> {
         let raw = match &self.value {
             Given::Raw(raw) => *raw,
-            Given::Amount(amount) => axis.raw_of(id, amount).map_err(at)?,
+            Given::Amount(amount) => {
+                axis.raw_of_after(id, amount, pending).map_err(|error| self.at(error))?
+            }
         };
         let Some(parameter) = axis.profile().parameter(id) else {
             return Err(self.name.place.error("no such parameter").into());
@@ -326,7 +345,7 @@ impl Setting {
             let (min, max) = (axis.value(id, parameter.min)?, axis.value(id, parameter.max)?);
             return wrong(format!("`{}` takes {min} to {max}", parameter.name));
         }
-        Ok((id, raw))
+        Ok(raw)
     }
 }
 

@@ -1,8 +1,9 @@
 //! Stopping whoever is on a link, without knowing who that is.
 //!
-//! Three passes, so that nobody turns on while others are looked for: what the protocol can tell
+//! Several passes, so that nobody turns on while others are looked for: what the protocol can tell
 //! everybody at once goes out first, unconfirmed; then each address is asked, briefly, and a drive
-//! that answers is told to stop at once; then all of them are waited for together.
+//! that answers is told to stop at once; then drives with several motors are told of each of these;
+//! then all of them are waited for together.
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
@@ -43,6 +44,8 @@ const TELL: Duration = Duration::from_millis(150);
 const REST_MAX: Duration = Duration::from_secs(5);
 /// Silence after each frame to everybody: more than drives that end frames by silence need.
 const EVERYBODY_MS: u32 = 30;
+/// Motors behind one address at most: a TMCL parameter number shares its byte with four bits of them.
+const MOTORS_MAX: u8 = 16;
 /// Units that are heard in such a silence at most.
 const HEARD_MAX: usize = 1_000;
 
@@ -53,12 +56,28 @@ pub struct Stopped {
     pub everybody: bool,
     /// Each axis that was named or found, in the order of the addresses, and how its stop ended.
     pub axes: Vec<(String, Result<(), Error>)>,
+    /// Drives with more motors than the one that their axis is, in the same order.
+    pub motors: Vec<Motors>,
     /// Addresses that were asked.
     pub asked: usize,
     /// How long each had to answer; `None` where the host's own patience was the measure.
     pub patience: Option<Duration>,
     /// Addresses that there was no time left for: first, last.
     pub left: Option<(u32, u32)>,
+}
+
+/// Motors behind one address. An axis is the first of them; these confirmed that they were told to
+/// stop, and nobody saw them stand.
+#[derive(Debug)]
+pub struct Motors {
+    /// The axis' label.
+    pub axis: String,
+    /// Its address.
+    pub number: u32,
+    /// How many of them, the first not counted, confirmed their stop: motors 1, 2 and so on.
+    pub told: u8,
+    /// Why the next one did not, where that is not for there being none.
+    pub ended: Result<(), Error>,
 }
 
 /// What happens meanwhile.
@@ -89,7 +108,11 @@ pub fn stop(
     if group || rack || matches!(parsed.target, Target::Sim { .. }) {
         // Who is there is known, or cannot be asked. A rack says what each is: nobody waits for one
         // that is silent.
-        stopped.axes = rest(connector.connect_with(url, !rack)?.axes(), verb);
+        let link = connector.connect_with(url, !rack)?;
+        // What is told now is on its way; who stops another motor of the drive ends waiting for it.
+        drop(tell_each(link.axes(), verb));
+        stopped.motors = more_motors(link.axes());
+        stopped.axes = rest(link.axes(), verb);
         return Ok(stopped);
     }
     let (lines, _) = connector.lines(&parsed)?;
@@ -129,7 +152,9 @@ fn on_lines(
             stopped.everybody |= everybody(connector, url, line, verb)?;
         }
         let found = look(connector, url, line, verb, (stopped, &mut *hear))?;
-        stopped.axes.extend(rest(&connector.axes_found(line, &found)?, verb));
+        let axes = connector.axes_found(line, &found)?;
+        stopped.motors.extend(more_motors(&axes));
+        stopped.axes.extend(rest(&axes, verb));
     }
     Ok(())
 }
@@ -138,7 +163,7 @@ fn on_lines(
 /// for that, or nobody knows what stops drives of this kind.
 fn everybody(connector: &Connector, url: &Url, line: &Line, verb: Verb) -> Result<bool, Error> {
     let Some(address) = line.spoken.everybody else { return Ok(false) };
-    let profile = connector.chosen_profile(url, line)?.unwrap_or(line.spoken.generic);
+    let profile = connector.chosen_profile(url, &line.spoken)?.unwrap_or(line.spoken.generic);
     let connection = line.connection(&[(profile, address)])?;
     let (mut runs, mut frames, mut open) = (Vec::new(), Vec::new(), true);
     connection.with(|axes, _| {
@@ -192,7 +217,7 @@ fn look(
     let named = !url.axes.is_empty();
     let wanted = if named { url.axes.clone() } else { scan::everybody(line)? };
     stopped.patience = if named { None } else { Some(patience(url, line)?) };
-    let chosen = connector.chosen_profile(url, line)?;
+    let chosen = connector.chosen_profile(url, &line.spoken)?;
     let prober = Prober::new(line, &connector.config).patient(stopped.patience);
     let end = clock::now() + SEARCH_MAX;
     let mut found = Vec::new();
@@ -208,7 +233,7 @@ fn look(
             Probe::Found { .. } => None,
             _ if !named => continue,
             Probe::Forbidden(hint) => Some(prober.forbidden(number, hint)),
-            Probe::Silent | Probe::Damaged => Some(prober.silent(number)),
+            Probe::Silent(heard) | Probe::Damaged(heard) => Some(prober.silent(number, heard)),
         };
         let one = match (chosen, probe) {
             (Some(profile), _) => Found::named(line, number, profile),
@@ -245,9 +270,37 @@ fn tell(axis: &Axis, verb: Verb) -> Result<Running, Error> {
     axis.start(Command::new(verb))
 }
 
+fn tell_each(axes: &[Axis], verb: Verb) -> Vec<Result<Running, Error>> {
+    axes.iter().map(|axis| tell(axis, verb)).collect()
+}
+
+/// Stops every motor that drives have besides the first, whose stop has been sent to each drive: one
+/// by one, until a drive has none of that number.
+fn more_motors(axes: &[Axis]) -> Vec<Motors> {
+    let of = |axis: &Axis| {
+        let (mut told, mut ended) = (0, Ok(()));
+        for number in 1..MOTORS_MAX {
+            match axis.stop_motor(number) {
+                Ok(()) => told = number,
+                Err(Error::Unsupported { .. }) => break,
+                Err(Error::Failed {
+                    outcome: Outcome::NotDone(Failure::Refused { .. }), ..
+                }) => break,
+                Err(error) => {
+                    ended = Err(error);
+                    break;
+                }
+            }
+        }
+        Motors { axis: axis.label(), number: axis.number(), told, ended }
+    };
+    let all = axes.iter().map(of);
+    all.filter(|motors| motors.told > 0 || motors.ended.is_err()).collect()
+}
+
 /// Waits until all of them are at rest.
 fn rest(axes: &[Axis], verb: Verb) -> Vec<(String, Result<(), Error>)> {
-    let running: Vec<_> = axes.iter().map(|axis| tell(axis, verb)).collect();
+    let running = tell_each(axes, verb);
     let end = clock::now() + REST_MAX;
     let ended = axes.iter().zip(running).map(|(axis, running)| {
         let ended = running.and_then(|mut running| {
@@ -263,7 +316,10 @@ fn still_turns(axis: &Axis) -> Error {
     let seconds = REST_MAX.as_secs();
     Error::Failed {
         what: format!("{} was told to stop and is not at rest after {seconds} s", axis.label()),
-        outcome: Outcome::NotDone(Failure::NotReached),
+        went: String::new(),
+        outcome: Outcome::Unknown(Failure::NotReached),
+        may_turn: true,
+        heard: Box::default(),
         hint: "give its ramp more time, or cut its power".to_owned(),
     }
 }

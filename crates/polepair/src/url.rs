@@ -26,15 +26,29 @@ pub const AXES_MAX: usize = 256;
 const KEYS_MAX: usize = 32;
 
 const LINKS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
-const SERIAL_KEYS: [&str; 12] = [
-    "profile", "setup", "timeout", "gap", "host", "echo", "parity", "stop", "wire", "ack", "pause",
-    "relay",
+const SERIAL_KEYS: [&str; 13] = [
+    "profile", "setup", "timeout", "timing", "gap", "host", "echo", "parity", "stop", "wire",
+    "ack", "pause", "relay",
 ];
 const CAN_KEYS: [&str; 8] =
     ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat"];
-const SIM_KEYS: [&str; 15] = [
-    "axes", "seed", "time", "profile", "eds", "timeout", "gap", "host", "echo", "baud", "bitrate",
-    "wire", "ack", "pause", "relay",
+const SIM_KEYS: [&str; 16] = [
+    "axes",
+    "seed",
+    "time",
+    "profile",
+    "eds",
+    "timeout",
+    "gap",
+    "host",
+    "echo",
+    "baud",
+    "bitrate",
+    "wire",
+    "ack",
+    "pause",
+    "relay",
+    "heartbeat",
 ];
 const RACK_KEYS: [&str; 5] = ["link", "profile", "timeout", "seed", "time"];
 
@@ -352,13 +366,14 @@ pub(crate) fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
     let mut keys: Vec<(String, String)> = Vec::new();
     for pair in query.split('&').filter(|pair| !pair.is_empty()) {
         let (key, value) = cut(pair, '=');
-        if keys.iter().any(|(other, _)| other == key) {
+        let (key, value) = (decoded(key)?, decoded(value.unwrap_or_default())?);
+        if keys.iter().any(|(other, _)| *other == key) {
             return Err(wrong(format!("`{key}` is given twice"), ""));
         }
         if keys.len() == KEYS_MAX {
             return Err(wrong(format!("more than {KEYS_MAX} keys"), ""));
         }
-        keys.push((decoded(key)?, decoded(value.unwrap_or_default())?));
+        keys.push((key, value));
     }
     Ok(keys)
 }
@@ -477,14 +492,15 @@ impl fmt::Display for Url {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.target {
             Target::Serial { path, baud } => {
-                write!(f, "{}+serial://{}", self.protocol, encoded(path, ""))?;
-                baud.map_or(Ok(()), |baud| write!(f, ":{baud}"))?;
+                write!(f, "{}+serial://{}", self.protocol, encoded_port(path, *baud))?;
             }
             Target::Tcp { address } => write!(f, "{}+tcp://{address}", self.protocol)?,
             Target::Udp { group } => write!(f, "{}+udp://{group}", self.protocol)?,
             Target::Slcan { path, baud } => {
-                write!(f, "{}+slcan://{}", self.protocol, encoded(path, ""))?;
-                baud.map_or(Ok(()), |baud| write!(f, ":{baud}"))?;
+                // A dot in what is no path would make a host name of it.
+                let port = encoded_port(path, *baud);
+                let port = if path.starts_with('/') { port } else { port.replace('.', "%2E") };
+                write!(f, "{}+slcan://{port}", self.protocol)?;
             }
             Target::SlcanTcp { address } => write!(f, "{}+slcan://{address}", self.protocol)?,
             Target::Socketcand { address, bus } => {
@@ -494,7 +510,11 @@ impl fmt::Display for Url {
                 write!(f, "{}+socketcan://{}", self.protocol, encoded(interface, ""))?;
             }
             Target::Given { name, .. } => write!(f, "{}+{name}", self.protocol)?,
-            Target::Sim { what } => write!(f, "sim:{}", encoded(what, ""))?,
+            Target::Sim { what } => {
+                // Two slashes at the front are taken off when it is read.
+                let front = if what.starts_with("//") { "//" } else { "" };
+                write!(f, "sim:{front}{}", encoded(what, ""))?;
+            }
             Target::Rack { file } => write!(f, "rack:{}", encoded(file, ""))?,
         }
         for (n, (key, value)) in self.keys.iter().enumerate() {
@@ -513,6 +533,18 @@ impl fmt::Display for Url {
 pub(crate) fn of_rack(file: &str, link: Option<&str>) -> String {
     let link = link.map_or_else(String::new, |link| format!("?link={}", encoded(link, "=&")));
     format!("rack:{}{link}", encoded(file, ""))
+}
+
+/// A port and its baud rate. Without one, what looks like a baud rate at the path's end is its own.
+fn encoded_port(path: &str, baud: Option<u32>) -> String {
+    let text = encoded(path, "");
+    match (baud, text.rsplit_once(':')) {
+        (Some(baud), _) => format!("{text}:{baud}"),
+        (None, Some((head, tail))) if tail.bytes().all(|c| c.is_ascii_digit()) => {
+            format!("{head}%3A{tail}")
+        }
+        (None, _) => text,
+    }
 }
 
 /// `%3F` for `?`: what would end the part it stands in.

@@ -5,6 +5,7 @@ use polepair_core::medium::{Can, Medium, MediumKind, Stream};
 use polepair_core::time::Instant;
 use polepair_link::{Link, LinkError, Losses, Received, Tap, Tapped, Waker};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// An opened link, whatever it carries.
 pub enum AnyLink {
@@ -62,6 +63,19 @@ pub struct OpenWire {
     pub protocols: Vec<&'static str>,
 }
 
+/// How many frames, or runs of bytes on a serial line, were handed to the wires of a
+/// [`Connector`](crate::Connector). Clones count together.
+#[derive(Clone, Debug, Default)]
+pub struct Sent(Arc<AtomicU64>);
+
+impl Sent {
+    /// So many left so far.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
 /// A link that outlives the connection it is lent to.
 #[derive(Clone)]
 pub(crate) enum SharedLink {
@@ -70,27 +84,30 @@ pub(crate) enum SharedLink {
 }
 
 impl SharedLink {
-    pub(crate) fn new(link: AnyLink, tap: Option<SharedTap>) -> Self {
+    pub(crate) fn new(link: AnyLink, tap: Option<SharedTap>, sent: &Sent) -> Self {
         match link {
-            AnyLink::Serial(link) => Self::Serial(Shared::new(link, tap)),
-            AnyLink::Can(link) => Self::Can(Shared::new(link, tap)),
+            AnyLink::Serial(link) => Self::Serial(Shared::new(link, tap, sent.clone())),
+            AnyLink::Can(link) => Self::Can(Shared::new(link, tap, sent.clone())),
         }
     }
 
     /// A link that its connection lends; taps see it there.
     pub(crate) fn lent_serial(link: Box<dyn Link<Stream>>) -> Self {
-        Self::Serial(Shared(Arc::from(link)))
+        Self::Serial(Shared { link: Arc::from(link), sent: Sent::default() })
     }
 
     /// The same on CAN.
     pub(crate) fn lent_can(link: Box<dyn Link<Can>>) -> Self {
-        Self::Can(Shared(Arc::from(link)))
+        Self::Can(Shared { link: Arc::from(link), sent: Sent::default() })
     }
 
     /// The same link with a tap on its bytes; frames of a bus are not tapped.
     pub(crate) fn watched(&self, tap: impl Tap<Stream> + 'static) -> Self {
         match self {
-            Self::Serial(link) => Self::Serial(Shared::new(Box::new(link.clone()), Some(tap))),
+            Self::Serial(link) => {
+                let sent = Sent::default();
+                Self::Serial(Shared::new(Box::new(link.clone()), Some(tap), sent))
+            }
             Self::Can(link) => Self::Can(link.clone()),
         }
     }
@@ -119,53 +136,59 @@ impl From<SharedLink> for AnyLink {
     }
 }
 
-pub(crate) struct Shared<M: Medium>(Arc<dyn Link<M>>);
+pub(crate) struct Shared<M: Medium> {
+    link: Arc<dyn Link<M>>,
+    sent: Sent,
+}
 
 impl<M: Medium> Clone for Shared<M> {
     fn clone(&self) -> Self {
-        Self(Arc::clone(&self.0))
+        Self { link: Arc::clone(&self.link), sent: self.sent.clone() }
     }
 }
 
 impl<M: Medium> Shared<M> {
-    fn new(link: Box<dyn Link<M>>, tap: Option<impl Tap<M> + 'static>) -> Self {
+    fn new(link: Box<dyn Link<M>>, tap: Option<impl Tap<M> + 'static>, sent: Sent) -> Self {
         match tap {
-            None => Self(Arc::from(link)),
-            Some(tap) => Self(Arc::new(Tapped::new(link, tap))),
+            None => Self { link: Arc::from(link), sent },
+            Some(tap) => Self { link: Arc::new(Tapped::new(link, tap)), sent },
         }
     }
 }
 
 impl<M: Medium> Link<M> for Shared<M> {
     fn now(&self) -> Instant {
-        self.0.now()
+        self.link.now()
     }
     fn send(&self, unit: &M::Unit) -> Result<(), LinkError> {
-        self.0.send(unit)
+        self.link.send(unit)?;
+        self.sent.0.fetch_add(1, Ordering::Relaxed);
+        Ok(())
     }
     fn ready(&self, until: Instant) -> Result<bool, LinkError> {
-        self.0.ready(until)
+        self.link.ready(until)
     }
 
     fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError> {
-        self.0.receive(buffer, until)
+        self.link.receive(buffer, until)
     }
     fn set_line(&self, line: M::Line) -> Result<(), LinkError> {
-        self.0.set_line(line)
+        self.link.set_line(line)
     }
     fn waker(&self) -> Waker {
-        self.0.waker()
+        self.link.waker()
     }
     fn runs_by_itself(&self) -> bool {
-        self.0.runs_by_itself()
+        self.link.runs_by_itself()
     }
     fn describe(&self) -> String {
-        self.0.describe()
+        self.link.describe()
     }
     fn losses(&self) -> Losses {
-        self.0.losses()
+        self.link.losses()
     }
     fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
-        self.0.reopen()
+        let link = Arc::from(self.link.reopen()?);
+        Ok(Box::new(Self { link, sent: self.sent.clone() }))
     }
 }

@@ -221,7 +221,7 @@ fn named_links_are_looked_up_from_the_folder_upward() {
     std::fs::create_dir_all(&deep).unwrap();
     let text = "[links]\narm = \"sim:modbus-rtu?time=virtual&seed=3#1\"\n";
     std::fs::write(folder.join("polepair.toml"), text).unwrap();
-    let config = polepair::config::Config::discover_from(&deep, None).unwrap();
+    let config = polepair::config::Config::discover_from(&deep, None);
     let expanded = |text: &str| config.expand(text).unwrap();
     assert_eq!(expanded("@arm"), "sim:modbus-rtu?time=virtual&seed=3#1");
     assert_eq!(expanded("@arm?seed=4#2"), "sim:modbus-rtu?time=virtual&seed=4#2");
@@ -230,7 +230,9 @@ fn named_links_are_looked_up_from_the_folder_upward() {
     assert_eq!(error.code(), "E211");
     assert!(error.to_string().contains("did you mean `arm`?"), "{error}");
     std::fs::write(folder.join("polepair.toml"), "[link]\n").unwrap();
-    let error = polepair::config::Config::discover_from(&deep, None).unwrap_err();
+    let config = polepair::config::Config::discover_from(&deep, None);
+    assert_eq!(config.expand("sim:tmcl").unwrap(), "sim:tmcl", "it needs nothing of the file");
+    let error = config.expand("@arm").unwrap_err();
     assert!(error.to_string().contains("polepair.toml:1:"), "{error}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
@@ -278,6 +280,51 @@ fn the_protocols_own_bytes_are_held_to_its_words() {
     let turning = axis.raw_bytes(&[1, 1, 0, 0, 0, 0, 1, 0x5E, 0x61], None).unwrap_err();
     assert_eq!(turning.code(), "E219");
     assert_eq!(link.counters(axis).sent, sent);
+}
+
+#[test]
+fn a_link_that_is_closed_is_closed_for_every_axis_that_is_held() {
+    let link = connect("sim:tmcl?time=virtual").unwrap();
+    let axis = link.axis(1).unwrap();
+    axis.get("max current").unwrap();
+    link.close();
+    let closed = axis.get("max current").unwrap_err();
+    assert_eq!((closed.code(), closed.exit()), ("E322", Exit::Adapter), "{closed}");
+    assert!(closed.to_string().contains("this program has closed it"), "{closed}");
+}
+
+#[test]
+fn text_for_a_motion_needs_a_unit() {
+    let link = connect("sim:tmcl?time=virtual").unwrap();
+    let axis = link.axis(1).unwrap().armed().unwrap();
+    assert_eq!(axis.move_to("4096").unwrap_err().code(), "E217");
+    axis.move_to("0").unwrap();
+    axis.move_to("90 deg").unwrap();
+}
+
+#[test]
+fn every_protocol_takes_its_own_bytes() {
+    // What its own host would send, step by step: an axis that is not armed lets nothing start.
+    for drive in ["tmcl", "tmcl+can", "syntron-ts", "technosoft-f514l", "thruster", "cia402"] {
+        let link = connect(&format!("sim:{drive}?time=virtual")).unwrap();
+        let axis = &link.axes()[0];
+        let (mut taken, mut kept_back) = (0, 0);
+        let verbs = [Verb::Enable, Verb::Stop, Verb::Reached, Verb::Disable];
+        let plans = verbs.into_iter().filter(|verb| axis.profile().plan(*verb).is_some());
+        for step in plans.flat_map(|verb| axis.rehearse(Command::new(verb)).unwrap()) {
+            let frame = step.frame.map(|frame| (frame.bytes().to_vec(), Some(frame.id)));
+            let (bytes, id) = frame.unwrap_or((step.bytes, None));
+            if bytes.is_empty() {
+                continue;
+            }
+            match axis.raw_bytes(&bytes, id) {
+                Ok(_) => taken += 1,
+                Err(error) if error.code() == "E219" => kept_back += 1,
+                Err(error) => panic!("{drive}: {bytes:02X?}: {error}"),
+            }
+        }
+        assert!(taken + kept_back > 0, "{drive}: {taken} taken, {kept_back} kept back");
+    }
 }
 
 #[test]

@@ -37,7 +37,8 @@ impl Machine {
     }
 
     fn connector(&self) -> Connector {
-        let config = Config::discover_from(&self.folder, None).expect("the file is right");
+        let config = Config::discover_from(&self.folder, None);
+        assert_eq!(config.broken, [], "the file is right");
         let mut connector = Connector::default();
         connector.config = config;
         connector

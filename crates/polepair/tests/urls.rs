@@ -27,6 +27,13 @@ fn every_form_is_read_and_written_back() {
         "sim:rack.toml",
         "sim:modbus-rtu?time=virtual#1,2,3",
         "sim:syntron-ts?variant=position",
+        // What would be read as another part is written so that it is not.
+        "sim:////0?///////=",
+        "tmcl+serial:///dev/a%3A9600#1",
+        "tmcl+serial:///dev/a%3A#1",
+        "tmcl+serial:///dev/a:1:9600#1",
+        "tmcl+slcan:///dev/a.b%3A12#1",
+        "tmcl+slcan://com1%2E:9600#1",
     ] {
         let url: Url = text.parse().unwrap_or_else(|error| panic!("{text}: {error}"));
         assert_eq!(url.to_string(), text);
@@ -57,6 +64,7 @@ fn mistakes_are_told_with_the_nearest_word() {
         ("modbus-rtx+tcp://a:1", "E203", "did you mean `modbus-rtu`?"),
         ("tmcl+serail:///dev/ttyUSB0", "E210", "did you mean `serial`?"),
         ("tmcl+serial:///dev/ttyUSB0?timeuot=5", "E210", "did you mean `timeout`?"),
+        ("tmcl+serial:///dev/a?host=3&%68ost=4", "E210", "`host` is given twice"),
         ("sim:tmcl?axis=3", "E210", "did you mean `axes`?"),
         ("tmcl+serial:///dev/ttyUSB0?colour=red", "E210", "unknown key `colour`"),
         ("tmcl+serial:///dev/ttyUSB0?gap=1&gap=2", "E210", "`gap` is given twice"),

@@ -12,6 +12,7 @@ use pyo3::pybacked::{PyBackedBytes, PyBackedStr};
 
 use crate::errors::{raised, usage};
 use crate::events::Events;
+use crate::guard;
 use crate::outside::Outside;
 use crate::request::{Request, SLICE};
 use crate::served;
@@ -116,6 +117,13 @@ impl Said {
     }
 }
 
+impl Axis {
+    /// The library's axis, in the process that opened its link.
+    pub fn inner(&self, py: Python<'_>) -> PyResult<&Inner> {
+        self.0.ours(py)
+    }
+}
+
 #[pymethods]
 impl Axis {
     #[getter]
@@ -155,10 +163,13 @@ impl Axis {
     #[getter]
     fn watchdog(&self) -> (&'static str, Option<f64>, Option<&'static str>) {
         match self.0.profile().watchdog {
-            Watchdog::None => ("none", None, None),
+            // A heartbeat is no time that a program could set for a while: its link has to send it.
+            Watchdog::None | Watchdog::Heartbeat { .. } => ("none", None, None),
             Watchdog::Fixed { after_ms } => ("fixed", Some(f64::from(after_ms) / 1e3), None),
-            Watchdog::Configurable { parameter } => {
-                ("configurable", None, self.0.profile().parameter(parameter).map(|p| p.name))
+            Watchdog::Configurable { .. } => {
+                let id = self.0.watchdog_parameter();
+                let parameter = id.and_then(|id| self.0.profile().parameter(id));
+                ("configurable", None, parameter.map(|p| p.name))
             }
         }
     }
@@ -267,10 +278,17 @@ impl Axis {
         Ok([target, velocity, acceleration, torque][at].unwrap_or_default())
     }
 
-    /// Lets motion commands through, or no longer.
+    /// Lets motion commands through, or no longer. What is armed is stopped when the process ends.
+    /// `Unsupported` E220 for an axis that is armed already.
     fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
+        if armed {
+            self.done(py, Inner::take_arming)?;
+            guard::watch(py, self.inner(py)?);
+            return Ok(());
+        }
         self.done(py, |axis| {
-            axis.arm(armed);
+            axis.arm(false);
+            guard::leave(axis);
             Ok(())
         })
     }
@@ -322,7 +340,10 @@ impl Axis {
 
     /// Faults that are there now: code, text, cause, remedy, and whether the drive goes on.
     fn faults(&self, py: Python<'_>) -> PyResult<Vec<Fault>> {
-        let code = self.done(py, |axis| Ok(axis.signals(&[Signal::Fault])?[0].raw))?;
+        let code = self.done(py, |axis| match axis.tells(Signal::Fault)? {
+            true => Ok(axis.signals(&[Signal::Fault])?[0].raw),
+            false => Ok(0),
+        })?;
         let code = u32::try_from(code).unwrap_or_default();
         Ok(faults(self.0.profile(), code).into_iter().map(fault).collect())
     }
@@ -335,7 +356,7 @@ impl Axis {
                 let known = axis.profile().signal(signal).and(state.reading(signal).at);
                 known.map(|_| state.reading(signal).raw != 0)
             };
-            let moving = flag(Signal::Moving).or_else(|| axis.turns());
+            let moving = axis.moving(&state);
             let readings = axis.profile().signals.iter().filter_map(|source| {
                 let reading = state.reading(source.signal);
                 let age = now.since(reading.at?).as_secs_f64();

@@ -33,7 +33,7 @@ impl CanWire {
     /// Opens the one CAN wire of a connection string.
     #[new]
     fn open(py: Python<'_>, url: &str) -> PyResult<Self> {
-        let opened = py.detach(|| Connector::discover()?.open(url));
+        let opened = py.detach(|| Connector::discover().open(url));
         let mut wires = opened.map_err(|error| raised(py, &error))?;
         match (wires.pop(), wires.is_empty()) {
             (Some(AnyLink::Can(link)), true) => Ok(Self(link.into())),

@@ -382,6 +382,5 @@ fn known_rules(py: Python<'_>, text: &str) -> PyResult<Rules> {
 
 /// A product by name, the user's own among them, or a profile's file.
 fn known_profile(py: Python<'_>, word: &str) -> PyResult<&'static Profile> {
-    let named = Config::discover().and_then(|config| config.profile_of(word));
-    named.map_err(|error| raised(py, &error))
+    Config::discover().profile_of(word).map_err(|error| raised(py, &error))
 }

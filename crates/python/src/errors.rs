@@ -18,16 +18,18 @@ pub fn raised(py: Python<'_>, error: &Error) -> PyErr {
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
+/// The exception for an error, with more to say.
+pub fn lost(py: Python<'_>, error: &Error, what: &str) -> PyErr {
+    let made = class(py, error.exception().name())
+        .and_then(|class| class.call1((what, error.code(), error.executed(), error.hint())));
+    made.map_or_else(|error| error, PyErr::from_value)
+}
+
 /// The exception for what a server refused, or what became of it: the same as for a link of one's own.
 pub fn told(py: Python<'_>, refused: &Refused) -> PyErr {
-    let what = match refused.executed {
-        None if !refused.message.contains("executed") => {
-            format!("{}; it may have been executed", refused.message)
-        }
-        _ => refused.message.clone(),
-    };
-    let made = class(py, refused.exception().name())
-        .and_then(|class| class.call1((what, &*refused.code, refused.executed, &*refused.hint)));
+    let made = class(py, refused.exception().name()).and_then(|class| {
+        class.call1((refused.sentence(), &*refused.code, refused.executed, &*refused.hint))
+    });
     made.map_or_else(|error| error, PyErr::from_value)
 }
 

@@ -19,6 +19,7 @@ mod errors;
 mod events;
 mod explain;
 mod given;
+mod guard;
 mod layout;
 mod link;
 mod outside;
@@ -67,6 +68,8 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulation::rack_of_word, module)?)?;
     module.add_function(wrap_pyfunction!(axis::begin_together, module)?)?;
     module.add_function(wrap_pyfunction!(outside::forked, module)?)?;
+    module.add_function(wrap_pyfunction!(guard::stop_each, module)?)?;
+    module.add_function(wrap_pyfunction!(guard::stop_armed, module)?)?;
     module.add_function(wrap_pyfunction!(explain::explain, module)?)?;
     module.add_function(wrap_pyfunction!(explain::explain_code, module)?)
 }

@@ -1,5 +1,6 @@
 //! Opening links, and finding who is on them.
 
+use std::ffi::CString;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
@@ -7,6 +8,7 @@ use polepair::{Connector, Link as Inner, scan as library};
 use polepair_core::drives;
 use polepair_core::medium::MediumKind;
 use polepair_link::Connection;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
 use crate::axis::Axis;
@@ -30,12 +32,10 @@ pub struct Link {
 #[pyo3(signature = (url, profile=None, trace=false))]
 pub fn connect(py: Python<'_>, url: &str, profile: Option<PathBuf>, trace: bool) -> PyResult<Link> {
     let trace = trace.then(WireTrace::default);
-    let opened = py.detach(|| {
-        let connector = connector(profile)?;
-        match trace.clone() {
-            Some(trace) => connector.with_taps(move |wire| trace.tap(wire)).connect(url),
-            None => connector.connect(url),
-        }
+    let connector = connector(py, profile)?;
+    let opened = py.detach(|| match trace.clone() {
+        Some(trace) => connector.with_taps(move |wire| trace.tap(wire)).connect(url),
+        None => connector.connect(url),
     });
     let opened = opened.map_err(|error| raised(py, &error))?;
     Ok(Link { inner: opened.into(), trace })
@@ -57,7 +57,8 @@ pub fn connect_over(
 ) -> PyResult<Link> {
     let medium = if can { MediumKind::Can } else { MediumKind::Serial };
     let link = given::link(name, adapter, medium)?;
-    let opened = py.detach(|| connector(profile)?.connect_over(link, protocol, &axes, query));
+    let connector = connector(py, profile)?;
+    let opened = py.detach(|| connector.connect_over(link, protocol, &axes, query));
     let opened = opened.map_err(|error| raised(py, &error))?;
     Ok(Link { inner: opened.into(), trace: None })
 }
@@ -75,6 +76,7 @@ pub fn scan(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Vec<Found>> {
     let mut broken = None;
+    let connector = connector(py, profile)?;
     let found = py.detach(|| {
         let mut tell = |now: library::Progress| {
             let goes_on = Python::attach(|py| {
@@ -94,13 +96,20 @@ pub fn scan(
         };
         let range = first.map(|first| first..=last.unwrap_or(first));
         let range = range.map_or(library::Numbers::ALL, library::Numbers::from);
-        library::scan(&connector(profile)?, url, range, &mut tell)
+        library::scan(&connector, url, range, &mut tell)
     });
     if let Some(error) = broken {
         return Err(error);
     }
-    let found = found.map_err(|error| raised(py, &error))?.found;
-    Ok(found.into_iter().map(row).collect())
+    let scan = found.map_err(|error| raised(py, &error))?;
+    if let Some(lost) = scan.lost {
+        let (found, unasked) = (scan.found.len(), scan.unasked);
+        let error = polepair::Error::from(lost);
+        let what =
+            format!("{error}; {found} drives had answered, {unasked} addresses were not asked");
+        return Err(crate::errors::lost(py, &error, &what));
+    }
+    Ok(scan.found.into_iter().map(row).collect())
 }
 
 /// Address, product, title, how it was identified, clash.
@@ -120,10 +129,19 @@ pub fn profiles() -> Vec<(&'static str, &'static str, &'static str)> {
     drives::profiles().iter().map(|p| (p.name, p.title, p.protocol)).collect()
 }
 
-fn connector(profile: Option<PathBuf>) -> Result<Connector, polepair::Error> {
-    let connector = Connector::discover()?;
+/// How links are opened. A file of the configuration that is wrong is told as Python tells such
+/// things, once, and stands in nobody's way who needs nothing of it.
+fn connector(py: Python<'_>, profile: Option<PathBuf>) -> PyResult<Connector> {
+    let connector = py.detach(Connector::discover);
+    let category = py.get_type::<PyUserWarning>();
+    for error in &connector.config.broken {
+        let text = format!("{error}; nothing of this file is used").replace('\0', " ");
+        PyErr::warn(py, &category, &CString::new(text)?, 1)?;
+    }
     match profile {
-        Some(file) => connector.with_profile(&file),
+        Some(file) => {
+            py.detach(|| connector.with_profile(&file)).map_err(|error| raised(py, &error))
+        }
         None => Ok(connector),
     }
 }
@@ -187,6 +205,13 @@ impl Link {
             };
             seen.into_iter().map(row).collect()
         }))
+    }
+
+    /// Closes it at once, though Python still holds axes of it.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let link = self.inner.ours(py)?.clone();
+        py.detach(|| link.close());
+        Ok(())
     }
 
     /// The last units on its wires, as the lines of a capture; `None` unless it was asked for.

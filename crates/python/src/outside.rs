@@ -26,6 +26,7 @@ pub struct Outside<T: Send> {
 #[pyfunction]
 pub fn forked() {
     FORKS.fetch_add(1, Ordering::Relaxed);
+    crate::guard::forked();
 }
 
 impl<T: Send> Outside<T> {

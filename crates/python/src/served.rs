@@ -210,7 +210,10 @@ impl Change {
         let held = self.joined.place(self.axis).lease.clone();
         let held = held.filter(|lease| lease.check().is_ok());
         if held.is_some() && self.joined.armed(self.axis).is_some() {
-            return Ok(());
+            let label = &self.joined.bench.axes[usize::from(self.axis)].label;
+            let hint =
+                "move it in the block that armed it: the end of a second one would stop it there";
+            return Err(Refused::new("E220", format!("{label}: it is armed already")).hint(hint));
         }
         let lease = match &held {
             Some(lease) => Arc::clone(lease),

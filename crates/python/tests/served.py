@@ -82,5 +82,5 @@ def can_be_armed(axis: polepair.Axis) -> bool:
         with axis.armed():
             return True
     except polepair.PolepairError as error:
-        assert error.code in ("gateway.busy", "gateway.lease"), error
+        assert error.code in ("gateway.busy", "gateway.lease", "gateway.owed"), error
         return False

@@ -166,3 +166,18 @@ def test_bytes_are_sent_as_they_are(axis: polepair.Axis) -> None:
     assert axis.raw(said) == axis.raw("GAP 6, 0")
     with pytest.raises(polepair.Unsupported, match="for axis 2"):
         axis.raw(polepair.encode("tmcl", "GAP 6, 0", axis=2))
+
+
+def test_the_end_of_a_block_closes_the_link_though_an_axis_is_held() -> None:
+    with polepair.connect("sim:tmcl?time=virtual") as link:
+        axis = link.axes[0]
+        assert axis.params["max current"].unit == "A"
+    with pytest.raises(polepair.PolepairError) as raised:
+        axis.params["max current"]
+    assert raised.value.code == "E322"
+
+
+def test_text_for_a_motion_needs_a_unit(axis: polepair.Axis) -> None:
+    with axis.armed(), pytest.raises(polepair.Unsupported) as raised:
+        axis.move("4096")
+    assert raised.value.code == "E217"

@@ -46,7 +46,9 @@ def test_it_runs_on_a_real_port(name: str, tmp_path: Path) -> None:
         assert simulator.stdout is not None
         assert simulator.stdout.readline().startswith("ready ")
         axes = "#1,3" if name == "watch" else "#1"
-        assert in_order(name).search(run(name, f"tmcl+serial://{os.fspath(path)}{axes}"))
+        # A busy machine may not let the simulator answer for long.
+        url = f"tmcl+serial://{os.fspath(path)}?timeout=5000{axes}"
+        assert in_order(name).search(run(name, url))
     finally:
         simulator.terminate()
         simulator.wait(timeout=60)

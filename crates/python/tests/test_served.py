@@ -62,7 +62,7 @@ def program(link: polepair.Link) -> dict[str, object]:
     with link.group(1, 3).armed() as both:
         both.move({1: 0.5, 3: -0.5}, sync=False).wait(30)
         places = [round(one.read("position")["position"], 2) for one in both.axes]
-    rows = list(axis.watch("position", "velocity", period=0.05, seconds=0.4))
+    rows = list(axis.watch("position", "velocity", period=0.05, seconds=2.0))
     info = axis.params.info("max current")
     return {
         "label": axis.label,
@@ -85,7 +85,7 @@ def program(link: polepair.Link) -> dict[str, object]:
         "fast": max(trace["velocity"]) > 9.0,
         "sampled": len(trace) > 5,
         "places": places,
-        "rows": len(rows) > 3 and set(rows[0][1]) == {"position", "velocity"} and rows[0][0] < 0.1,
+        "rows": len(rows) > 3 and set(rows[0][1]) == {"position", "velocity"} and rows[0][0] < 1.0,
         "faults": axis.faults(),
         "state": (state.armed, state.mode, state.enabled),
         "age": 0.0 <= state.readings["velocity"].age < 5.0,
@@ -210,7 +210,7 @@ def test_a_killed_program_leaves_no_motor_turning(server: Server, link: polepair
     until("it turns", lambda: speed(link.axis(1)) > 10)
     process.kill()
     process.communicate()
-    until("it stands", lambda: speed(link.axis(1)) < 0.5, 3.0)
+    until("it stands", lambda: speed(link.axis(1)) < 0.5)
     until("it can be taken", lambda: can_be_armed(link.axis(1)))
 
 
@@ -218,7 +218,7 @@ def test_a_program_that_hangs_loses_its_lease(server: Server, link: polepair.Lin
     process = jog(server)
     until("it turns", lambda: speed(link.axis(1)) > 10)
     process.send_signal(signal.SIGSTOP)
-    until("it stands", lambda: speed(link.axis(1)) < 0.5, 5.0)
+    until("it stands", lambda: speed(link.axis(1)) < 0.5)
     process.kill()
     process.communicate()
 
@@ -247,9 +247,9 @@ def test_a_killed_server_ends_every_wait(server: Server) -> None:
         time.sleep(0.5)
         server.kill()
 
-    threading.Thread(target=kill_soon).start()
     with pytest.raises(polepair.PolepairError) as left, axis.armed():
         motion = axis.move(1e5)
+        threading.Thread(target=kill_soon).start()
         try:
             motion.wait(60)
         except polepair.PolepairError as error:

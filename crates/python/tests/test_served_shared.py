@@ -41,11 +41,8 @@ def test_the_end_of_a_block_stops_nobody_else(server: Server, link: polepair.Lin
         assert speed(theirs) > 10
         armed.__exit__(None, None, None)
         with ours.armed():
-            with ours.armed():
+            with pytest.raises(polepair.Unsupported, match="armed already"), ours.armed():
                 pass
-            armed = take_and_turn(theirs)
-        assert speed(theirs) > 10
-        armed.__exit__(None, None, None)
         with pytest.raises(polepair.Refused, match="lease"), link.group(1, 3).armed():
             theirs.stop()
             until("it hears of that", lambda: not ours._native.is_armed)
@@ -173,21 +170,22 @@ def test_who_only_asks_takes_the_axis_from_nobody(server: Server, link: polepair
 
 
 def test_a_stop_waits_behind_no_other_call(server: Server) -> None:
-    async def main() -> float:
+    async def main() -> None:
         async with polepair.aio.connect(server.ws, token_file=server.tokens) as link:
             axis = link.axis(1)
             async with axis.armed():
                 await axis.spin(20)
                 loop = asyncio.get_running_loop()
-                waits = [loop.run_in_executor(None, time.sleep, 3) for _ in range(64)]
-                began = time.monotonic()
-                await axis.stop()
-                spent = time.monotonic() - began
-                for one in waits:
-                    one.cancel()
-        return spent
+                free = threading.Event()
+                waits = [loop.run_in_executor(None, free.wait) for _ in range(64)]
+                try:
+                    # Every thread of the loop's is taken, and none of them ends before this.
+                    await asyncio.wait_for(axis.stop(), 60)
+                finally:
+                    free.set()
+                await asyncio.gather(*waits)
 
-    assert asyncio.run(main()) < 2
+    asyncio.run(main())
 
 
 def test_a_drive_that_is_silent_ends_what_watches_it(tmp_path: Path) -> None:
@@ -204,12 +202,10 @@ def test_a_drive_that_is_silent_ends_what_watches_it(tmp_path: Path) -> None:
             few = axis.watch("velocity", period=0.05, seconds=1.0)
             next(few)
             drive.send_signal(signal.SIGSTOP)
-            began = time.monotonic()
-            list(few)
-            assert time.monotonic() - began < 1.5
+            list(few)  # ends when its time is over, as it would with a drive that answers
             with pytest.raises(polepair.NoReply, match="axis 1: nothing came") as silent:
                 list(rows)
-            assert silent.value.code == "E401" and time.monotonic() - began < 8
+            assert silent.value.code == "E401"
 
             async def watch() -> None:
                 async with polepair.aio.connect(served.ws, token_file=served.tokens) as link:

@@ -190,11 +190,14 @@ pub const ROUTES: &[Route] = &[
     route("GET", "/api/v1/axes/{id}/parameters", READ, || get(axis::parameters)),
     route("GET", "/api/v1/axes/{id}/parameters/{name}", READ, || get(axis::parameter)),
     route("POST", "/api/v1/axes/{id}/parameters", CONFIGURE, || post(axis::write)),
+    route("GET", "/api/v1/axes/{id}/watchdog", READ, || get(axis::watchdog)),
+    route("POST", "/api/v1/axes/{id}/watchdog", CONFIGURE, || post(axis::set_watchdog)),
     route("POST", "/api/v1/axes/{id}/lease", COMMAND, || post(motion::take)),
     route("POST", "/api/v1/axes/{id}/lease/renew", COMMAND, || post(motion::renew)),
     route("DELETE", "/api/v1/axes/{id}/lease", COMMAND, || delete(motion::give_back)),
     route("POST", "/api/v1/axes/{id}/commands", MOVE, || post(motion::command)),
     route("POST", "/api/v1/axes/{id}/raw", RAW, || post(motion::raw)),
+    route("POST", "/api/v1/axes/{id}/dismiss", MOVE, || post(motion::dismiss)),
     route("POST", "/api/v1/stop", STOP, || post(motion::stop)),
     route("POST", "/api/v1/release", MOVE, || post(motion::release)),
     route("POST", "/api/v1/simulation/pace", CONFIGURE, || post(bench::pace)),
@@ -225,6 +228,16 @@ pub(crate) fn router(gate: &Shared) -> Router {
 
 /// What routes answer.
 pub(crate) type Answer<T> = Result<axum::Json<T>, Refused>;
+
+/// Does what takes a while where nobody else's answer waits for it.
+async fn apart<T: Send + 'static>(
+    gate: &Shared,
+    act: impl FnOnce(&Gate) -> Result<T, Refused> + Send + 'static,
+) -> Result<T, Refused> {
+    let gate = Arc::clone(gate);
+    let done = tokio::task::spawn_blocking(move || act(&gate)).await;
+    done.map_err(|error| Refused::new("gateway.busy", error.to_string()))?
+}
 
 #[cfg(test)]
 mod tests {

@@ -30,13 +30,14 @@ mod explained;
 mod eyes;
 mod frames;
 mod grown;
-mod halt;
 mod hand;
+mod later;
 mod lease;
 mod look;
 mod notes;
 mod once;
 mod open;
+mod owed;
 mod parameters;
 mod reply;
 mod shared;
@@ -44,6 +45,7 @@ mod simulated;
 mod state;
 mod telemetry;
 mod threads;
+mod watchdog;
 mod wire;
 
 use std::sync::{Arc, Mutex};
@@ -51,6 +53,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use polepair::Connector;
+use polepair::simulate::Simulation;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::drives::bench::Truth;
 use polepair_core::profile::Signal;
@@ -59,8 +62,8 @@ use serde_json::json;
 use tokio::sync::{broadcast, oneshot};
 
 use crate::message::{
-    Act, AxisInfo, AxisState, BenchView, Clash, CommandOrder, Deed, LeaseAct, LeaseGranted,
-    LinkState, LockTold, Outcome, Pace, RawOrder, Refused, StopOrder, Stopped,
+    Act, AxisInfo, AxisState, BenchView, Clash, CommandOrder, Deed, DismissStop, LeaseAct,
+    LeaseGranted, LockTold, Outcome, Pace, RawOrder, Refused, StopOrder, Stopped,
 };
 use captures::Captures;
 use clock::{Clock, STEP};
@@ -68,14 +71,14 @@ use ears::Ears;
 use eyes::Eyes;
 use frames::{Reader, Traffic};
 use grown::Grown;
-use halt::Report;
 use hand::{Hand, outcome};
 use notes::Scribe;
 use once::First;
 use open::{Link, Opened};
+use owed::Report;
 use shared::{Shared, held};
 use telemetry::Telemetry;
-use wire::{AskLease, Commanded, Do, Order, StopThese, Told, Wire};
+use wire::{AskLease, Commanded, Dismiss, Do, Order, StopThese, Told, Wire};
 
 pub use captures::CAPTURE_MAX;
 pub use frames::Frames;
@@ -107,12 +110,16 @@ pub struct Options {
     pub journal: Arc<dyn Journal>,
     /// No lease before this bench had a higher epoch: what was said under one is not taken for its own.
     pub last_epoch: u64,
+    /// Axes that the server before this one owed a stop when it ended, by connection string and number:
+    /// they are owed it still.
+    pub owed_before: Vec<(String, u32)>,
 }
 
 impl Default for Options {
     fn default() -> Self {
         let connector = Connector::default();
-        Self { connector, lease: LEASE, journal: Arc::new(NoJournal), last_epoch: 0 }
+        let journal = Arc::new(NoJournal);
+        Self { connector, lease: LEASE, journal, last_epoch: 0, owed_before: Vec::new() }
     }
 }
 
@@ -137,8 +144,9 @@ struct Inner {
     telemetry: Arc<Telemetry>,
     traffic: Arc<Traffic>,
     captures: Captures,
-    /// In virtual time, what threads do otherwise.
+    /// In virtual time, what threads do otherwise: those that wait for nothing, and those that may.
     by_hand: Mutex<ByHand>,
+    waiting: Mutex<Waiting>,
     /// The same of those that hear; there are more whenever drives are taken in.
     ears: Mutex<Vec<Ears>>,
     threads: Mutex<Vec<JoinHandle<()>>>,
@@ -146,13 +154,18 @@ struct Inner {
     scribe: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// What looks after a bench in virtual time.
+/// What looks after a bench in virtual time and waits for no drive.
 #[derive(Default)]
 struct ByHand {
-    hands: Vec<Hand>,
+    hands: Vec<Arc<Mutex<Hand>>>,
+    scribe: Option<Scribe>,
+}
+
+/// What asks drives, and so lets virtual time pass itself.
+#[derive(Default)]
+struct Waiting {
     eyes: Vec<Eyes>,
     reader: Option<Reader>,
-    scribe: Option<Scribe>,
 }
 
 /// Where an axis is found.
@@ -180,14 +193,19 @@ impl Bench {
     /// As [`polepair::connect()`]; `gateway.request` when only some links are in virtual time.
     pub fn open(urls: &[String], options: Options) -> Result<Self, Refused> {
         let traffic = Arc::new(Traffic::default());
-        let Opened { links, roots, axes, clock } = open::open(urls, &options.connector, &traffic)?;
+        let Opened { links, roots, axes, clock, dead } =
+            open::open(urls, &options.connector, &traffic)?;
         let shared = Arc::new(Shared::new(clock, &options));
+        let connector = options.connector.clone();
         let clock = shared.clock.clone();
         let scribe = Scribe::new(Arc::clone(&shared.notes), options.journal, clock);
         let telemetry = Arc::new(Telemetry::new(axes.len()));
         let opened = shared.now();
         for link in &links {
             link.wire.time();
+        }
+        for (id, error) in &dead {
+            links[usize::from(*id)].wire.show_lost(Some((opened, error.clone())));
         }
         let bench = Self(Arc::new(Inner {
             shared,
@@ -199,6 +217,7 @@ impl Bench {
             traffic,
             captures: Captures::default(),
             by_hand: Mutex::default(),
+            waiting: Mutex::default(),
             ears: Mutex::default(),
             threads: Mutex::default(),
             scribe: Mutex::default(),
@@ -207,6 +226,7 @@ impl Bench {
             true => bench.start(roots, scribe)?,
             false => bench.look_after(&roots, scribe)?,
         }
+        dead.into_iter().try_for_each(|(id, error)| bench.open_later(id, error, &connector))?;
         Ok(bench)
     }
 
@@ -242,7 +262,7 @@ impl Bench {
         BenchView {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             scopes: Vec::new(),
-            links: links.iter().map(Link::view).collect(),
+            links: links.iter().map(|link| self.link_view(link)).collect(),
             axes: axes.iter().map(|seat| self.seen(&seat.info)).collect(),
             clashes: links.iter().filter_map(Link::clash).collect(),
             looks: links.iter().filter_map(|link| link.search.told()).collect(),
@@ -269,7 +289,8 @@ impl Bench {
         let (link, place) = self.seat(id)?;
         let lease = link.wire.lease(place);
         let panel = self.0.axes[usize::from(id)].drive.as_ref().and_then(simulated::Drive::panel);
-        Ok(AxisState { lease, panel, ..state::axis_state(id, &link.wire.axes[place].1) })
+        let owed = link.wire.owed(place);
+        Ok(AxisState { lease, owed, panel, ..state::axis_state(id, &link.wire.axes[place].1) })
     }
 
     /// Takes, keeps or gives back the lease of an axis. `None` when it was given back.
@@ -426,7 +447,8 @@ impl Bench {
         // Named twice, it is stopped once.
         axes.sort_unstable();
         axes.dedup();
-        let (report, told) = Report::of(&axes);
+        let unreached = if order.axes.is_none() { self.unreached() } else { Vec::new() };
+        let (report, told) = Report::of(&axes, unreached);
         for (n, link) in self.0.links.iter().enumerate() {
             let its = axes.iter().map(|id| &self.0.axes[usize::from(*id)]);
             let axes: Vec<_> = its.filter(|s| s.link == n).map(|s| (s.place, 0)).collect();
@@ -439,6 +461,20 @@ impl Bench {
         // Every hand is called by now: none waits for the bytes of another's wire.
         self.0.links.iter().for_each(|link| link.wire.send_stops());
         Reply::of(told, Ok(()))
+    }
+
+    /// Owes an axis its stop no more, though nobody saw it stand. The journal keeps who said so, and why.
+    /// Done as well where it is owed none.
+    ///
+    /// The reply is `gateway.lease` when whoever takes it over does not hold its lease.
+    pub fn dismiss(&self, axis: u16, session: &Session, dismiss: DismissStop) -> Reply<()> {
+        let (tell, told) = oneshot::channel();
+        let asked = self.seat(axis).and_then(|(link, place)| {
+            let note = dismiss.note.chars().take(REASON_MAX).collect();
+            let (session, dismiss) = (session.clone(), DismissStop { note, ..dismiss });
+            link.wire.order(Order::Dismiss(Dismiss { axis: place, session, dismiss, tell }))
+        });
+        Reply::of(told, asked)
     }
 
     /// How often everything was stopped so far, for [`release`](Self::release).
@@ -506,6 +542,21 @@ impl Bench {
         })
     }
 
+    /// The simulation of a link, where it is simulated.
+    #[must_use]
+    pub fn simulation(&self, link: u16) -> Option<Simulation> {
+        let link = self.0.links.get(usize::from(link))?;
+        link.simulation().map(|(simulation, _)| simulation.clone())
+    }
+
+    /// Does in virtual time what hands and ears have to do now, which waits for nothing. For whoever
+    /// lets time pass in a link of his own while a question waits for its answer there: the threads of
+    /// a bench in real time do not wait for each other either. [`pass`](Self::pass) does this, too.
+    pub fn tend(&self) {
+        held(&self.0.by_hand).turn();
+        held(&self.0.ears).iter_mut().for_each(Ears::turn);
+    }
+
     /// Lets time pass: in virtual time everything that is due meanwhile is done, else it sleeps.
     pub fn pass(&self, span: Duration) {
         let Clock::Virtual(_) = &self.0.shared.clock else {
@@ -515,6 +566,7 @@ impl Bench {
         loop {
             self.0.links.iter().for_each(|link| while link.desk.work() {});
             held(&self.0.by_hand).turn();
+            held(&self.0.waiting).turn();
             held(&self.0.ears).iter_mut().for_each(Ears::turn);
             let left = end.since(self.0.shared.now()).min(STEP);
             if left.is_zero() {
@@ -525,17 +577,19 @@ impl Bench {
     }
 
     /// Stops what moves, and ends. Commands are refused from now on; the journal is still kept, until
-    /// it is [closed](Self::close_journal).
-    pub fn shutdown(&self) {
+    /// it is [closed](Self::close_journal). Returns who was not seen standing within 10 s: they are
+    /// still owed a stop, and their supply is to be cut.
+    pub fn shutdown(&self) -> Vec<String> {
         self.0.shared.close();
         self.0.links.iter().for_each(|link| link.wire.call());
         if !self.0.shared.clock.is_real() {
             let end = self.0.shared.now() + CLOSE_MAX;
             while self.0.shared.now() < end
-                && !held(&self.0.by_hand).hands.iter().all(Hand::is_over)
+                && !held(&self.0.by_hand).hands.iter().all(|hand| held(hand).is_over())
             {
                 self.pass(STEP);
             }
+            held(&self.0.by_hand).hands.iter().for_each(|hand| held(hand).leave());
         }
         let threads = std::mem::take(&mut *held(&self.0.threads));
         let own = std::thread::current().id();
@@ -543,6 +597,8 @@ impl Bench {
             // One that panicked is over as well.
             let _ = thread.join();
         });
+        self.0.links.iter().for_each(|link| self.leave_link(link));
+        self.0.shared.left()
     }
 
     /// Has all that was noted written, and ends the journal. Waits for its disk, but not for ever.
@@ -581,10 +637,16 @@ impl ByHand {
     fn turn(&mut self) {
         // What is announced is kept before hands look, what they did after.
         self.scribe.iter_mut().for_each(Scribe::turn);
-        for hand in &mut self.hands {
-            hand.turn();
+        for hand in &self.hands {
+            held(hand).turn();
         }
         self.scribe.iter_mut().for_each(Scribe::turn);
+    }
+}
+
+impl Waiting {
+    /// Asks what is due.
+    fn turn(&mut self) {
         for eyes in &mut self.eyes {
             eyes.sample();
             eyes.look();
@@ -629,11 +691,5 @@ fn not_simulated() -> Refused {
 impl Link {
     fn clash(&self) -> Option<Clash> {
         self.wire.clash().map(|message| Clash { link: self.id, message })
-    }
-
-    fn view(&self) -> crate::message::LinkView {
-        let lost = self.wire.lost();
-        let state = if lost.is_some() { LinkState::Lost } else { LinkState::Open };
-        crate::message::LinkView { state, reason: lost, load: self.load(), ..self.told() }
     }
 }

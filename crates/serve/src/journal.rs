@@ -146,6 +146,31 @@ impl Journal {
         self.written().records
     }
 
+    /// Axes that are owed a stop by what it says, by their link's connection string and their number.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn owed(&self) -> std::io::Result<Vec<(String, u32)>> {
+        let mut owed = Vec::new();
+        for line in BufReader::new(File::open(&self.path)?).lines() {
+            let line = line?;
+            // Most lines are about something else, and there may be many.
+            let is_meant = ["\"stop_owed\"", "\"stop_ended\""].iter().any(|d| line.contains(d));
+            let Some(record) = is_meant.then(|| serde_json::from_str::<JournalRecord>(&line).ok())
+            else {
+                continue;
+            };
+            let Some(JournalRecord { deed, detail, .. }) = record else { continue };
+            let number = detail["number"].as_u64().and_then(|number| u32::try_from(number).ok());
+            let (Some(link), Some(number)) = (detail["link"].as_str(), number) else { continue };
+            owed.retain(|axis: &(String, u32)| (&*axis.0, axis.1) != (link, number));
+            if deed == Deed::StopOwed {
+                owed.push((link.to_owned(), number));
+            }
+        }
+        Ok(owed)
+    }
+
     /// Records after the one of that number, or from the first; at most `count`, and [`RECORDS_MAX`].
     ///
     /// # Errors

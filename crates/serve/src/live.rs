@@ -36,8 +36,8 @@ use tokio_tungstenite::tungstenite::{Message, Utf8Bytes};
 use crate::api::{self, COMMAND, Needs, Shared};
 use crate::bench::Session;
 use crate::message::{
-    ClientMessage, CommandOrder, Ended, ErrorBody, LeaseAct, Outcome, PROTOCOL, Refused,
-    ServerMessage, StopOrder, Welcome,
+    ClientMessage, CommandOrder, DismissStop, Ended, ErrorBody, LeaseAct, Outcome, PROTOCOL,
+    Refused, ServerMessage, StopOrder, Welcome,
 };
 use crate::scope::Scope;
 use crate::session::Caller;
@@ -303,6 +303,7 @@ impl Viewer {
             }
             ClientMessage::Stop { axes, reason } => self.stop(StopOrder { axes, reason }),
             ClientMessage::Release => return self.release(locks),
+            ClientMessage::Dismiss { axis, dismiss } => return self.dismiss(axis, dismiss),
             ClientMessage::Command { axis, command } => return self.command(axis, command),
             ClientMessage::Lease { axis, act, epoch } => return self.lease(axis, act, epoch),
             shown => return self.show(shown, look),
@@ -339,7 +340,9 @@ impl Viewer {
     fn refused(&self, message: &ClientMessage, about: &str, refused: Refused) -> ServerMessage {
         match message {
             ClientMessage::Command { command, .. } => not_done(command.id.clone(), refused),
-            ClientMessage::Lease { axis, .. } => told(refused, Some(about), Some(*axis)),
+            ClientMessage::Lease { axis, .. } | ClientMessage::Dismiss { axis, .. } => {
+                told(refused, Some(about), Some(*axis))
+            }
             ClientMessage::Subscribe { channel, .. } => told(refused, Some(about), Some(*channel)),
             _ => told(refused, Some(about), None),
         }
@@ -373,6 +376,23 @@ impl Viewer {
             if let Err(refused) = released.await {
                 let _ = answers.send(Message::Text(text(&told(refused, about, None)))).await;
             }
+            drop(place);
+        });
+        None
+    }
+
+    fn dismiss(&self, axis: u16, dismiss: DismissStop) -> Option<ServerMessage> {
+        let Ok(place) = Arc::clone(&self.leasing).try_acquire_owned() else {
+            return Some(told(busy(), Some("dismiss"), Some(axis)));
+        };
+        let dismissed = self.gate.bench.dismiss(axis, &self.session, dismiss);
+        let answers = self.answers.clone();
+        tokio::spawn(async move {
+            let said = match dismissed.await {
+                Ok(()) => ServerMessage::Dismissed { axis },
+                Err(refused) => told(refused, Some("dismiss"), Some(axis)),
+            };
+            let _ = answers.send(Message::Text(text(&said))).await;
             drop(place);
         });
         None
@@ -499,6 +519,7 @@ fn about(message: &ClientMessage) -> (&'static str, Needs) {
         ClientMessage::Lease { .. } => ("lease", needs(COMMAND)),
         ClientMessage::Stop { .. } => ("stop", needs(&[Scope::Stop])),
         ClientMessage::Release => ("release", needs(&[Scope::Move])),
+        ClientMessage::Dismiss { .. } => ("dismiss", needs(&[Scope::Move])),
         ClientMessage::Ping { .. } => ("ping", needs(&[Scope::Read])),
         ClientMessage::Subscribe { .. } => ("subscribe", needs(&[Scope::Read])),
         ClientMessage::Unsubscribe { .. } => ("unsubscribe", needs(&[Scope::Read])),

@@ -69,7 +69,7 @@ impl Default for Metrics {
         registry.register("refusals", "Requests refused, by code", m.refusals.clone());
         registry.register("link", "What each link counted", m.link_counts.clone());
         registry.register("link_load_ratio", "How full a wire is", m.link_loads.clone());
-        registry.register("links_lost", "Links that went away", m.links_lost.clone());
+        registry.register("links_lost", "Links that are not open", m.links_lost.clone());
         registry.register("connections", "Open connections", m.connections.clone());
         registry.register("viewers", "Open WebSockets", m.viewers.clone());
         registry.register("dropped", "Samples and frames not sent", m.dropped.clone());
@@ -109,7 +109,7 @@ impl Metrics {
                 self.link_loads.get_or_create(&of("load")).set(load);
             }
         }
-        let lost = bench.links.iter().filter(|link| link.state == LinkState::Lost).count();
+        let lost = bench.links.iter().filter(|link| link.state != LinkState::Open).count();
         self.links_lost.set(i64::try_from(lost).unwrap_or(i64::MAX));
         let mut text = String::new();
         if let Err(error) = prometheus_client::encoding::text::encode(&mut text, &self.registry) {

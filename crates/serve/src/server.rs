@@ -46,6 +46,8 @@ const BREATH: Duration = Duration::from_millis(20);
 const TOKENS: &str = "tokens";
 /// The journal's.
 const JOURNAL: &str = "journal.jsonl";
+/// That of browsers that are logged in.
+const SESSIONS: &str = "sessions";
 
 /// A server that runs.
 pub struct Server {
@@ -58,6 +60,7 @@ pub struct Server {
     url: String,
     fingerprint: Option<String>,
     cut: u64,
+    owed: Vec<(String, u32)>,
     end: watch::Sender<bool>,
 }
 
@@ -105,11 +108,14 @@ impl Server {
         let grants = token::load(&options.folder.join(TOKENS))?;
         let tls = if options.tls { Some(tls::load(options)?) } else { None };
         let (listener, address) = listen(options.bind)?;
-        let (journal, cut) = Journal::open(&options.folder.join(JOURNAL))?;
+        let path = options.folder.join(JOURNAL);
+        let (journal, cut) = Journal::open(&path)?;
+        let owed = journal.owed().map_err(|error| Refusal::file(&path, "read", &error))?;
         let journal = Arc::new(journal);
         let opened = bench::Options {
             connector,
             last_epoch: journal.count(),
+            owed_before: owed.clone(),
             journal: Arc::<Journal>::clone(&journal),
             ..bench::Options::default()
         };
@@ -120,7 +126,8 @@ impl Server {
             "scopes": options.scopes.iter().collect::<Vec<_>>(), "cut": cut,
         });
         bench.note("server", Deed::Started, detail).wait()?;
-        let door = Door::new(grants, options.scopes, address.port(), options.tls);
+        let door = Door::new(grants, options.scopes, address.port(), options.tls)
+            .keeping(&options.folder.join(SESSIONS));
         let hosts = Hosts::new(options.scheme(), address.ip(), address.port(), &options.names);
         let once = door.once()?.reveal();
         // Encrypted, who shows shares the cipher with who reads, and must not be put off with it.
@@ -143,7 +150,7 @@ impl Server {
         let shown = SocketAddr::new(shown(address), address.port());
         let url = format!("{}://{shown}/?once={once}", options.scheme());
         let runtimes = Some(runtimes);
-        Ok(Self { runtimes, board, gate, address, url, fingerprint, cut, end })
+        Ok(Self { runtimes, board, gate, address, url, fingerprint, cut, owed, end })
     }
 
     /// Where it listens.
@@ -170,6 +177,13 @@ impl Server {
         self.cut
     }
 
+    /// Axes that the server before owed a stop when it ended, by connection string and number: those
+    /// that are there are stopped now.
+    #[must_use]
+    pub fn owed(&self) -> &[(String, u32)] {
+        &self.owed
+    }
+
     /// What it serves.
     #[must_use]
     pub fn bench(&self) -> &Bench {
@@ -182,21 +196,22 @@ impl Server {
         Stopper(self.end.clone())
     }
 
-    /// Waits until somebody ends it, then stops what moves and closes everything.
-    pub fn wait(mut self) {
+    /// Waits until somebody ends it, then stops what moves and closes everything. Returns who was not
+    /// seen standing: see [`Bench::shutdown`].
+    pub fn wait(mut self) -> Vec<String> {
         if let Some(Runtimes { door, .. }) = &self.runtimes {
             let mut end = self.end.subscribe();
             // The sender is ours: it lives.
             let _ = door.block_on(end.wait_for(|end| *end));
         }
-        self.close();
+        self.close()
     }
 
-    fn close(&mut self) {
-        let Some(Runtimes { door, hears, shows }) = self.runtimes.take() else { return };
+    fn close(&mut self) -> Vec<String> {
+        let Some(Runtimes { door, hears, shows }) = self.runtimes.take() else { return Vec::new() };
         self.end.send_replace(true);
         // What moves is stopped before anything is waited for that only shows.
-        self.gate.bench.shutdown();
+        let left = self.gate.bench.shutdown();
         if let Some((board, end)) = self.board.take() {
             // One that panicked is over as well.
             let _ = end.send(());
@@ -210,12 +225,14 @@ impl Server {
         door.shutdown_timeout(LEAVE_MAX);
         hears.shutdown_timeout(LEAVE_MAX);
         shows.shutdown_timeout(LEAVE_MAX);
+        left
     }
 }
 
 impl Drop for Server {
     fn drop(&mut self) {
-        self.close();
+        // Nobody is left to hear of it but the journal.
+        let _ = self.close();
     }
 }
 

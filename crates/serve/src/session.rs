@@ -1,7 +1,10 @@
 //! Who is calling: tokens as they are sent, and the cookies that stand for them in browsers.
 
+mod kept;
+
 use std::collections::{HashMap, VecDeque};
 use std::net::{IpAddr, SocketAddr};
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -12,6 +15,7 @@ use crate::message::{Proof, Refused, of_digits};
 use crate::refusal::Refusal;
 use crate::scope::Scopes;
 use crate::token::{Grant, Token};
+use kept::{Kept, Line};
 
 /// Browsers that are let in at once; the one that came in first has to log in again.
 const COOKIES_MAX: usize = 256;
@@ -43,15 +47,26 @@ pub struct Door {
     cookie: String,
     secure: bool,
     inside: Mutex<Inside>,
+    kept: Option<Kept>,
 }
 
 #[derive(Debug, Default)]
 struct Inside {
     /// By digest, so that looking one up tells nothing of the others.
-    cookies: HashMap<[u8; 32], (Caller, Instant)>,
+    cookies: HashMap<[u8; 32], Cookie>,
+    /// The one that came in first is first.
     order: VecDeque<[u8; 32]>,
-    once: Option<(Token, Caller)>,
+    once: Option<Token>,
     tries: VecDeque<(IpAddr, VecDeque<Instant>)>,
+}
+
+/// What a browser was given.
+#[derive(Debug)]
+struct Cookie {
+    caller: Caller,
+    /// Digest of the token that it came in by.
+    token: [u8; 32],
+    until: Instant,
 }
 
 impl Door {
@@ -62,7 +77,35 @@ impl Door {
             grant.scopes = grant.scopes.within(scopes);
         }
         let cookie = format!("polepair_{port}");
-        Self { grants, cookie, secure, inside: Mutex::default() }
+        Self { grants, cookie, secure, inside: Mutex::default(), kept: None }
+    }
+
+    /// Keeps who is let in in that file, and lets in whom it names: those whose token is still one of
+    /// ours, for what it grants now, until the end that they were told.
+    ///
+    /// A file that is not as it has to be lets nobody in, and is written anew with the next who comes:
+    /// a server that can stop motors is worth more.
+    #[must_use]
+    pub fn keeping(mut self, path: &Path) -> Self {
+        let kept = Kept::at(path);
+        let lines = kept.read(COOKIES_MAX).unwrap_or_else(|error| {
+            tracing::warn!(%error, "nobody is logged in from before");
+            Vec::new()
+        });
+        let now = clock::now();
+        let now_ms = wall_ms(now);
+        for Line { cookie, token, until_ms } in lines {
+            let left = Duration::from_millis(until_ms.saturating_sub(now_ms));
+            let grant = self.grants.iter().find(|grant| grant.token.digest() == token);
+            // An end further off than any that is given was not written by this clock.
+            let (Some(grant), false) = (grant, left.is_zero() || left > COOKIE_LASTS) else {
+                continue;
+            };
+            let caller = Caller { by_cookie: true, ..caller(grant) };
+            self.lock().let_in(cookie, Cookie { caller, token, until: now + left });
+        }
+        self.kept = Some(kept);
+        self
     }
 
     /// A new token that lets a browser in once, as whoever the first token is for. The one before it
@@ -72,8 +115,7 @@ impl Door {
     /// When there is no randomness.
     pub fn once(&self) -> Result<Token, Refusal> {
         let token = Token::new()?;
-        let caller = self.grants.first().map(caller);
-        self.lock().once = caller.map(|caller| (token.clone(), caller));
+        self.lock().once = Some(token.clone());
         Ok(token)
     }
 
@@ -91,7 +133,7 @@ impl Door {
             let given = text.strip_prefix("Bearer ").and_then(Token::parse);
             // A right token is never kept waiting by wrong ones: a stop may hang on it.
             return match given.and_then(|token| self.granted(&token)) {
-                Some(caller) => Ok(caller),
+                Some(grant) => Ok(caller(grant)),
                 None => Err(self.wrong(peer)),
             };
         }
@@ -105,18 +147,19 @@ impl Door {
         })
     }
 
-    /// Lets a browser in by a token. Returns who it is and the cookie that says so.
+    /// Lets a browser in by a token. Returns who it is and the cookie that says so. Waits for the disk
+    /// where it is [kept](Self::keeping).
     ///
     /// # Errors
     /// As [`who`](Self::who).
     pub fn login(&self, text: &str, peer: IpAddr) -> Result<(Caller, String), Refused> {
         self.may_try(peer)?;
         let given = Token::parse(text).and_then(|token| self.granted(&token));
-        let caller = given.ok_or_else(|| self.wrong(peer))?;
-        self.let_in(caller)
+        let grant = given.ok_or_else(|| self.wrong(peer))?;
+        self.let_in(grant)
     }
 
-    /// Lets a browser in by the token that is good once.
+    /// Lets a browser in by the token that is good once. Waits likewise.
     ///
     /// # Errors
     /// As [`who`](Self::who).
@@ -125,13 +168,13 @@ impl Door {
         let given = Token::parse(text);
         let taken = {
             let mut inside = self.lock();
-            let is = |(once, _): &(Token, Caller)| given.as_ref().is_some_and(|g| g.is(once));
+            let is = |once: &Token| given.as_ref().is_some_and(|given| given.is(once));
             if inside.once.as_ref().is_some_and(is) { inside.once.take() } else { None }
         };
-        let (_, caller) = taken.ok_or_else(|| {
+        let grant = taken.and(self.grants.first()).ok_or_else(|| {
             self.wrong(peer).hint("it is good once: start the server again for another one")
         })?;
-        self.let_in(caller)
+        self.let_in(grant)
     }
 
     /// What shows that this is the server of the file's first token, to who asks at that address.
@@ -146,37 +189,40 @@ impl Door {
         Ok(Proof { proof: first.token.proof(&challenge, address) })
     }
 
-    fn granted(&self, token: &Token) -> Option<Caller> {
+    fn granted(&self, token: &Token) -> Option<&Grant> {
         // All are compared, so that the time taken does not tell which.
-        let found = self
-            .grants
+        self.grants
             .iter()
-            .fold(None, |found, grant| if grant.token.is(token) { Some(grant) } else { found });
-        found.map(caller)
+            .fold(None, |found, grant| if grant.token.is(token) { Some(grant) } else { found })
     }
 
     fn known(&self, token: &Token) -> Option<Caller> {
         let inside = self.lock();
-        let (caller, until) = inside.cookies.get(&token.digest())?;
+        let Cookie { caller, until, .. } = inside.cookies.get(&token.digest())?;
         (clock::now() < *until).then(|| caller.clone())
     }
 
-    fn let_in(&self, caller: Caller) -> Result<(Caller, String), Refused> {
-        let token =
+    fn let_in(&self, grant: &Grant) -> Result<(Caller, String), Refused> {
+        let value =
             Token::new().map_err(|error| Refused::new("gateway.busy", error.to_string()))?;
-        let mut inside = self.lock();
-        if inside.order.len() == COOKIES_MAX
-            && let Some(first) = inside.order.pop_front()
-        {
-            inside.cookies.remove(&first);
-        }
-        inside.order.push_back(token.digest());
-        let caller = Caller { by_cookie: true, ..caller };
-        inside.cookies.insert(token.digest(), (caller.clone(), clock::now() + COOKIE_LASTS));
+        let caller = Caller { by_cookie: true, ..caller(grant) };
+        let (token, until) = (grant.token.digest(), clock::now() + COOKIE_LASTS);
+        let cookie = Cookie { caller: caller.clone(), token, until };
+        self.lock().let_in(value.digest(), cookie);
+        self.keep();
         let secure = if self.secure { "; Secure" } else { "" };
-        let (name, value, lasts) = (&self.cookie, token.reveal(), COOKIE_LASTS.as_secs());
+        let (name, value, lasts) = (&self.cookie, value.reveal(), COOKIE_LASTS.as_secs());
         let rest = format!("Path=/; Max-Age={lasts}; HttpOnly; SameSite=Strict{secure}");
         Ok((caller, format!("{name}={value}; {rest}")))
+    }
+
+    /// Writes down who is let in. Where that cannot be, they log in again once the server has ended.
+    fn keep(&self) {
+        let Some(kept) = &self.kept else { return };
+        // Who asks whether somebody may stop has the same lock: no disk is waited for under it.
+        if let Err(error) = kept.write(|| self.lock().lines(clock::now())) {
+            tracing::warn!(%error, "who is logged in is forgotten when the server ends");
+        }
     }
 
     /// Refuses an address that gave too many wrong tokens.
@@ -215,6 +261,36 @@ impl Door {
     }
 }
 
+impl Inside {
+    fn let_in(&mut self, digest: [u8; 32], cookie: Cookie) {
+        if self.order.len() == COOKIES_MAX
+            && let Some(first) = self.order.pop_front()
+        {
+            self.cookies.remove(&first);
+        }
+        self.order.push_back(digest);
+        self.cookies.insert(digest, cookie);
+    }
+
+    /// Whose time is not over, as the file has them.
+    fn lines(&self, now: Instant) -> Vec<Line> {
+        let known =
+            self.order.iter().filter_map(|digest| Some((digest, self.cookies.get(digest)?)));
+        known
+            .filter(|(_, cookie)| now < cookie.until)
+            .map(|(digest, &Cookie { token, until, .. })| Line {
+                cookie: *digest,
+                token,
+                until_ms: wall_ms(until),
+            })
+            .collect()
+    }
+}
+
+fn wall_ms(at: Instant) -> u64 {
+    clock::wall_ns(at) / 1_000_000
+}
+
 fn caller(grant: &Grant) -> Caller {
     Caller { name: grant.name.clone(), scopes: grant.scopes, by_cookie: false }
 }
@@ -225,69 +301,4 @@ fn too_many() -> Refused {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scope::Scope;
-
-    const PEER: IpAddr = IpAddr::V4(std::net::Ipv4Addr::new(192, 0, 2, 1));
-
-    fn door() -> (Door, String) {
-        let token = Token::new().unwrap();
-        let text = token.reveal();
-        let scopes: Scopes = "read,stop,move".parse().unwrap();
-        let grant = Grant { token, scopes, name: "ann".into() };
-        (Door::new(vec![grant], "read,move,raw".parse().unwrap(), 80, false), text)
-    }
-
-    #[test]
-    fn a_token_and_its_cookie_grant_what_both_token_and_server_do() {
-        let (door, text) = door();
-        let bearer = format!("Bearer {text}");
-        let caller = door.who(Some(&bearer), &[], PEER).unwrap();
-        assert_eq!((&*caller.name, caller.by_cookie), ("ann", false));
-        assert!(caller.scopes.allow(Scope::Move) && !caller.scopes.allow(Scope::Stop));
-        let (_, cookie) = door.login(&text, PEER).unwrap();
-        assert!(cookie.contains("HttpOnly") && cookie.contains("SameSite=Strict"));
-        let pair = cookie.split(';').next().unwrap();
-        let other = format!("other=1; {pair}");
-        let inside = door.who(None, &[&other], PEER).unwrap();
-        assert!(inside.by_cookie && inside.scopes == caller.scopes);
-        assert!(door.who(None, &[&pair[..pair.len() - 1]], PEER).is_err());
-        assert!(!cookie.contains(&text), "the cookie is not the token");
-    }
-
-    #[test]
-    fn a_token_that_is_good_once_is_good_once() {
-        let (door, text) = door();
-        let once = door.once().unwrap().reveal();
-        assert!(door.login_once(&text, PEER).is_err(), "the other token is not that");
-        assert!(door.login_once(&once, PEER).is_ok());
-        assert_eq!(door.login_once(&once, PEER).unwrap_err().code, "gateway.token");
-    }
-
-    #[test]
-    fn wrong_tokens_are_counted_by_address_and_right_ones_still_stop() {
-        let (door, text) = door();
-        for _ in 0..TRIES_MAX {
-            assert_eq!(door.login(&"0".repeat(64), PEER).unwrap_err().code, "gateway.token");
-        }
-        assert_eq!(door.login(&text, PEER).unwrap_err().code, "gateway.limit");
-        let bearer = format!("Bearer {text}");
-        assert!(door.who(Some(&bearer), &[], PEER).is_ok());
-        assert_eq!(door.who(Some("Bearer x"), &[], PEER).unwrap_err().code, "gateway.limit");
-        let other = IpAddr::V4(std::net::Ipv4Addr::new(192, 0, 2, 2));
-        assert!(door.login(&text, other).is_ok());
-    }
-
-    #[test]
-    fn browsers_are_let_in_up_to_a_number() {
-        let (door, text) = door();
-        let first = door.login(&text, PEER).unwrap().1;
-        for _ in 0..COOKIES_MAX {
-            door.login(&text, PEER).unwrap();
-        }
-        let pair = first.split(';').next().unwrap();
-        assert!(door.who(None, &[pair], PEER).is_err());
-        assert_eq!(door.lock().cookies.len(), COOKIES_MAX);
-    }
-}
+mod tests;

@@ -48,11 +48,7 @@ impl Token {
     /// Its hexadecimal digits. For the file, the URL and the cookie alone.
     #[must_use]
     pub fn reveal(&self) -> String {
-        self.0.iter().fold(String::with_capacity(2 * BYTES), |mut text, byte| {
-            // Writing into a String cannot fail.
-            let _ = write!(text, "{byte:02x}");
-            text
-        })
+        digits(&self.0)
     }
 
     /// Whether both are the same; takes as long whatever differs.
@@ -78,6 +74,15 @@ impl fmt::Debug for Token {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Token")
     }
+}
+
+/// Bytes as hexadecimal digits; `of_digits` reads them.
+pub(crate) fn digits(bytes: &[u8; BYTES]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * BYTES), |mut text, byte| {
+        // Writing into a String cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }
 
 /// A token, and what it grants to whom.

@@ -8,8 +8,8 @@ use std::time::Duration;
 use patience::{MS, heard, order};
 use polepair_serve::bench::{Bench, Journal, Note, Options, Reply, Session};
 use polepair_serve::message::{
-    CommandOrder, Deed, Ended, Given, LeaseAct, Outcome, Refused, StopClass, StopOrder,
-    WriteParameters,
+    CommandOrder, Deed, Ended, Given, LeaseAct, Outcome, Refused, SetWatchdog, StopClass,
+    StopOrder, WatchdogSet, WriteParameters,
 };
 
 /// A bench of simulated drives in virtual time, and a client.
@@ -168,7 +168,7 @@ fn closing_and_a_client_that_goes_stop_what_moves() {
         assert!(desk.speed() > 5.0);
         match how {
             "gone" => desk.bench.gone(&ann),
-            "closing" => desk.bench.shutdown(),
+            "closing" => assert!(desk.bench.shutdown().is_empty()),
             _ => drop(desk.hear(desk.bench.lease(0, &ann, LeaseAct::Drop, epoch)).unwrap()),
         }
         // Less than a lease lasts: it was not that which ended it.
@@ -207,6 +207,49 @@ fn parameters_are_planned_written_under_a_lease_and_never_move() {
     let moves = infos.iter().find(|info| info.moves && info.readable).expect("it has one");
     let refused = desk.hear(desk.bench.apply(0, &ann, one(&moves.name, "1"))).unwrap_err();
     assert_eq!(refused.code, "E219");
+}
+
+#[test]
+fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
+    let ann: Session = "ann".into();
+    for (url, parameter) in [
+        ("sim:tmcl?time=virtual", "serial heartbeat"),
+        ("sim:cia402:5?heartbeat=100&time=virtual", "consumer heartbeat"),
+    ] {
+        let kept = Arc::new(Kept::default());
+        let options = Options { journal: kept.clone(), ..Options::default() };
+        let desk = Desk { bench: Bench::open(&[url.into()], options).unwrap(), ids: 0 };
+        let half = |epoch| SetWatchdog { after_ms: Some(500.0), epoch };
+        let told = desk.hear(desk.bench.watchdog(0)).unwrap();
+        assert_eq!((told.set, told.after_ms), (WatchdogSet::Off, None), "{told:?}");
+        assert_eq!(told.parameter.as_deref(), Some(parameter));
+        assert!(!told.caution.is_empty() && !told.rule.is_empty(), "{told:?}");
+        let refused = desk.hear(desk.bench.set_watchdog(0, &ann, half(0))).unwrap_err();
+        assert_eq!(refused.code, "gateway.lease", "{url}");
+        let epoch = desk.take(&ann, 0);
+        let never = SetWatchdog { after_ms: Some(-1.0), epoch };
+        assert_eq!(desk.hear(desk.bench.set_watchdog(0, &ann, never)).unwrap_err().code, "E217");
+        *kept.full.lock().unwrap() = true;
+        let refused = desk.hear(desk.bench.set_watchdog(0, &ann, half(epoch))).unwrap_err();
+        assert_eq!(refused.executed, Some(false), "{url}: {refused:?}");
+        *kept.full.lock().unwrap() = false;
+        let told = desk.hear(desk.bench.watchdog(0)).unwrap();
+        assert_eq!(told.set, WatchdogSet::Off, "{url}: what the journal does not keep is not done");
+        let told = desk.hear(desk.bench.set_watchdog(0, &ann, half(epoch))).unwrap();
+        assert_eq!((told.set, told.after_ms), (WatchdogSet::On, Some(500.0)), "{url}: {told:?}");
+        let written = ("ann".to_owned(), Deed::Parameters);
+        assert!(kept.notes.lock().unwrap().contains(&written), "{url}");
+        assert_eq!(desk.hear(desk.bench.watchdog(0)).unwrap(), told);
+        let off = SetWatchdog { after_ms: None, epoch };
+        let told = desk.hear(desk.bench.set_watchdog(0, &ann, off)).unwrap();
+        assert_eq!(told.set, WatchdogSet::Off, "{url}: {told:?}");
+    }
+    let desk = Desk::new("sim:modbus-rtu?time=virtual");
+    let epoch = desk.take(&ann, 0);
+    assert_eq!(desk.hear(desk.bench.watchdog(0)).unwrap().set, WatchdogSet::None);
+    let half = SetWatchdog { after_ms: Some(500.0), epoch };
+    let refused = desk.hear(desk.bench.set_watchdog(0, &ann, half)).unwrap_err();
+    assert_eq!((&*refused.code, refused.executed), ("E218", Some(false)));
 }
 
 /// Keeps what it is told, or refuses it.

@@ -153,6 +153,18 @@ impl Watch {
         frames(dissector, bytes, fresh, Direction::ToDrive)
             .any(|frame| !world.was_meant(self.wire, drive, frame))
     }
+
+    /// Whether what `drive` heard last passes every check of its protocol as a frame that was not
+    /// sent: it was changed on the way.
+    #[must_use]
+    pub fn mistook(&self, world: &World, drive: NodeId) -> bool {
+        let (bytes, fresh) = world.heard(self.wire, drive);
+        let Some(dissector) = self.dissector else { return false };
+        let mut last = frames(dissector, bytes, fresh, Direction::ToDrive)
+            .filter(|frame| frame.end == bytes.len())
+            .peekable();
+        last.peek().is_some() && last.all(|frame| !world.was_meant(self.wire, drive, frame))
+    }
 }
 
 /// Where every frame is that passes its check, wherever it begins, and ends behind `fresh`.

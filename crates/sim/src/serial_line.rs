@@ -36,15 +36,21 @@ pub struct Serial {
     pub echo: bool,
     /// Every station is as good as set to this baud rate; each to its own if `None`.
     pub baud: Option<u32>,
+    /// The host's adapter hands bytes on at multiples of so many ms: 16 as an FTDI from the factory, 0
+    /// at once.
+    pub latency_ms: u8,
 }
 
 impl Serial {
     /// RS-232 with byte timing.
-    pub const RS232: Self = Self { duplex: Duplex::Full, timed: true, echo: false, baud: None };
+    pub const RS232: Self =
+        Self { duplex: Duplex::Full, timed: true, echo: false, baud: None, latency_ms: 0 };
     /// RS-485 with byte timing, without echo.
-    pub const RS485: Self = Self { duplex: Duplex::Half, timed: true, echo: false, baud: None };
+    pub const RS485: Self =
+        Self { duplex: Duplex::Half, timed: true, echo: false, baud: None, latency_ms: 0 };
     /// A pty or TCP connection: no timing, no baud rate.
-    pub const UNTIMED: Self = Self { duplex: Duplex::Full, timed: false, echo: false, baud: None };
+    pub const UNTIMED: Self =
+        Self { duplex: Duplex::Full, timed: false, echo: false, baud: None, latency_ms: 0 };
 }
 
 /// What the world knows of a transmission and no station sees.
@@ -294,7 +300,8 @@ impl SerialWire {
         let line = SerialLine { baud: self.set.baud.unwrap_or(line.baud), ..line };
         let character_ns = if self.set.timed { line.characters_ns(1) } else { 0 };
         let reply = !self.plugs[from].head;
-        let begin = now.max(self.plugs[from].busy_until).plus_ns(self.lateness(reply));
+        // Late replies wait side by side: none is later than the latest, but for the others' bytes.
+        let begin = now.plus_ns(self.lateness(reply)).max(self.plugs[from].busy_until);
         let mut chunk =
             Chunk { wire, from, start: begin, character_ns, line, label, bytes: Vec::new() };
         let mut meant = std::mem::take(&mut self.scratch);
@@ -497,7 +504,7 @@ impl SerialWire {
         if self.plugs[from].head {
             return end;
         }
-        let period = u64::from(self.faults.latency_ms) * 1_000_000;
+        let period = u64::from(self.faults.latency_ms.max(self.set.latency_ms)) * 1_000_000;
         let looks = if period == 0 { end } else { Instant(end.0.div_ceil(period) * period) };
         self.handed_on = self.handed_on.max(looks);
         self.handed_on

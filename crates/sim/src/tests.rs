@@ -72,6 +72,30 @@ fn ask(link: &mut SimLink, bytes: &[u8]) -> (Instant, Vec<u8>) {
     (at, buffer[..count].to_vec())
 }
 
+/// Swarm serial:3523, 7838, 15278: lateness added up, so that a drive answered for seconds what was
+/// asked before the wire was well again.
+#[test]
+fn no_late_reply_is_later_than_the_latest() {
+    let mut world = World::new(3);
+    let wire = world.serial(Serial::RS232);
+    let node = world.add(Box::new(Lone(Answerer::new(9600))));
+    world.plug_drive(wire, node, 0);
+    let mut link = SimLink::new(world, wire);
+    link.set_line(SerialLine::n81(9600));
+    let faults = Faults { late: Ppm::ALWAYS, latest_ms: 200, patience_ms: 100, ..Faults::NONE };
+    *link.world().faults(wire).expect("a serial wire") = faults;
+    for at in (0..1_000).step_by(10) {
+        link.send(Instant::ZERO.plus_ms(at), &[at as u8]);
+    }
+    link.world().run_until(Instant::ZERO.plus_ms(1_300));
+    let (mut buffer, mut last, mut count) = ([0; 64], Instant::ZERO, 0);
+    while let Some((at, bytes)) = link.receive(&mut buffer) {
+        (last, count) = (at, count + bytes);
+    }
+    assert_eq!(count, 100);
+    assert!(last <= Instant::ZERO.plus_ms(990 + 200 + 10), "{last:?}");
+}
+
 #[test]
 fn bytes_take_their_time() {
     let (at, bytes) = ask(&mut link(Serial::RS232, 9600, 1), &[1, 2, 3]);

@@ -1,6 +1,6 @@
 //! `polepair config save|diff|apply URL [FILE]`
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -13,7 +13,7 @@ use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::session::{Session, signal};
 use crate::target::{Format, Target};
-use crate::terminal::{Output, Table, colour_out, say};
+use crate::terminal::{self, Output, Table, colour_out, say};
 
 /// Keeps drives' settings in a file that people review: sorted, with units, one line each.
 #[derive(Subcommand, Debug)]
@@ -169,6 +169,7 @@ impl Apply {
         let mut out = Output::stdout();
         for axis in session.axes() {
             let mut changes = changes(&session, axis, &file)?;
+            // A stable order: what scales others stays before them.
             changes.sort_by_key(|change| change.reach);
             if !changes.is_empty() {
                 let text = table(&session, axis, &changes, ["now", "becomes"]);
@@ -222,8 +223,7 @@ impl Apply {
             return Err(refused("nobody is there to agree.").hint("--yes writes without asking"));
         }
         let kept = if self.store { " and keep them over power-off" } else { "" };
-        eprint!("write {count} settings{kept}? [y/N] ");
-        let _ = std::io::stderr().flush();
+        terminal::draw(&format!("write {count} settings{kept}? [y/N] "));
         let mut answer = String::new();
         let read = std::io::stdin().read_line(&mut answer).is_ok();
         if read && matches!(answer.trim(), "y" | "Y" | "yes") {
@@ -247,6 +247,18 @@ impl Apply {
                         .hint("polepair config diff shows what is still to do"));
                 }
                 written += 1;
+                // The others were converted by it.
+                if axis.scales(change.id) {
+                    let kept = axis.read(change.id).map_err(outcome::error)?;
+                    if kept != change.wanted.raw {
+                        let name = names(axis, [change]).join("");
+                        let what = format!("the drive did not keep {name}.");
+                        return Err(Problem::new(Exit::Negative, "E111", what).why(format!(
+                            "Other settings are scaled by it: {written} of {count} were written, \
+                             and no more."
+                        )));
+                    }
+                }
             }
         }
         let mut differing = Vec::new();
@@ -289,11 +301,15 @@ fn shown<T>(
     let live = std::io::stderr().is_terminal();
     let done = read(&mut |done, of| {
         if live {
-            eprint!("\r\x1b[K{}: reading setting {} of {of}", axis.label(), done + 1);
+            terminal::draw(&format!(
+                "\r\x1b[K{}: reading setting {} of {of}",
+                axis.label(),
+                done + 1
+            ));
         }
     });
     if live {
-        eprint!("\r\x1b[K");
+        terminal::draw("\r\x1b[K");
     }
     done.map_err(outcome::error)
 }

@@ -307,12 +307,12 @@ impl Actor {
                 }
             }
             if !headless {
-                eprint!("\r\x1b[K  | {line}");
+                terminal::draw(&format!("\r\x1b[K  | {line}"));
             }
             pause(50);
         }
         if !headless {
-            eprint!("\r\x1b[K");
+            terminal::draw("\r\x1b[K");
         }
         Ok(())
     }

@@ -1,24 +1,30 @@
 //! `polepair doctor [URL]`
 
+use std::io::IsTerminal as _;
+
 use clap::Args;
 use polepair::Connector;
 use polepair::doctor::{self, Check, Grade, Options};
 use polepair_capture::jsonl;
 
+use crate::cmd::watchdog::span;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{Output, colour_out};
+use crate::session::Session;
+use crate::terminal::{Output, colour_out, draw};
 
 /// Looks for what is wrong, from the cable up, and says what to try.
 ///
 /// Without a URL: this machine's adapters and configuration. With one: that link, step by step.
-/// Nothing is moved or written. The exit code is that of the worst check that is wrong.
+/// Nothing is moved or written, but by --prove-watchdog. The exit code is that of the worst check that
+/// is wrong.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair doctor
   polepair doctor tmcl+serial:///dev/ttyUSB0:9600#1
-  polepair doctor modbus-rtu+serial:///dev/ttyUSB0 --try-bauds")]
+  polepair doctor modbus-rtu+serial:///dev/ttyUSB0 --try-bauds
+  polepair doctor sim:tmcl --prove-watchdog=500ms --yes")]
 pub struct Doctor {
     /// The link: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
     #[arg(value_name = "URL")]
@@ -26,6 +32,13 @@ pub struct Doctor {
     /// Where nobody answers, ask at other baud rates too, by reads
     #[arg(long, requires = "url")]
     try_bauds: bool,
+    /// Turn the motor, which must be free, fall silent, and see whether the drive stops it by itself;
+    /// with a time its watchdog is set to that first
+    #[arg(long, requires = "url", value_name = "TIME", num_args = 0..=1, require_equals = true)]
+    prove_watchdog: Option<Option<String>>,
+    /// Do not ask before the motor turns
+    #[arg(short, long, requires = "prove_watchdog")]
+    yes: bool,
     /// How the checks are printed
     #[arg(long, value_enum, default_value_t = Shape::Text)]
     format: Shape,
@@ -46,15 +59,68 @@ impl Doctor {
     pub fn run(self) -> Result {
         let connector = self.profiles.connector()?;
         let mut worst = None;
-        self.look(&connector, &mut |check| {
+        let mut hear = |check: Check| {
             worst = worst.max((check.grade == Grade::Wrong).then_some(check.exit));
             show(&check, self.format)
-        })?;
+        };
+        self.look(&connector, &mut hear)?;
+        if let (Some(url), Some(time)) = (&self.url, &self.prove_watchdog) {
+            self.prove(&connector, url, time.as_deref(), &mut hear)?;
+        }
         match worst {
             None => Ok(Exit::Ok),
             // The checks said what there is to say.
             Some(exit) => Err(Problem::new(exit, "", "")),
         }
+    }
+
+    /// Turns motors, falls silent, and tells whether their drives stopped them.
+    fn prove(
+        &self,
+        connector: &Connector,
+        url: &str,
+        time: Option<&str>,
+        show: &mut dyn FnMut(Check) -> Result<()>,
+    ) -> Result<()> {
+        let after = time.map(span).transpose()?.flatten();
+        if time.is_some() && after.is_none() {
+            return Err(Problem::usage("E217", "a watchdog that is off stops nothing."));
+        }
+        let link = connector.connect(url).map_err(outcome::error)?;
+        let session = Session { link, url: url.to_owned() };
+        self.consent(&session)?;
+        session.listen();
+        let mut shown = Ok(());
+        for axis in session.axes() {
+            let mut hear = |check| {
+                if shown.is_ok() {
+                    shown = show(check);
+                }
+            };
+            doctor::prove_watchdog(axis, after, &mut hear).map_err(outcome::error)?;
+        }
+        shown
+    }
+
+    /// A motor turns only if somebody agrees.
+    fn consent(&self, session: &Session) -> Result<()> {
+        if self.yes {
+            return Ok(());
+        }
+        let refused = |what: &str| Problem::usage("E247", what).why("Nothing was moved.");
+        if !std::io::stdin().is_terminal() {
+            return Err(refused("nobody is there to agree.").hint("--yes turns it without asking"));
+        }
+        for axis in session.axes() {
+            let speed = doctor::proving_speed(axis.profile().axis);
+            draw(&format!("{} will turn at {speed}: is it free? [y/N] ", axis.label()));
+            let mut answer = String::new();
+            let read = std::io::stdin().read_line(&mut answer).is_ok();
+            if !read || !matches!(answer.trim(), "y" | "Y" | "yes") {
+                return Err(refused("not agreed."));
+            }
+        }
+        Ok(())
     }
 
     fn look(&self, connector: &Connector, show: &mut dyn FnMut(Check) -> Result<()>) -> Result<()> {

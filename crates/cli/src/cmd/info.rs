@@ -6,12 +6,11 @@ use polepair_client::message::{AxisInfo, AxisState};
 use polepair_core::profile::{Severity, Signal};
 
 use crate::joined::{self, Joined};
-use crate::motion;
 use crate::outcome;
-use crate::problem::{Exit, Result};
+use crate::problem::{Exit, Problem, Result};
 use crate::session::signal;
 use crate::target::Target;
-use crate::terminal::{Output, Table};
+use crate::terminal::{Output, Table, say};
 
 /// Shows who a drive is, what it does, and its faults in words.
 #[derive(Args, Debug)]
@@ -26,14 +25,39 @@ pub struct Info {
 
 impl Info {
     pub fn run(self) -> Result {
-        let session = self.target.open()?;
+        let (session, mut failed) = self.target.open_present()?;
         session.listen();
         let mut out = Output::stdout();
+        let mut shown = 0;
         for axis in session.axes() {
-            out.buffer().extend_from_slice(describe(axis)?.as_bytes());
+            match describe(axis) {
+                Ok(text) => {
+                    out.buffer().extend_from_slice(text.as_bytes());
+                    shown += 1;
+                }
+                // Without its link there is nobody left to be asked.
+                Err(problem) if matches!(problem.exit, Exit::Adapter | Exit::Interrupted) => {
+                    out.flush()?;
+                    return Err(problem);
+                }
+                Err(problem) => failed.push(problem),
+            }
         }
         out.flush()?;
-        Ok(Exit::Ok)
+        missing(failed, shown)
+    }
+}
+
+/// What became of several axes of which some could not be asked.
+fn missing(mut failed: Vec<Problem>, shown: usize) -> Result {
+    match (failed.len(), shown) {
+        (0, _) => Ok(Exit::Ok),
+        (_, 0) => Err(failed.remove(0)),
+        (count, _) => {
+            failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
+            let what = format!("{count} of {} axes could not be asked.", count + shown);
+            Err(Problem::new(Exit::Partial, "E704", what).why("The others are shown."))
+        }
     }
 }
 
@@ -62,11 +86,16 @@ fn served(axis: &AxisInfo, state: &AxisState) -> String {
         let flag = [Signal::Enabled, Signal::Moving, Signal::Reached];
         let shown = match read.value {
             None => "not known".to_owned(),
+            // Its speed says it as well as the drive's own flag.
+            Some(_) if read.signal == Signal::Moving.name() => match state.moving {
+                Some(true) => "yes".to_owned(),
+                _ => "no".to_owned(),
+            },
             Some(value) if flag.iter().any(|flag| flag.name() == read.signal) => {
                 if value != 0.0 { "yes" } else { "no" }.to_owned()
             }
             Some(_) if read.signal == Signal::Mode.name() => state.mode.clone().unwrap_or_default(),
-            Some(value) => joined::shown(value, &read.unit),
+            Some(value) => joined::signal_shown(axis, &read.signal, value, &read.unit),
         };
         let age = match read.age_ms > OLD_MS {
             true => format!(" ({:.1} s old)", read.age_ms / 1e3),
@@ -102,7 +131,7 @@ fn describe(axis: &Axis) -> Result<String> {
             row(signal.name(), shown);
         }
     }
-    row("watchdog", motion::watchdog(profile));
+    row("watchdog", watchdog(axis)?);
     let faults = faults(axis)?;
     if faults.is_empty() {
         row("faults", "none".to_owned());
@@ -110,13 +139,27 @@ fn describe(axis: &Axis) -> Result<String> {
     Ok(format!("{}: {}\n{}{faults}", axis.label(), profile.title, table.render(false)))
 }
 
+/// What the drive does when its host falls silent, and whether that is on now.
+fn watchdog(axis: &Axis) -> Result<String> {
+    let state = axis.watchdog().map_err(outcome::error)?;
+    let id = axis.watchdog_parameter();
+    let parameter = id.and_then(|id| axis.profile().parameter(id));
+    Ok(match parameter {
+        Some(parameter) => format!("{state} (`{}`)", parameter.name),
+        None => state.to_string(),
+    })
+}
+
 /// A signal's value in words or in its unit.
 pub fn shown(axis: &Axis, wanted: Signal) -> Result<Option<String>> {
     let flag = axis.profile().signal(wanted).is_some_and(|source| source.equals.is_some());
     let value = signal(axis, wanted)?;
-    Ok(value.map(|value| match flag {
-        true => if value.raw != 0 { "yes" } else { "no" }.to_owned(),
-        false => value.to_string(),
+    // Its speed, which was read before, says whether it moves as well as the drive's own flag.
+    let moving = || axis.moving(&axis.state()) == Some(true);
+    Ok(value.map(|value| match (wanted, flag) {
+        (Signal::Moving, _) => if moving() { "yes" } else { "no" }.to_owned(),
+        (_, true) => if value.raw != 0 { "yes" } else { "no" }.to_owned(),
+        (_, false) => value.to_string(),
     }))
 }
 

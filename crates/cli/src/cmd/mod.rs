@@ -6,6 +6,7 @@ mod convert;
 mod decode;
 mod demo;
 mod diff;
+mod dismiss;
 mod doctor;
 mod encode;
 mod explain;
@@ -29,19 +30,21 @@ mod summary;
 mod sync;
 mod verbs;
 mod watch;
+mod watchdog;
 
 use std::path::PathBuf;
+use std::sync::Once;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-use polepair::Connector;
-use polepair::config::Config;
+use polepair::{Connector, Error, FileError};
 use polepair_capture::Format;
 use polepair_core::profile::Profile;
 
 use crate::joined::{self, Join};
 use crate::outcome;
 use crate::problem::Result;
+use crate::terminal::say;
 
 /// Talk to motor drives, simulate them, and read what others said to them.
 ///
@@ -117,6 +120,8 @@ pub enum Verb {
     Disable(verbs::Disable),
     /// Bring motors to rest; without #AXES every axis on the link
     Stop(stop::Stop),
+    /// Owe axes of a server their stop no more, though nobody saw them stand
+    Dismiss(dismiss::Dismiss),
     /// Clear faults
     Clear(verbs::Clear),
     /// Turn a motor at a speed until Ctrl-C
@@ -137,6 +142,8 @@ pub enum Verb {
     Sync(sync::Sync),
     /// Show signals or parameters again and again
     Watch(watch::Watch),
+    /// Show or set what drives do by themselves when their host falls silent
+    Watchdog(watchdog::Watchdog),
     /// Show axes, frames and faults of a link, live
     Monitor(monitor::Options),
     /// Keep what passes on a link as a capture, and send nothing
@@ -174,6 +181,7 @@ fn joined(Arguments { join, verb, word }: Arguments) -> Result {
         Verb::Enable(verb) => verb.joined(&join.open()?),
         Verb::Disable(verb) => verb.joined(&join.open()?),
         Verb::Stop(verb) => verb.joined(join),
+        Verb::Dismiss(verb) => verb.joined(&join.open()?),
         Verb::Clear(verb) => verb.joined(&join.open()?),
         Verb::Spin(verb) => verb.joined(&join.open()?),
         Verb::Move(verb) => verb.joined(&join.open()?),
@@ -181,6 +189,7 @@ fn joined(Arguments { join, verb, word }: Arguments) -> Result {
         Verb::Home(verb) => verb.joined(&join.open()?),
         Verb::Jog(verb) => verb.joined(&join.open()?),
         Verb::Watch(verb) => verb.joined(&join.open()?),
+        Verb::Watchdog(verb) => verb.joined(&join.open()?),
         Verb::Monitor(verb) => verb.joined(&join.open()?),
         _ => Err(joined::no_such_verb(&word)),
     }
@@ -203,6 +212,7 @@ fn here(verb: Verb) -> Result {
         Verb::Enable(verb) => verb.run(),
         Verb::Disable(verb) => verb.run(),
         Verb::Stop(verb) => verb.run(),
+        Verb::Dismiss(verb) => verb.run(),
         Verb::Clear(verb) => verb.run(),
         Verb::Spin(verb) => verb.run(),
         Verb::Move(verb) => verb.run(),
@@ -213,6 +223,7 @@ fn here(verb: Verb) -> Result {
         Verb::Program(verb) => verb.run(),
         Verb::Sync(verb) => verb.run(),
         Verb::Watch(verb) => verb.run(),
+        Verb::Watchdog(verb) => verb.run(),
         Verb::Monitor(verb) => verb.run(),
         Verb::Record(verb) => verb.run(),
         Verb::Replay(verb) => verb.run(),
@@ -232,6 +243,20 @@ pub fn capture_format() -> impl TypedValueParser<Value = Format> {
         .map(|word| Format::named(&word).unwrap_or(Format::Text))
 }
 
+/// How links are opened. A file of the configuration that is wrong is told once and stands in nobody's
+/// way who needs nothing of it, least of all a stop's.
+pub fn discovered() -> Connector {
+    static TOLD: Once = Once::new();
+    let connector = Connector::discover();
+    TOLD.call_once(|| connector.config.broken.iter().for_each(passed_over));
+    connector
+}
+
+/// Says that a file is wrong and done without.
+pub fn passed_over(error: &FileError) {
+    say(&format!("warning: {error}; nothing of this file is used"));
+}
+
 /// A user's own profile.
 #[derive(Args, Debug)]
 pub struct ProfileFile {
@@ -243,11 +268,23 @@ pub struct ProfileFile {
 impl ProfileFile {
     /// How links are opened, with the profile.
     pub fn connector(&self) -> Result<Connector> {
-        let connector = Connector::discover().map_err(outcome::error)?;
+        let connector = discovered();
+        outcome::count(&connector);
         match &self.file {
             Some(file) => connector.with_profile(file).map_err(outcome::error),
             None => Ok(connector),
         }
+    }
+
+    /// The same for those who bring motors to rest: a profile that is wrong is told and done without.
+    pub fn connector_to_stop(&self) -> Connector {
+        let mut connector = discovered().for_stop();
+        match self.file.as_deref().map(|file| connector.config.add_profile(file)) {
+            Some(Err(Error::File(error))) => passed_over(&error),
+            Some(Err(error)) => say(&format!("warning: {error}")),
+            Some(Ok(_)) | None => {}
+        }
+        connector
     }
 
     /// Whether there is one.
@@ -279,7 +316,6 @@ impl NamedBy {
     /// The drive's profile, if one is named.
     pub fn profile(&self) -> Result<Option<&'static Profile>> {
         let Some(word) = &self.drive else { return Ok(None) };
-        let named = Config::discover().and_then(|config| config.profile_of(word));
-        named.map(Some).map_err(outcome::error)
+        discovered().config.profile_of(word).map(Some).map_err(outcome::error)
     }
 }

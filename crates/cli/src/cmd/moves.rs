@@ -28,7 +28,10 @@ struct Lasting {
     /// Leave the motor running, and print what stops it
     #[arg(long, conflicts_with = "seconds")]
     detach: bool,
-    /// Print the frames and send nothing
+    /// Values are the drive's own numbers, without a unit
+    #[arg(long)]
+    raw: bool,
+    /// Print the frames of the motion and send none of them
     #[arg(long)]
     dry_run: bool,
 }
@@ -45,7 +48,10 @@ struct Arriving {
     /// Give up waiting after this time
     #[arg(long, value_name = "TIME", value_parser = value::span)]
     timeout: Option<f64>,
-    /// Print the frames and send nothing
+    /// Values are the drive's own numbers, without a unit
+    #[arg(long)]
+    raw: bool,
+    /// Print the frames of the motion and send none of them
     #[arg(long)]
     dry_run: bool,
 }
@@ -65,7 +71,7 @@ Examples:
 pub struct Spin {
     #[command(flatten)]
     target: Target,
-    /// Speed with a unit, or in the drive's own
+    /// Speed with a unit; without one, in the unit that the drive's profile has
     #[arg(value_name = "SPEED", allow_hyphen_values = true)]
     speed: String,
     /// Acceleration
@@ -81,7 +87,7 @@ pub struct Spin {
 pub struct Jog {
     #[command(flatten)]
     target: Target,
-    /// Speed with a unit, or in the drive's own [default: 60 rpm]
+    /// Speed with a unit; without one, in the unit that its profile has [default: 60 rpm]
     #[arg(value_name = "SPEED", allow_hyphen_values = true)]
     speed: Option<String>,
     #[command(flatten)]
@@ -112,7 +118,7 @@ Examples:
 pub struct Move {
     #[command(flatten)]
     target: Target,
-    /// Position with a unit, or in the drive's own
+    /// Position with a unit; without one, in the unit that the drive's profile has
     #[arg(value_name = "POSITION", allow_hyphen_values = true)]
     position: String,
     /// By so far, from where it is
@@ -154,11 +160,13 @@ pub struct Home {
 
 impl Spin {
     pub fn run(self) -> Result {
+        let raw = self.lasting.raw;
         let command = |axis: &Axis| {
             let mut command = Command::new(Verb::Velocity);
             command.velocity =
-                Some(argument(axis, Verb::Velocity, Argument::Velocity, &self.speed)?);
-            command.acceleration = given(axis, Verb::Velocity, Argument::Acceleration, &self.acc)?;
+                Some(argument(axis, Verb::Velocity, Argument::Velocity, (&self.speed, raw))?);
+            command.acceleration =
+                given(axis, Verb::Velocity, Argument::Acceleration, (&self.acc, raw))?;
             Ok(command)
         };
         lasting(&self.target, &self.lasting, command)
@@ -176,10 +184,11 @@ impl Spin {
 
 impl Jog {
     pub fn run(self) -> Result {
-        let speed = self.speed.as_deref().unwrap_or(JOG);
+        let (speed, raw) = (self.speed.as_deref().unwrap_or(JOG), self.lasting.raw);
         let command = |axis: &Axis| {
             let mut command = Command::new(Verb::Velocity);
-            command.velocity = Some(argument(axis, Verb::Velocity, Argument::Velocity, speed)?);
+            command.velocity =
+                Some(argument(axis, Verb::Velocity, Argument::Velocity, (speed, raw))?);
             Ok(command)
         };
         lasting(&self.target, &self.lasting, command)
@@ -197,9 +206,11 @@ impl Jog {
 
 impl Torque {
     pub fn run(self) -> Result {
+        let raw = self.lasting.raw;
         let command = |axis: &Axis| {
             let mut command = Command::new(Verb::Torque);
-            command.torque = Some(argument(axis, Verb::Torque, Argument::Torque, &self.torque)?);
+            command.torque =
+                Some(argument(axis, Verb::Torque, Argument::Torque, (&self.torque, raw))?);
             Ok(command)
         };
         lasting(&self.target, &self.lasting, command)
@@ -216,13 +227,13 @@ impl Torque {
 
 impl Move {
     pub fn run(self) -> Result {
-        let verb = self.verb();
+        let (verb, raw) = (self.verb(), self.arriving.raw);
         let command = |axis: &Axis| {
             let mut command = Command::new(verb);
-            command.target = Some(argument(axis, verb, Argument::Target, &self.position)?);
-            command.velocity = given(axis, verb, Argument::Velocity, &self.vel)?;
-            command.acceleration = given(axis, verb, Argument::Acceleration, &self.acc)?;
-            command.jerk_time = given(axis, verb, Argument::JerkTime, &self.s_curve)?;
+            command.target = Some(argument(axis, verb, Argument::Target, (&self.position, raw))?);
+            command.velocity = given(axis, verb, Argument::Velocity, (&self.vel, raw))?;
+            command.acceleration = given(axis, verb, Argument::Acceleration, (&self.acc, raw))?;
+            command.jerk_time = given(axis, verb, Argument::JerkTime, (&self.s_curve, raw))?;
             Ok(command)
         };
         let run = if self.sync { motion::run_together } else { motion::run };
@@ -259,9 +270,10 @@ impl Move {
 
 impl Home {
     pub fn run(self) -> Result {
+        let raw = self.arriving.raw;
         let command = |axis: &Axis| {
             let mut command = Command::new(Verb::Home);
-            command.velocity = given(axis, Verb::Home, Argument::Velocity, &self.vel)?;
+            command.velocity = given(axis, Verb::Home, Argument::Velocity, (&self.vel, raw))?;
             Ok(command)
         };
         arriving(&self.target, &self.arriving, motion::run, command)
@@ -276,8 +288,13 @@ impl Home {
     }
 }
 
-fn given(axis: &Axis, verb: Verb, which: Argument, text: &Option<String>) -> Result<Option<f64>> {
-    text.as_deref().map(|text| argument(axis, verb, which, text)).transpose()
+fn given(
+    axis: &Axis,
+    verb: Verb,
+    which: Argument,
+    (text, raw): (&Option<String>, bool),
+) -> Result<Option<f64>> {
+    text.as_deref().map(|text| argument(axis, verb, which, (text, raw))).transpose()
 }
 
 fn lasting(target: &Target, how: &Lasting, command: impl Fn(&Axis) -> Result<Command>) -> Result {
@@ -331,6 +348,7 @@ fn lasting_by(
     arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
 ) -> Result {
     joined::no_dry_run(how.dry_run)?;
+    joined::no_raw(how.raw)?;
     let then = if how.detach { Then::Detach } else { Then::Hold(how.seconds) };
     joined::run(server, &orders(server, target, verb, arguments)?, then)
 }
@@ -343,6 +361,7 @@ fn arriving_by(
     arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
 ) -> Result {
     joined::no_dry_run(how.dry_run)?;
+    joined::no_raw(how.raw)?;
     let then = if how.detach { Then::Detach } else { Then::Arrive(how.timeout) };
     let orders = orders(server, target, verb, arguments)?;
     let exit = joined::run(server, &orders, then)?;

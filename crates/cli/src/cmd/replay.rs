@@ -123,7 +123,8 @@ impl Options {
         let source = self.stated.source()?;
         let wanted = self.filter.as_deref().map(filter).transpose()?;
         let trace = self.trace.as_deref().map(with_format).transpose()?;
-        let connector = Connector::discover().map_err(outcome::error)?;
+        let connector = super::discovered();
+        outcome::count(&connector);
         let urls: Vec<&str> = self.urls.iter().chain(&self.to).map(String::as_str).collect();
         let (routes, rules) = self.routes(&connector, &urls)?;
         let mut choice = Choice::new(self.direction, wanted, routes);

@@ -15,7 +15,7 @@ use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::target::{Format, Target};
-use crate::terminal::{Output, Table, colour_out, csv, say};
+use crate::terminal::{self, Output, Table, colour_out, csv, say};
 
 /// Looks for drives on a link, by reads only.
 #[derive(Args, Debug)]
@@ -55,14 +55,19 @@ impl Scan {
         let live = std::io::stderr().is_terminal();
         let mut progress = |at: Progress| {
             if live {
-                eprint!("\r\x1b[Kasking address {} ({} of {})", at.number, at.done + 1, at.of);
+                terminal::draw(&format!(
+                    "\r\x1b[Kasking address {} ({} of {})",
+                    at.number,
+                    at.done + 1,
+                    at.of
+                ));
             }
             if interrupt::came() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         interrupt::listen(|| {});
         let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut progress);
         if live {
-            eprint!("\r\x1b[K");
+            terminal::draw("\r\x1b[K");
         }
         let scan = scan.map_err(outcome::error)?;
         let mut out = Output::stdout();
@@ -77,6 +82,11 @@ impl Scan {
         }
         out.flush()?;
         scan.tried.iter().for_each(|tried| say(&format!("tried {tried}")));
+        if let Some(lost) = &scan.lost {
+            let (found, unasked) = (scan.found.len(), scan.unasked);
+            let why = format!("Drives that had answered: {found}; addresses not asked: {unasked}.");
+            return Err(outcome::link_error(lost).why(why));
+        }
         if scan.unasked > 0 {
             say(&format!("interrupted: {} addresses were not asked", scan.unasked));
             return Err(Problem::interrupted());
@@ -138,12 +148,9 @@ impl Scan {
         }
         out.flush()?;
         for link in &server.bench.links {
-            let state = match (&link.reason, link.simulated) {
-                (Some(reason), _) => format!(": lost, {reason}"),
-                (None, true) => " (simulated)".to_owned(),
-                (None, false) => String::new(),
-            };
-            say(&format!("link {} is {}{state}", link.id, link.url));
+            let simulated = if link.simulated { " (simulated)" } else { "" };
+            say(&format!("link {} is {}{simulated}", link.id, link.url));
+            joined::wanting(link).iter().for_each(|line| say(line));
         }
         if let Some(lock) = &server.bench.lock {
             say(&format!("motion is locked since {} stopped everything", lock.by));

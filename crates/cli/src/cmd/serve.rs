@@ -85,10 +85,21 @@ impl Serve {
         if let Some(fingerprint) = server.fingerprint() {
             say(&format!("certificate SHA-256 {fingerprint}"));
         }
+        for (link, number) in server.owed() {
+            say(&format!(
+                "axis {number} of {link} was told to stop and not seen standing when the server \
+                 before ended; it is stopped as soon as its link is there. Cut its supply if it turns."
+            ));
+        }
+        for link in server.bench().snapshot().links {
+            crate::joined::wanting(&link).iter().for_each(|line| say(line));
+        }
         let mut out = Output::stdout();
         out.line(&format!("ready {}", server.url()));
         out.flush()?;
-        server.wait();
+        for left in server.wait() {
+            say(&format!("{left} was told to stop and not seen standing: CUT ITS SUPPLY"));
+        }
         Ok(Exit::Ok)
     }
 

@@ -1,8 +1,11 @@
 //! `polepair set URL NAME=VALUE…`
 
+mod readdress;
+
 use std::collections::BTreeMap;
 
 use clap::Args;
+use polepair::axis::Pending;
 use polepair::{Amount, Axis};
 use polepair_client::message::{Change, Given, WriteParameters};
 use polepair_core::profile::{Access, Parameter, ParameterId};
@@ -14,6 +17,8 @@ use crate::problem::{Exit, Problem, Result};
 use crate::session::{Session, read};
 use crate::target::Target;
 use crate::terminal::Output;
+use crate::value;
+use readdress::Readdressing;
 
 /// Writes parameters by name, with units, checked against their limits.
 #[derive(Args, Debug)]
@@ -87,17 +92,30 @@ impl Set {
         let session = self.target.open()?;
         session.listen();
         let mut out = Output::stdout();
+        let mut changes = Vec::new();
         for axis in session.axes() {
-            // All are checked before the first is written.
-            let mut writes = Vec::new();
+            // All are checked before the first is written. What scales others goes first, and they are
+            // what they mean by it.
+            let mut wanted = Vec::new();
             for setting in &self.settings {
                 let (name, value) = split(setting)?;
-                let id = named(axis, name)?;
-                writes.push((id, self.value(axis, id, value)?));
+                wanted.push((named(axis, name)?, value));
             }
+            wanted.sort_by_key(|(id, _)| !axis.scales(*id));
+            let (mut writes, mut pending) = (Vec::new(), Pending::default());
+            for (id, value) in wanted {
+                let raw = self.value(axis, id, value, &pending)?;
+                pending.add(id, raw);
+                match Readdressing::of(axis, id, raw)? {
+                    Some(change) if !self.dry_run => changes.push(change),
+                    _ => writes.push((id, raw)),
+                }
+            }
+            Readdressing::check(&session, &changes)?;
             if self.dry_run {
                 for (id, raw) in writes {
-                    out.line(&format!("{}{}", session.who(axis), plan(axis, id, raw)?));
+                    let planned = plan(axis, id, raw, &pending)?;
+                    out.line(&format!("{}{planned}", session.who(axis)));
                 }
                 continue;
             }
@@ -110,23 +128,26 @@ impl Set {
             }
             axis.arm(false);
         }
+        if let Some(change) = changes.pop() {
+            change.make(&self.target, session, self.store, &mut out)?;
+        }
         out.flush()?;
         Ok(Exit::Ok)
     }
 
-    /// The raw value that `text` means, within the limits.
-    fn value(&self, axis: &Axis, id: ParameterId, text: &str) -> Result<i64> {
+    /// The raw value that `text` means once what is pending was written, within the limits.
+    fn value(&self, axis: &Axis, id: ParameterId, text: &str, pending: &Pending) -> Result<i64> {
         let Some(parameter) = axis.profile().parameter(id) else { return Ok(0) };
         if self.raw {
-            return whole(text).ok_or_else(|| {
+            return value::whole(text).ok_or_else(|| {
                 let what = format!("{text:?} is not a whole number.");
-                Problem::usage("E217", what).why("Nothing was sent.")
+                Problem::usage("E217", what).why(outcome::unsent())
             });
         }
         if let Some(raw) = switched(parameter, text) {
             return Ok(raw);
         }
-        let raw = axis.raw_of(id, &Amount::from(text)).map_err(outcome::error)?;
+        let raw = axis.raw_of_after(id, &Amount::from(text), pending).map_err(outcome::error)?;
         if raw < parameter.min || raw > parameter.max {
             return Err(out_of_range(axis, id, parameter, text));
         }
@@ -159,9 +180,9 @@ impl Set {
 }
 
 /// What a write would change: it is read, and nothing is written.
-fn plan(axis: &Axis, id: ParameterId, raw: i64) -> Result<String> {
+fn plan(axis: &Axis, id: ParameterId, raw: i64, pending: &Pending) -> Result<String> {
     let Some(parameter) = axis.profile().parameter(id) else { return Ok(String::new()) };
-    let to = axis.value(id, raw).map_err(outcome::error)?.to_string();
+    let to = axis.value_after(id, raw, pending).map_err(outcome::error)?.to_string();
     let from = match parameter.access {
         Access::Write => None,
         _ => Some(read(axis, id)?.to_string()),
@@ -206,16 +227,9 @@ fn kept(server: &Joined, axis: u16, who: &str, change: &Change, out: &mut Output
 fn split(setting: &str) -> Result<(&str, &str)> {
     setting.split_once('=').map(|(name, value)| (name.trim(), value.trim())).ok_or_else(|| {
         Problem::usage("E242", format!("{setting:?} is not NAME=VALUE."))
-            .why("Nothing was sent.")
+            .why(outcome::unsent())
             .hint(format!("polepair get URL {setting:?} reads it"))
     })
-}
-
-fn whole(text: &str) -> Option<i64> {
-    match text.strip_prefix("0x") {
-        Some(digits) => i64::from_str_radix(digits, 16).ok(),
-        None => text.parse().ok(),
-    }
 }
 
 /// `on` and `off` for what is a bit and has no words of its own.
@@ -232,6 +246,6 @@ fn out_of_range(axis: &Axis, id: ParameterId, parameter: &Parameter, text: &str)
     let shown = |raw| axis.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());
     let (min, max) = (shown(parameter.min), shown(parameter.max));
     Problem::usage("E216", format!("{text} is out of range for {:?}.", parameter.name))
-        .why(format!("It takes {min} to {max}; nothing was sent."))
+        .why(format!("It takes {min} to {max}. {}", outcome::unsent()))
         .hint(format!("polepair params {} {:?}", axis.profile().name, parameter.name))
 }

@@ -3,16 +3,16 @@
 use std::io::IsTerminal as _;
 
 use clap::Args;
-use polepair::stop::{Event, Stopped};
-use polepair_client::Gateway;
-use polepair_client::message::{AxisStopped, StopClass, StopOrder};
+use polepair::stop::{self as stopping, Event};
+use polepair_client::message::{AxisStopped, StopClass, StopOrder, Stopped, Unreached};
+use polepair_client::{Gateway, Refused};
 use polepair_core::axis::{Command, Verb};
 
 use crate::joined::{self, Join, Joined};
-use crate::outcome;
-use crate::problem::{Exit, Problem, Result};
-use crate::target::Target;
-use crate::terminal::say;
+use crate::outcome::{self, sentence};
+use crate::problem::{Exit, Problem, Result, list};
+use crate::target::{Target, warn_of};
+use crate::terminal::{self, say};
 
 /// Brings motors to rest.
 ///
@@ -37,22 +37,30 @@ pub struct Stop {
 impl Stop {
     pub fn run(self) -> Result {
         let wanted = if self.quick { Verb::QuickStop } else { Verb::Stop };
+        let target = self.target.for_stop();
         if self.dry_run {
-            return self.target.rehearse(|_| Ok(Command::new(wanted)));
+            return target.rehearse(|_| Ok(Command::new(wanted)));
         }
         let live = std::io::stderr().is_terminal();
         let clear = if live { "\r\x1b[K" } else { "" };
-        let connector = self.target.connector()?;
+        let connector = target.connector()?;
         let mut hear = |event: Event<'_>| match event {
             Event::Asking(at) if live => {
-                eprint!("{clear}asking address {} ({} of {})", at.number, at.done + 1, at.of);
+                terminal::draw(&format!(
+                    "{clear}asking address {} ({} of {})",
+                    at.number,
+                    at.done + 1,
+                    at.of
+                ));
             }
             Event::Asking(_) => {}
             Event::Told(axis) => say(&format!("{clear}{} is told to stop", axis.label())),
         };
-        let stopped = polepair::stop::stop(&connector, &self.target.url, wanted, &mut hear);
-        eprint!("{clear}");
-        report(&self.target.url, stopped.map_err(outcome::error)?)
+        let stopped = stopping::stop(&connector, &target.url, wanted, &mut hear);
+        terminal::draw(clear);
+        warn_of(&connector);
+        let lost = |error| outcome::error(error).hint("cut the power if something turns");
+        report(&target.url, stopped.map_err(lost)?)
     }
 }
 
@@ -73,42 +81,43 @@ impl Stop {
 /// Stops everything. Nothing is asked before, and only names are asked after: neither a right to look
 /// nor a slow answer stands in its way.
 fn all(gateway: &Gateway) -> Result {
-    let stopped = stop(gateway, None)?;
+    let Stopped { axes: stopped, unreached } = stop(gateway, None)?;
     say("motion is locked until it is released: on the server's page, or POST /api/v1/release");
     let named = Joined::new(gateway.clone()).map(|joined| joined.bench.axes).unwrap_or_default();
     let label = |id| named.iter().find(|axis| axis.id == id).map(|axis| axis.label.clone());
     let number = |id| format!("the server's axis {id}");
     let told =
         stopped.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
-    tell(told.collect())
+    tell(told.collect(), unreached)
 }
 
 /// Stops axes that are named.
 fn some(server: &Joined, target: &Target) -> Result {
     let axes = server.pick(target)?;
-    let mut stopped = stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?;
+    let mut stopped = stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?.axes;
     let told = axes.into_iter().map(|axis| {
         let at = stopped.iter().position(|stopped| stopped.id == axis.id);
         (axis.label, at.map(|at| stopped.swap_remove(at)))
     });
-    tell(told.collect())
+    tell(told.collect(), Vec::new())
 }
 
-fn stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<Vec<AxisStopped>> {
+fn stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<Stopped> {
     let order = StopOrder { axes, reason: "polepair stop".to_owned() };
-    gateway.stop(&order).map(|stopped| stopped.axes).map_err(joined::refused)
+    gateway.stop(&order).map_err(joined::refused)
 }
 
-/// Says how far the stop of each axis came.
-fn tell(told: Vec<(String, Option<AxisStopped>)>) -> Result {
-    let of = told.len();
-    let mut failed: Vec<Problem> = Vec::new();
+/// Says how far the stop of each axis came, and which links it did not reach.
+fn tell(told: Vec<(String, Option<AxisStopped>)>, unreached: Vec<Unreached>) -> Result {
+    let of = told.len() + unreached.len();
+    let mut failed: Vec<Problem> = unreached.into_iter().map(not_reached).collect();
     for (label, how) in told {
         match how.map(|how| (how.class, how.error)) {
             Some((StopClass::Standing, _)) => say(&format!("{label} is stopped")),
             Some((StopClass::Acknowledged, _)) => {
-                say(&format!("{label} is told to stop; nobody saw it stand"));
+                say(&format!("{label} took the stop; standing not known: it tells no speed"));
             }
+            Some((StopClass::Owed, error)) => failed.push(owed(&label, error)),
             Some((_, Some(error))) => failed.push(joined::refused(error)),
             _ => failed.push(unconfirmed(&label)),
         }
@@ -117,6 +126,23 @@ fn tell(told: Vec<(String, Option<AxisStopped>)>) -> Result {
         0 => Ok(Exit::Ok),
         _ => stops_failed(failed, of),
     }
+}
+
+/// A link is not open: nobody knows how many motors it has.
+fn not_reached(Unreached { link, url, error }: Unreached) -> Problem {
+    let what = format!("no motor of link {link} was told to stop: {url} is not open.");
+    Problem::new(error.exit(), error.code, what)
+        .why(sentence(&error.message))
+        .hint("cut the supply of what turns there; it is told to stop as soon as the link is open")
+}
+
+/// It was not seen standing; the server goes on with it.
+fn owed(label: &str, error: Option<Refused>) -> Problem {
+    let exit = error.as_ref().map_or(Exit::NoReply, Refused::exit);
+    let code = error.as_ref().map_or("E401".into(), |error| error.code.clone());
+    Problem::new(exit, code, format!("{label} was not seen standing."))
+        .why(error.map_or_else(String::new, |error| sentence(&error.message)))
+        .hint("the server says the stop again until it is; if it still turns, cut its power")
 }
 
 fn unconfirmed(label: &str) -> Problem {
@@ -134,7 +160,7 @@ fn stops_failed(mut failed: Vec<Problem>, of: usize) -> Result {
 }
 
 /// Says what was stopped, and what was not reached.
-pub fn report(url: &str, stopped: Stopped) -> Result {
+pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
     let link = url.split('#').next().unwrap_or(url);
     let mut failed: Vec<Problem> = Vec::new();
     let mut at_rest = 0;
@@ -144,8 +170,24 @@ pub fn report(url: &str, stopped: Stopped) -> Result {
                 at_rest += 1;
                 say(&format!("{label} is stopped"));
             }
-            Err(error) => failed.push(outcome::error(error)),
+            Err(error) => {
+                say(&format!("{label} may still turn: cut its supply"));
+                failed.push(outcome::error(error));
+            }
         }
+    }
+    for motors in stopped.motors {
+        if motors.told > 0 {
+            let numbers: Vec<String> = (1..=motors.told).map(|motor| motor.to_string()).collect();
+            let numbers: Vec<&str> = numbers.iter().map(String::as_str).collect();
+            let (motors_are, module) =
+                (if motors.told == 1 { "motor" } else { "motors" }, motors.number);
+            let numbers = list(&numbers);
+            say(&format!(
+                "module {module}: {motors_are} {numbers} took the stop too; standing not looked at"
+            ));
+        }
+        failed.extend(motors.ended.err().map(outcome::error));
     }
     if let Some(patience) = stopped.patience {
         let told = if stopped.everybody { "everybody was told to stop, unconfirmed; " } else { "" };

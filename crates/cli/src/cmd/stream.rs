@@ -5,12 +5,13 @@ mod cyclic;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use polepair::Error;
 use polepair_core::stream::cyclic::Setpoint;
 use polepair_core::stream::{PathKind, Point};
 
-use crate::motion::caution;
+use crate::motion::{self, caution};
 use crate::outcome;
-use crate::problem::{Exit, Problem, Result};
+use crate::problem::{Problem, Result};
 use crate::session::Session;
 use crate::target::Target;
 use crate::terminal::say;
@@ -91,12 +92,15 @@ impl Stream {
         };
         caution(session);
         session.listen();
-        let armed = axis.armed().map_err(outcome::error)?;
         let kind = if self.pt { PathKind::Pt } else { PathKind::Pvt };
-        let count = armed.stream(kind, points).map_err(outcome::error)?;
-        armed.release().map_err(outcome::error)?;
-        say(&format!("{count} points"));
-        Ok(Exit::Ok)
+        axis.check_path(kind, &points).map_err(outcome::error)?;
+        motion::within(session, axis, || {
+            let streamed = axis.stream(kind, points).map_err(|error| match error {
+                Error::Interrupted { .. } => Problem::interrupted(),
+                other => outcome::error(other),
+            });
+            streamed.map(|count| say(&format!("{count} points")))
+        })
     }
 
     /// The lines that say something, with their numbers.

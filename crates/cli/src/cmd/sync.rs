@@ -98,7 +98,7 @@ impl Sync {
         if !is_master || self.stop {
             return Ok(Command::new(Verb::WithholdTime));
         }
-        let period = argument(axis, Verb::GiveTime, Argument::Period, &self.period)?;
+        let period = argument(axis, Verb::GiveTime, Argument::Period, (&self.period, false))?;
         if period <= 0.0 {
             return Err(Problem::usage("E217", "--period is more than 0; --stop ends it."));
         }

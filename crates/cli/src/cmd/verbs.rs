@@ -1,18 +1,19 @@
 //! `polepair enable|disable|clear URL`
 
 use clap::Args;
+use polepair::Axis;
 use polepair_client::message::Arguments;
 use polepair_core::axis::{Command, Verb};
 
 use crate::joined::{self, Joined};
 use crate::motion;
-use crate::problem::{Exit, Result};
-use crate::session::verb;
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
 use crate::target::Target;
 use crate::terminal::say;
 
 /// What is said of an axis that was enabled.
-const POWERED: &str = "is powered and holds its position";
+const POWERED: &str = "is powered";
 
 /// Powers the motor, holding it where it stands.
 #[derive(Args, Debug)]
@@ -57,7 +58,7 @@ impl Enable {
         motion::caution(&session);
         for axis in session.axes() {
             axis.arm(true);
-            verb(axis, Verb::Enable)?;
+            switch(axis, Verb::Enable)?;
             say(&format!("{} {POWERED}", axis.label()));
         }
         Ok(Exit::Ok)
@@ -71,7 +72,7 @@ impl Enable {
 
 impl Disable {
     pub fn run(self) -> Result {
-        simple(&self.target, Verb::Disable, self.dry_run, "has no power now")
+        simple(&self.target.for_stop(), Verb::Disable, self.dry_run, "has no power now")
     }
 
     /// The same by a server.
@@ -111,11 +112,37 @@ fn simple(target: &Target, wanted: Verb, dry_run: bool, done: &str) -> Result {
     if dry_run {
         return target.rehearse(|_| Ok(Command::new(wanted)));
     }
-    let session = target.open()?;
+    let lost = |problem: Problem| match wanted {
+        Verb::Disable => problem.hint("cut the power if something turns"),
+        _ => problem,
+    };
+    let session = target.open().map_err(lost)?;
     session.listen();
+    let mut ended = Ok(());
+    // Every axis is told, whatever becomes of one.
     for axis in session.axes() {
-        verb(axis, wanted)?;
-        say(&format!("{} {done}", axis.label()));
+        let one = switch(axis, wanted);
+        if one.is_ok() {
+            say(&format!("{} {done}", axis.label()));
+        }
+        ended = ended.and(one);
     }
-    Ok(Exit::Ok)
+    ended.map(|()| Exit::Ok)
+}
+
+/// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has
+/// none.
+fn switch(axis: &Axis, wanted: Verb) -> Result<()> {
+    let ended = axis.run(Command::new(wanted));
+    if let Err(error) = &ended {
+        let label = axis.label();
+        match (wanted, error.executed()) {
+            (Verb::Disable, _) => {
+                say(&format!("{label} may still be powered, and turn if it turned: cut its supply"))
+            }
+            (Verb::Enable, None) => say(&format!("{label} may be powered")),
+            _ => {}
+        }
+    }
+    ended.map(drop).map_err(outcome::error)
 }

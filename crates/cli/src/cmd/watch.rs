@@ -13,6 +13,7 @@ use polepair_link::clock;
 use crate::cmd::get::named;
 use crate::interrupt;
 use crate::joined::{self, Joined};
+use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{Session, read, signal as signal_of};
 use crate::target::Target;
@@ -128,12 +129,16 @@ impl Watch {
         let signal = axis.signals.iter().any(|signal| signal.signal == name);
         let (signal, parameter) = if signal { (Some(&*name), None) } else { (None, Some(&*name)) };
         let watched = live.watch(axis.id, signal, parameter, self.rate).map_err(joined::refused)?;
-        let unit = watched.unit().to_owned();
+        let shown = signal.and_then(|signal| joined::unit_of(axis, signal, watched.unit()));
+        let (unit, one) = match shown {
+            Some(unit) => (unit.symbol().to_owned(), unit.si()),
+            None => (watched.unit().to_owned(), 1.0),
+        };
         let periods = Duration::try_from_secs_f64(PERIODS / self.rate).unwrap_or(Duration::MAX);
         let fresh = FRESH_MIN.max(periods);
         let read = move || {
             let last = watched.last(fresh).map_err(joined::refused)?;
-            Ok(last.map_or(f64::NAN, |sample| sample.value))
+            Ok(last.map_or(f64::NAN, |sample| sample.value / one))
         };
         let (number, link, name) = (axis.number, Some(axis.link), format!("{who}{name}"));
         Ok(Column { number, link, name, unit, read: Box::new(read) })
@@ -170,7 +175,15 @@ impl Watch {
         let mut columns = Vec::new();
         for axis in session.axes() {
             for name in self.names() {
-                columns.push(column(session, axis, name)?);
+                let signal = Signal::ALL.into_iter().find(|signal| signal.name() == name);
+                // Nobody asked for what this drive does not tell.
+                let absent = match signal.filter(|_| self.signals.is_empty()) {
+                    Some(signal) => !axis.tells(signal).map_err(outcome::error)?,
+                    None => false,
+                };
+                if !absent {
+                    columns.push(column(session, axis, name)?);
+                }
             }
         }
         Ok(columns)

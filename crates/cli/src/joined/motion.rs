@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use polepair::quantity;
-use polepair_client::message::{Arguments, AxisInfo, AxisState, SignalValue};
+use polepair_client::message::{Arguments, AxisInfo, AxisState, FaultTold, SignalValue};
 use polepair_client::{Lease, Live, Pending, unit};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
@@ -11,7 +11,7 @@ use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 use polepair_link::clock;
 
-use super::{Joined, cannot, refused, shown};
+use super::{Joined, cannot, refused, signal_shown};
 use crate::interrupt;
 use crate::motion::{ARRIVE_MAX, Then, hold_while};
 use crate::outcome::{self, sentence};
@@ -41,12 +41,12 @@ pub fn argument(axis: &AxisInfo, verb: Verb, name: &str, text: &str) -> Result<f
     let info = axis.verbs.iter().find(|info| info.verb == verb.name());
     let info = info.ok_or_else(|| {
         let what = format!("{} cannot {}.", axis.profile, verb.name().replace('-', " "));
-        Problem::usage("E218", what).why("Its profile has no steps for that; nothing was sent.")
+        Problem::usage("E218", what).why("Its profile has no steps for that.")
     })?;
     let argument = info.arguments.iter().find(|argument| argument.name == name);
     let argument = argument.ok_or_else(|| {
         let what = format!("{} takes no {name} with this verb.", axis.profile);
-        Problem::usage("E218", what).why("Nothing was sent.")
+        Problem::usage("E218", what).why("Its profile has no step that would use it.")
     })?;
     let measure = quantity::parse(text).map_err(outcome::error)?;
     let unit = unit(&argument.unit);
@@ -64,6 +64,8 @@ struct Taken<'a> {
     lease: Lease,
     /// It was not powered before.
     enabled_here: bool,
+    /// Since when it is ours: a fault that was read before may have been cleared.
+    since: Instant,
 }
 
 /// Carries a motion out, and stops what it started when it ends early.
@@ -117,7 +119,7 @@ fn caution(orders: &[Order]) {
 fn take<'a>(live: &Live, orders: &'a [Order]) -> Result<Vec<Taken<'a>>> {
     let all = orders.iter().map(|Order { axis, .. }| {
         let lease = live.take(axis.id).map_err(refused)?;
-        Ok(Taken { axis, lease, enabled_here: false })
+        Ok(Taken { axis, lease, enabled_here: false, since: clock::now() })
     });
     all.collect()
 }
@@ -175,20 +177,30 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
 }
 
 fn hold(taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
-    hold_while(seconds, |_| {
+    hold_while(seconds, (&clock::now, &clock::sleep_until), |_| {
         taken.iter().try_for_each(|taken| taken.lease.check()).map_err(refused)?;
         taken.iter().try_for_each(check_fault)
     })
 }
 
-/// Ends with the drive's fault, if the server has told of one.
+/// Ends with the drive's fault, if the server has read one since the axis is ours.
 fn check_fault(taken: &Taken<'_>) -> Result<()> {
     let state = taken.lease.state();
-    let Some(fault) = state.as_ref().and_then(|state| state.faults.first()) else { return Ok(()) };
+    let ours = clock::now().since(taken.since);
+    let Some(fault) = state.as_ref().and_then(|state| fault_within(state, ours)) else {
+        return Ok(());
+    };
     let what = format!("{} reports a fault: {}", taken.axis.label, fault.name);
     Err(Problem::new(Exit::DriveFault, "E801", sentence(&what))
         .why(&*fault.cause)
         .hint_if(Some(&*fault.remedy).filter(|remedy| !remedy.is_empty())))
+}
+
+/// The fault that stands by a value that is no older than this.
+fn fault_within(state: &AxisState, age: Duration) -> Option<&FaultTold> {
+    let told = state.signals.iter().find(|told| told.signal == Signal::Fault.name())?;
+    let is_new = told.age_ms < age.as_secs_f64() * 1e3;
+    state.faults.first().filter(|_| is_new)
 }
 
 /// Waits until the drives say that they have arrived.
@@ -223,6 +235,10 @@ fn finish(server: &Joined, taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
         let stopped = stop.map_or(Ok(()), |stop| {
             stop.and_then(|mut stop| stop.wait(ANSWER_MAX)).map(drop).map_err(refused)
         });
+        if stopped.is_err() {
+            let label = &taken.axis.label;
+            say(&format!("{label} did not confirm its stop and may still turn: cut its supply"));
+        }
         if !ours(&taken) {
             ended = ended.and(stopped);
             continue;
@@ -276,7 +292,7 @@ pub fn state(server: &Joined, axis: &AxisInfo) -> Result<AxisState> {
 pub fn fresh(server: &Joined, axis: &AxisInfo, signal: Signal) -> Result<Option<String>> {
     let read = read_since(server, axis, signal, clock::now() + FRESH_MAX)?;
     let value = read.as_ref().and_then(|read| Some((read.value?, &*read.unit)));
-    Ok(value.map(|(value, unit)| shown(value, unit)))
+    Ok(value.map(|(value, unit)| signal_shown(axis, signal.name(), value, unit)))
 }
 
 /// A signal that the server read since it was asked for, or what it has at the end.
@@ -295,5 +311,39 @@ fn read_since(
             return Ok(read);
         }
         clock::sleep_until(clock::now() + LOOK);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_that_was_read_before_it_was_cleared_ends_nothing() {
+        let word = || "overvoltage".to_owned();
+        let fault = FaultTold {
+            code: 4,
+            name: word(),
+            symbol: word(),
+            cause: word(),
+            remedy: word(),
+            warning: false,
+        };
+        let signal = Signal::Fault.name().to_owned();
+        let read = SignalValue { signal, value: Some(4.0), unit: String::new(), age_ms: 80.0 };
+        let state = AxisState {
+            id: 0,
+            mode: None,
+            enabled: Some(true),
+            armed: true,
+            moving: None,
+            signals: vec![read],
+            faults: vec![fault.clone()],
+            lease: None,
+            owed: None,
+            panel: None,
+        };
+        let within = |ms| fault_within(&state, Duration::from_millis(ms));
+        assert_eq!((within(50), within(100)), (None, Some(&fault)));
     }
 }

@@ -114,7 +114,9 @@ fn a_server_that_was_held_up_stops_what_moved_and_carries_out_nothing_old() {
     let outcome = live.until("outcome", |outcome| outcome["id"] == late["id"]);
     assert_eq!(outcome["outcome"], "not_done", "{outcome}");
     let code = outcome["error"]["code"].as_str().unwrap();
-    assert!(["gateway.lease", "gateway.expired"].contains(&code), "{outcome}");
+    // Where it slept with a record in its hand, what waited for the journal is too old for that.
+    let late = ["gateway.lease", "gateway.expired", "gateway.journal"];
+    assert!(late.contains(&code), "{outcome}");
     bench.drive.stands();
     let state = live.until("axis", |state| state["lease"].is_null());
     assert_eq!(state["armed"], false, "{state}");

@@ -2,6 +2,8 @@
 //! it when it is killed, held up, or loses a link.
 #![cfg(unix)]
 
+mod dead;
+mod heartbeat;
 mod killed;
 mod load;
 mod lost;

@@ -5,6 +5,7 @@ use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -51,8 +52,10 @@ pub struct Site {
     child: Child,
     pub address: SocketAddr,
     token: String,
-    /// What it said on stderr is read for as long as it lives.
-    _said: std::thread::JoinHandle<()>,
+    folder: String,
+    /// What it said on stderr so far.
+    said: Arc<Mutex<String>>,
+    reads: Option<std::thread::JoinHandle<()>>,
 }
 
 impl Site {
@@ -79,16 +82,36 @@ impl Site {
         let state = folder.path("state");
         command.env("HOME", &folder.0).env("XDG_CONFIG_HOME", &folder.0);
         let mut child = command.stdin(Stdio::null()).spawn().expect("polepair serve");
-        let mut errors = child.stderr.take().expect("a pipe");
-        let said =
-            std::thread::spawn(move || drop(std::io::copy(&mut errors, &mut std::io::sink())));
+        let errors = BufReader::new(child.stderr.take().expect("a pipe"));
+        let said = Arc::new(Mutex::new(String::new()));
+        let says = Arc::clone(&said);
+        let reads = std::thread::spawn(move || {
+            for line in errors.lines().map_while(Result::ok) {
+                let mut said = says.lock().unwrap();
+                said.push_str(&line);
+                said.push('\n');
+            }
+        });
         let mut line = String::new();
         let out = child.stdout.take().expect("a pipe");
         BufReader::new(out).read_line(&mut line).expect("a line");
         let url = line.strip_prefix("ready http://").unwrap_or_else(|| panic!("{line:?}"));
         let address = url.split('/').next().unwrap().parse().unwrap();
         let token = operator(Path::new(&state));
-        Self { child, address, token, _said: said }
+        Self { child, address, token, folder: state, said, reads: Some(reads) }
+    }
+
+    /// Everything that it said on stderr, once it has ended.
+    pub fn said(&mut self) -> String {
+        self.reads.take().into_iter().for_each(|reads| reads.join().unwrap());
+        self.said.lock().unwrap().clone()
+    }
+
+    /// What the command line says when it asks this server.
+    pub fn run(&self, arguments: &[&str]) -> run::Ran {
+        let (url, tokens) = (format!("http://{}", self.address), format!("{}/tokens", self.folder));
+        let own = ["--server", &url, "--token-file", &tokens];
+        run::polepair(&[&own[..], arguments].concat())
     }
 
     pub fn id(&self) -> u32 {

@@ -59,6 +59,17 @@ impl Drive {
         Self { log, line: line.clone(), served: Some(line.serve(stamped)) }
     }
 
+    /// Takes it off its end; its motor goes on.
+    pub fn unplug(&mut self) {
+        drop(self.served.take());
+    }
+
+    /// Puts it on another end.
+    pub fn plug(&mut self, end: Box<dyn Link<Stream>>) {
+        let stamped: Box<dyn Link<Stream>> = Box::new(Stamped { end, log: self.log.clone() });
+        self.served = Some(self.line.clone().serve(stamped));
+    }
+
     /// What is true of its motor, whoever talks to it or not.
     pub fn truth(&self) -> Truth {
         self.line.bench(0, |bench| bench.truth(clock::now())).expect("it has a motor")

@@ -124,9 +124,19 @@ impl Served {
     }
 }
 
+/// Sends a process a signal. One that is told to stand still does so when this returns.
 pub fn signal(name: &str, pid: u32) {
-    let pid = pid.to_string();
-    Command::new("kill").args([&format!("-{name}"), pid.as_str()]).status().expect("kill");
+    let text = pid.to_string();
+    Command::new("kill").args([&format!("-{name}"), text.as_str()]).status().expect("kill");
+    let tasks = format!("/proc/{pid}/task");
+    let threads = || std::fs::read_dir(&tasks).into_iter().flatten().flatten();
+    let stands = |task: std::fs::DirEntry| {
+        let stat = std::fs::read_to_string(task.path().join("stat")).unwrap_or_default();
+        stat.rsplit_once(") ").is_none_or(|(_, rest)| rest.starts_with('T'))
+    };
+    while name == "STOP" && !threads().all(stands) {
+        std::thread::yield_now();
+    }
 }
 
 /// A run that lasts until it is interrupted.
@@ -162,7 +172,12 @@ impl Held {
 
     /// Ctrl-C.
     pub fn interrupt(self) -> Ran {
-        signal("INT", self.child.0.id());
+        self.signalled(&["INT"])
+    }
+
+    /// Sends it signals, one right after the other.
+    pub fn signalled(self, names: &[&str]) -> Ran {
+        names.iter().for_each(|name| signal(name, self.child.0.id()));
         self.ended()
     }
 

@@ -8,7 +8,9 @@ use std::time::Duration;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_messages::telemetry::Sample;
-use polepair_messages::{AxisState, AxisStopped, BenchView, FrameItem, LinkState, LockTold};
+use polepair_messages::{
+    AxisInfo, AxisState, AxisStopped, BenchView, FrameItem, LinkState, LinkView, LockTold,
+};
 
 use crate::Refused;
 use crate::rest::lost;
@@ -34,6 +36,8 @@ struct Told {
     leases: HashMap<u16, Result<u64, Refused>>,
     /// Each axis as the server said it last, and when.
     states: HashMap<u16, (AxisState, Instant)>,
+    /// The links and axes that there are, as the server said it last.
+    bench: (Vec<LinkView>, Vec<AxisInfo>),
     /// Axes whose link is lost, and why.
     unlinked: HashMap<u16, String>,
     /// How far the last stop of each axis came, and when that was heard.
@@ -50,6 +54,7 @@ impl Known {
             server: (server_ms, clock::now()),
             leases: HashMap::new(),
             states: HashMap::new(),
+            bench: Default::default(),
             unlinked: HashMap::new(),
             stops: HashMap::new(),
             lock: None,
@@ -98,11 +103,21 @@ impl Known {
         let lost = |id| bench.links.iter().find(|l| l.id == id && l.state == LinkState::Lost);
         let why = bench.axes.iter().filter_map(|axis| {
             let link = lost(axis.link)?;
-            let reason = link.reason.as_deref().unwrap_or("nobody knows why");
+            let reason = link.error.as_ref().map_or("nobody knows why", |error| &error.message);
             Some((axis.id, format!("the link of {} went away: {reason}", axis.label)))
         });
         let mut told = self.told();
         (told.unlinked, told.lock) = (why.collect(), bench.lock.clone());
+        told.bench = (bench.links.clone(), bench.axes.clone());
+    }
+
+    pub fn links(&self) -> Vec<LinkView> {
+        self.told().bench.0.clone()
+    }
+
+    /// Axes behind the first so many.
+    pub fn axes_from(&self, first: usize) -> Vec<AxisInfo> {
+        self.told().bench.1.get(first..).unwrap_or_default().to_vec()
     }
 
     pub fn set_lock(&self, lock: Option<LockTold>) {

@@ -328,7 +328,24 @@ async fn say(socket: &mut Socket, text: String) -> Result<(), Refused> {
     said.map_err(|_| lost("it takes nothing"))?.map_err(|error| lost(&error.to_string()))
 }
 
+/// Why a lease ended that was not given back.
 fn over(error: &Refused) -> Refused {
+    if error.code == "E313" {
+        return error.clone();
+    }
     Refused::new("gateway.lease", format!("the lease ended: {}", error.message))
         .hint("somebody stopped the axis or took it over; the server's journal tells who")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lease_that_ended_with_its_link_is_nobodys_stop() {
+        let lost = Refused::new("E313", "the link of axis 1 went away").hint("cut its supply");
+        assert_eq!(over(&lost), lost);
+        let stopped = over(&Refused::new("gateway.lease", "nobody has the lease of this axis"));
+        assert!(stopped.code == "gateway.lease" && stopped.hint.contains("somebody stopped"));
+    }
 }

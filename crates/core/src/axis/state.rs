@@ -23,6 +23,9 @@ pub struct State {
     pub armed: bool,
     /// Writes to permanent memory that this lane made.
     pub flash_writes: u32,
+    /// A motion was sent, and since then it was not acknowledged that the axis arrived, was stopped or
+    /// was switched off. It stays when the link is lost: then the motor may turn.
+    pub going: bool,
 }
 
 impl State {
@@ -31,6 +34,7 @@ impl State {
         readings: [Reading { value: 0.0, raw: 0, at: None }; Signal::COUNT],
         armed: false,
         flash_writes: 0,
+        going: false,
     };
 
     /// The last reading of a signal.

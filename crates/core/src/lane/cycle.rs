@@ -13,7 +13,7 @@ use crate::error::{Failure, Outcome, Unsupported};
 use crate::profile::{ParameterId, Signal};
 use crate::station::{AxisIndex, Request, Ticket};
 use crate::stream::cyclic::{
-    AXES_MAX, Account, Bounds, CYCLES_MAX, Excess, Following, Order, Setpoint, Trend,
+    APART, AXES_MAX, Account, Bounds, CYCLES_MAX, Excess, Following, Order, Setpoint, Trend,
 };
 use crate::time::Instant;
 
@@ -25,10 +25,6 @@ const SILENCE: Duration = Duration::from_millis(100);
 const SILENT_BEATS: u32 = 4;
 /// A host that is late by more than this is no hiccup: drives that watch it have given up.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Where no speed limit says how far one cycle may lead, the first position lies at most so far
-/// from the axis: rad or m.
-const APART: f64 = 0.01;
-
 const DRY: &str = "there was no set-point for the next cycle, so every axis was stopped: feed them \
                    faster, or choose a longer period";
 const LATE: &str = "this computer paused for longer than drives may be left alone, so every axis was \
@@ -212,6 +208,11 @@ impl Cycle {
         }
         if self.next == 0 && !matches!(self.stage, Stage::Stop(_)) {
             self.begin(now, slots);
+            let (goes, over) = (self.stage == Stage::Run, self.stage == Stage::Over);
+            for member in &self.members {
+                let state = &mut slots[usize::from(member.axis)].state;
+                state.going = (state.going || goes) && !over;
+            }
         }
         let order = match self.stage {
             Stage::Over => return None,

@@ -6,7 +6,7 @@ use super::job::{Asked, Job, Parts, Run, Stage, Task};
 use super::path::Path;
 use super::slot::Slot;
 use super::transfer::{Transfer, TransferKind};
-use crate::error::{Failure, Outcome, Unsupported};
+use crate::error::{Extent, Failure, Outcome, Unsupported};
 use crate::plan::Step;
 use crate::profile::{Access, ParameterId, Persistence};
 use crate::station::{Class, Request};
@@ -123,6 +123,10 @@ fn next_of_run<R: Request, A: Copy + 'static>(
             _ => {}
         }
         let Some(step) = run.step() else { return Err(Next::End(finished(run))) };
+        if slot.leaves_out(&step) {
+            leave_out(run);
+            continue;
+        }
         match request(now, run, slot, step) {
             Ok(Some(next)) => return Ok(next),
             Ok(None) => {}
@@ -209,31 +213,19 @@ fn request<R: Request, A: Copy + 'static>(
     }
 }
 
-/// Notes what a run has put on the wire, once that is over: until then `asked` tells.
-fn note_sent(run: &mut Run, asked: Asked) {
-    run.touched |= matches!(asked, Asked::Write(.., Class::Never) | Asked::Send(Class::Never));
-    run.wrote |= match asked {
-        Asked::Write(..) => true,
-        Asked::Send(class) => class != Class::Idempotent,
-        _ => false,
-    };
-}
-
-/// Whether what was sent so far could have changed the drive.
-fn may_have_been_executed<R: Request>(job: &Job<R>) -> bool {
-    let run = match job.task {
-        Task::Run(run) => run.touched || matches!(run.stage, Stage::Confirm(..)),
-        Task::Path | Task::Transfer(TransferKind::Write) => true,
-        _ => false,
-    };
-    run || job.asked.changes()
-}
-
 /// How a job ends that something else ends.
 pub fn cut_short<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
-    match may_have_been_executed(job) {
-        true => Outcome::Unknown(failure),
-        false => Outcome::NotDone(failure),
+    match job.task {
+        Task::Run(mut run) => {
+            // What is out may be executed.
+            if job.asked.changes() {
+                run.note(job.asked, Err(Failure::Silent));
+            }
+            run.ended(failure)
+        }
+        Task::Path | Task::Transfer(TransferKind::Write) => Outcome::Unknown(failure),
+        _ if job.asked.changes() => Outcome::Unknown(failure),
+        _ => Outcome::NotDone(failure),
     }
 }
 
@@ -275,17 +267,19 @@ pub fn answered<R: Request, A: Copy + 'static>(
 ) -> Next {
     let asked = core::mem::replace(&mut job.asked, Asked::Nothing);
     if let Task::Run(run) = &mut job.task {
-        note_sent(run, asked);
+        run.note(asked, raw);
     }
-    if let (Some(id), Ok(raw)) = (asked.parameter(), raw) {
-        slot.note(now, id, raw);
+    match (asked.parameter(), raw) {
+        (Some(id), Ok(raw)) => slot.note(now, id, raw),
+        (Some(id), Err(Failure::Refused { code })) => slot.refused(id, code),
+        _ => {}
     }
     if raw == Err(Failure::LinkDown) {
-        let doubtful = asked.changes() || may_have_been_executed(job);
         let failure = Failure::LinkDown;
-        return Next::End(match doubtful {
-            true => Outcome::Unknown(failure),
-            false => Outcome::NotDone(failure),
+        return Next::End(match &job.task {
+            Task::Run(run) => run.ended(failure),
+            _ if asked.changes() => Outcome::Unknown(failure),
+            _ => cut_short(job, failure),
         });
     }
     match &mut job.task {
@@ -326,12 +320,7 @@ fn cancelled(run: &Run, asked: Asked, raw: Result<i64, Failure>) -> Outcome {
     match (asked, raw) {
         (Asked::Write(..) | Asked::Send(_), Ok(raw)) if last => Outcome::Done(raw),
         (Asked::Confirm(_, value), Ok(raw)) if last && raw == value => Outcome::Done(raw),
-        (Asked::Confirm(..), Err(_))
-        | (Asked::Write(..) | Asked::Send(_), Err(Failure::Silent | Failure::Misbehaved)) => {
-            Outcome::Unknown(Failure::Cancelled)
-        }
-        _ if run.touched => Outcome::Unknown(Failure::Cancelled),
-        _ => Outcome::NotDone(Failure::Cancelled),
+        _ => run.ended(Failure::Cancelled),
     }
 }
 
@@ -356,8 +345,8 @@ fn answered_run<R: Request, A: Copy + 'static>(
     if let Asked::Factor(id) = asked {
         slot.tried(id);
         return match raw {
-            Ok(_) => Next::Go,
-            Err(failure) => Next::End(Outcome::NotDone(failure)),
+            Err(failure) if !slot.lacks(id) => Next::End(Outcome::NotDone(failure)),
+            _ => Next::Go,
         };
     }
     let group = slot.driver.is_group();
@@ -369,7 +358,6 @@ fn answered_run<R: Request, A: Copy + 'static>(
                 run.stage = Stage::Confirm(id, value);
                 return Next::Go;
             }
-            run.touched = true;
             failed(run, raw.err().unwrap_or(Failure::Silent))
         }
         // Where no drive of a group may be asked, a stop that went out is all there is to do.
@@ -381,9 +369,8 @@ fn answered_run<R: Request, A: Copy + 'static>(
         {
             left_out(run)
         }
-        (Asked::Confirm(..), Err(failure)) => {
-            run.touched = true;
-            failed(run, failure)
+        (_, Err(Failure::Refused { .. })) if run.step().is_some_and(|it| slot.leaves_out(&it)) => {
+            left_out(run)
         }
         (Asked::Confirm(_, value), Ok(raw)) if raw != value => failed(run, Failure::Silent),
         (_, Err(failure)) => failed(run, failure),
@@ -415,10 +402,18 @@ fn passed_over(run: &mut Run) -> Next {
 
 /// The drive has no such parameter: what is done with it is left out.
 fn left_out(run: &mut Run) -> Next {
+    leave_out(run);
+    match run.step() {
+        Some(_) => Next::Go,
+        None => Next::End(finished(run)),
+    }
+}
+
+fn leave_out(run: &mut Run) {
     if let Some(Step::Without { count, .. }) = run.step() {
         run.at = run.at.saturating_add(count);
     }
-    passed_over(run)
+    run.advance(run.last);
 }
 
 /// What a step makes of the value it got.
@@ -454,37 +449,38 @@ fn passed(now: Instant, run: &mut Run, raw: i64) -> Next {
 }
 
 fn finished(run: &Run) -> Outcome {
-    run.undoing.unwrap_or(Outcome::Done(run.last))
+    match run.undoing {
+        None => Outcome::Done(run.last),
+        Some(failure) => {
+            let undone = !run.is_stop() && !run.undo_failed;
+            Extent { undone, ..run.extent }.outcome(failure)
+        }
+    }
 }
 
 /// A step failed: a stop goes on with its next step, anything else is undone.
 fn failed(run: &mut Run, failure: Failure) -> Next {
-    // A stop may have overtaken a request that waited, or the question whether a write arrived.
-    let lost = matches!(failure, Failure::Silent | Failure::Misbehaved | Failure::Cancelled)
-        || matches!(run.stage, Stage::Confirm(..));
-    let outcome = match run.undoing {
-        Some(outcome) => outcome,
-        None if lost && (run.touched || run.is_stop()) => Outcome::Unknown(failure),
-        None => Outcome::NotDone(failure),
-    };
+    let Extent { done, unknown, refused, .. } = run.extent;
+    let wrote = done | unknown | refused != 0;
     if run.undoing.is_some() {
         run.advance(0);
     } else if run.is_stop() {
         // What is left of a stop is still worth trying.
         run.undo = run.steps.rest(run.at);
-        run.undoing = Some(outcome);
+        run.base = run.at.saturating_add(1);
+        run.undoing = Some(failure);
         run.at = 0;
         run.stage = Stage::First;
-    } else if run.at > 0 && run.wrote && !run.undo.is_empty() {
-        run.undoing = Some(outcome);
+    } else if run.at > 0 && wrote && !run.undo.is_empty() {
+        run.undoing = Some(failure);
         run.at = 0;
         run.stage = Stage::First;
         run.since = None;
     } else {
-        return Next::End(outcome);
+        return Next::End(run.ended(failure));
     }
     match run.step() {
         Some(_) => Next::Go,
-        None => Next::End(outcome),
+        None => Next::End(finished(run)),
     }
 }

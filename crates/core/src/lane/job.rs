@@ -2,10 +2,10 @@
 
 use super::transfer::TransferKind;
 use crate::axis::{Command, Verb};
-use crate::error::Outcome;
+use crate::error::{Extent, Failure, Outcome};
 use crate::plan::{Operand, Step};
 use crate::profile::{Parameter, ParameterId, Persistence, Profile, RamMode};
-use crate::station::{Class, Ticket};
+use crate::station::{Class, Request, Ticket};
 use crate::time::Instant;
 
 #[derive(Clone, Copy, Debug)]
@@ -16,10 +16,39 @@ pub struct Job<R> {
     pub asked: Asked,
     /// A stop came by while its request was out: it ends when that request does.
     pub cancelled: bool,
+    /// No request of it is sent again, whatever its class.
+    pub once: bool,
     pub parts: Parts,
     /// It sleeps until then.
     pub until: Instant,
     pub outcome: Option<Outcome>,
+}
+
+impl<R: Request> Job<R> {
+    /// Whether a request of it sets the axis going.
+    pub fn sets_going(&self, profile: &Profile, asked: Asked) -> bool {
+        let moves = |id| profile.parameter(id).is_some_and(|parameter| parameter.moves);
+        match (&self.task, asked) {
+            (Task::Run(run), Asked::Write(..) | Asked::Send(_)) if run.undoing.is_none() => {
+                let verb = run.verb.is_some_and(Verb::sets_going);
+                let sets = matches!(asked, Asked::Write(id, ..) if moves(id));
+                asked.commands() && (verb || run.verb.is_none() && sets)
+            }
+            (Task::Path, Asked::Send(_)) => asked.commands(),
+            (Task::Raw(request), _) => request.class() == Class::Never,
+            _ => false,
+        }
+    }
+
+    /// Whether the axis stands, or has no power, once it is done.
+    pub fn ends_going(&self) -> bool {
+        match &self.task {
+            Task::Run(run) => run.verb.is_some_and(Verb::ends_going),
+            Task::Raw(request) => request.is_stop(),
+            Task::Path => true,
+            _ => false,
+        }
+    }
 }
 
 /// What the drives of a group answered so far to the request that is out.
@@ -73,6 +102,15 @@ pub enum Asked {
 }
 
 impl Asked {
+    /// Whether it can change the drive or set it going.
+    pub const fn commands(self) -> bool {
+        match self {
+            Self::Send(class) => !matches!(class, Class::Idempotent),
+            Self::Write(..) => true,
+            _ => false,
+        }
+    }
+
     /// Whether it could change the drive, or asks whether something did.
     pub const fn changes(self) -> bool {
         match self {
@@ -102,14 +140,16 @@ pub struct Run {
     pub verb: Option<Verb>,
     pub at: u8,
     pub stage: Stage,
-    /// Something that cannot be taken back was sent.
-    pub touched: bool,
-    /// More than questions were sent: there may be something to undo.
-    pub wrote: bool,
+    /// What became of the steps that were sent.
+    pub extent: Extent,
+    /// Steps that lie before the first of `undo`, where that is the rest of a stop.
+    pub base: u8,
     /// Scales known and arguments in range: from here on bytes are sent.
     pub checked: bool,
-    /// The undo steps are running; the job ends so when they are through.
-    pub undoing: Option<Outcome>,
+    /// The undo steps are running; the job ends for this reason when they are through.
+    pub undoing: Option<Failure>,
+    /// Not every undo step was acknowledged.
+    pub undo_failed: bool,
     /// When the step in hand began to wait.
     pub since: Option<Instant>,
     pub last: i64,
@@ -190,10 +230,11 @@ impl Run {
             verb,
             at: 0,
             stage: Stage::First,
-            touched: false,
-            wrote: false,
+            extent: Extent::default(),
+            base: 0,
             checked: false,
             undoing: None,
+            undo_failed: false,
             since: None,
             last: 0,
         }
@@ -208,6 +249,39 @@ impl Run {
 
     pub fn is_stop(&self) -> bool {
         self.verb.is_some_and(Verb::is_stop)
+    }
+
+    /// Notes what became of a step that can change the drive, once that is over: until then `asked`
+    /// tells. A request that a stop overtook, or that the protocol's rules forbid, was never sent.
+    pub fn note(&mut self, asked: Asked, raw: Result<i64, Failure>) {
+        if self.undoing.is_some() && !self.is_stop() {
+            let whole = raw.is_ok() || !asked.changes();
+            self.undo_failed |= !whole;
+            return;
+        }
+        let bit = 1u64.checked_shl(u32::from(self.base) + u32::from(self.at)).unwrap_or(0);
+        let extent = &mut self.extent;
+        match (asked, raw) {
+            (Asked::Confirm(_, value), Ok(raw)) => {
+                extent.unknown &= !bit;
+                *(if raw == value { &mut extent.done } else { &mut extent.refused }) |= bit;
+            }
+            (Asked::Send(Class::Idempotent) | Asked::Confirm(..), _) => {}
+            (Asked::Write(..) | Asked::Send(_), Ok(_)) => extent.done |= bit,
+            (Asked::Write(..) | Asked::Send(_), Err(Failure::Refused { .. })) => {
+                extent.refused |= bit;
+            }
+            (
+                Asked::Write(..) | Asked::Send(_),
+                Err(Failure::Silent | Failure::Misbehaved | Failure::LinkDown),
+            ) => extent.unknown |= bit,
+            _ => {}
+        }
+    }
+
+    /// How it ends for this reason, as far as it went.
+    pub fn ended(&self, failure: Failure) -> Outcome {
+        self.extent.outcome(failure)
     }
 
     /// True for what sets the axis in motion or powers it.

@@ -10,6 +10,7 @@ use crate::axis::{Command, Driver, Part, Reading, State, Told};
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Operand, Step};
 use crate::profile::{Access, Parameter, ParameterId, Profile, Scale, SignalSource};
+use crate::station::Counters;
 use crate::stream::cyclic::Setpoint;
 use crate::time::Instant;
 
@@ -38,6 +39,10 @@ pub struct Slot<R, A> {
     pub path: Option<Box<Path>>,
     /// What is on its way into its memory or out of it; the last one, when that has ended.
     pub transfer: Option<Box<Transfer>>,
+    /// What had been counted when its last request was given to the host, and what came until that
+    /// ended in silence, for the last one that did.
+    pub asked_at: Counters,
+    pub heard: Counters,
     factors: Vec<Factor>,
     /// What is needed of a parameter again and again, by [`ParameterId`].
     entries: Vec<Entry<R>>,
@@ -55,6 +60,10 @@ struct Entry<R> {
     factor: Option<usize>,
     /// The signals that it tells.
     sources: Box<[SignalSource]>,
+    /// Not every drive of the profile has it.
+    optional: bool,
+    /// This one said that it does not.
+    lacking: bool,
 }
 
 impl<R, A> core::fmt::Debug for Slot<R, A> {
@@ -81,6 +90,8 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             follows: None,
             path: None,
             transfer: None,
+            asked_at: Counters::default(),
+            heard: Counters::default(),
             factors,
             entries: Vec::with_capacity(profile.parameters.len()),
         };
@@ -101,6 +112,8 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             si: constant_si(parameter),
             factor: self.factors.iter().position(|f| f.parameter == id),
             sources: signals.filter(|signal| signal.parameter == id).copied().collect(),
+            optional: self.profile.optional.contains(&id),
+            lacking: false,
         });
     }
 
@@ -178,6 +191,38 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         }
     }
 
+    /// Whether the drive said that it has no such parameter.
+    #[inline]
+    pub fn lacks(&self, id: ParameterId) -> bool {
+        self.entry(id).is_some_and(|entry| entry.lacking)
+    }
+
+    /// Takes a refusal of what was asked of a parameter: one that says that an optional one is not
+    /// there is remembered.
+    #[cold]
+    pub fn refused(&mut self, id: ParameterId, code: u32) {
+        let lacking = self.driver.lacks(code);
+        let Some(entry) = self.entries.get_mut(usize::from(id.0)) else { return };
+        entry.lacking |= lacking && entry.optional;
+    }
+
+    /// Whether a step is passed without a word because the drive lacks what it names: what is written
+    /// there has no effect to be missed, what is read there decides nothing. One that brings what the
+    /// caller asked for, or asks whether the drive is ready, is not.
+    pub fn leaves_out(&self, step: &Step) -> bool {
+        match *step {
+            Step::Write(id, Operand::Is(_))
+            | Step::Ensure(id, _)
+            | Step::Read(id)
+            | Step::Skip { read: id, .. }
+            | Step::Without { read: id, .. }
+            | Step::NoFault { read: id, .. }
+            | Step::Until { read: id, .. } => self.lacks(id),
+            Step::Copy { from, to } => self.lacks(from) || self.lacks(to),
+            _ => false,
+        }
+    }
+
     /// The signals that a parameter tells.
     pub fn sources(&self, id: ParameterId) -> &[SignalSource] {
         self.entry(id).map_or(&[], |entry| &entry.sources)
@@ -187,6 +232,9 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     pub fn forget(&mut self) {
         for factor in &mut self.factors {
             (factor.raw, factor.tried) = (None, false);
+        }
+        for entry in &mut self.entries {
+            entry.lacking = false;
         }
         self.state.armed = false;
         self.follows = None;
@@ -200,7 +248,8 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         }
         let scale = self.profile.parameter(id)?.scale;
         let unknown = |p: ParameterId| {
-            self.factors.iter().any(|f| f.parameter == p && f.raw.is_none() && !f.tried)
+            let asked = |f: &Factor| f.parameter == p && f.raw.is_none() && !f.tried;
+            self.factors.iter().any(asked) && !self.lacks(p)
         };
         [scale.times, scale.over].into_iter().flatten().find(|p| unknown(*p))
     }
@@ -234,7 +283,11 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     #[cold]
     fn si_by_factors(&self, id: ParameterId) -> Option<f64> {
         let parameter = self.profile.parameter(id)?;
-        Some(self.factor(parameter.scale)? * parameter.unit.si())
+        let scale = parameter.scale;
+        if [scale.times, scale.over].into_iter().flatten().any(|id| self.lacks(id)) {
+            return Some(1.0);
+        }
+        Some(self.factor(scale)? * parameter.unit.si())
     }
 
     fn factor(&self, scale: Scale) -> Option<f64> {
@@ -274,6 +327,11 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         Ok(Some(raw))
     }
 
+    /// Whether steps could be carried out, as far as is known by now.
+    pub fn check_all(&self, steps: &[Step], command: &Command) -> Result<(), Unsupported> {
+        steps.iter().try_for_each(|step| self.check(step, command).map(drop))
+    }
+
     /// Whether a step could be carried out, as far as is known by now: `Ok(false)` when a scale is
     /// still missing.
     pub fn check(&self, step: &Step, command: &Command) -> Result<bool, Unsupported> {
@@ -285,6 +343,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         if let (Operand::Argument(which) | Operand::Given(which), Some(id)) = (operand, like) {
             match command.argument(which) {
                 Some(si) if !si.is_finite() => return Err(Unsupported::BadArgument),
+                Some(_) if self.lacks(id) => return Err(Unsupported::Forbidden(LACKING)),
                 Some(_) if self.missing(id).is_some() => return Ok(false),
                 _ => {}
             }
@@ -335,6 +394,8 @@ pub fn told<R: crate::station::Request, A: Copy + 'static>(
     }
 }
 
+const LACKING: &str = "the drive has no object for this: its maker left out what the standard does \
+                       not demand";
 const NO_SCALE: &str = "the drive's own setting on which this unit depends (counts of a turn, for \
                         instance) reads zero or cannot be read: set it, or give a profile whose \
                         scale does not need it";

@@ -72,6 +72,7 @@ impl<R: Request> Table<R> {
             task,
             asked: Asked::Nothing,
             cancelled: false,
+            once: false,
             parts: Parts::None,
             until: Instant::ZERO,
             outcome: None,
@@ -107,6 +108,11 @@ impl<R: Request> Table<R> {
     /// Job `n`.
     pub fn get_mut(&mut self, n: usize) -> Option<&mut Job<R>> {
         self.jobs.get_mut(n)?.as_mut()
+    }
+
+    /// The axis that job `n` is for.
+    pub fn axis(&self, n: usize) -> Option<u8> {
+        Some(self.jobs.get(n)?.as_ref()?.axis)
     }
 
     /// The jobs of the axis that job `n` is for.
@@ -192,6 +198,9 @@ impl<R: Request> Table<R> {
         };
         let raw = execute::together(job, raw);
         let next = execute::answered(now, job, slot, raw);
+        if matches!(next, Next::End(Outcome::Done(_))) && job.ends_going() {
+            slot.state.going = false;
+        }
         self.follow(n, next);
     }
 
@@ -317,6 +326,15 @@ impl<R: Request> Table<R> {
         let jobs = bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref());
         let mut transfers = jobs.filter(|job| matches!(job.task, Task::Transfer(_)));
         transfers.any(|job| job.axis == axis.0)
+    }
+
+    /// No request of the job of this ticket is sent again.
+    pub fn send_once(&mut self, ticket: Ticket) {
+        for n in bits(self.used & !self.ended) {
+            if let Some(job) = self.jobs[n].as_mut().filter(|job| job.ticket == ticket) {
+                job.once = true;
+            }
+        }
     }
 
     /// The axis on whose path the job of this ticket is, which goes on because there are points.

@@ -8,7 +8,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::axis::{Driver, Verb};
-use crate::error::Failure;
+use crate::error::{Extent, Failure};
 use crate::medium::{SerialLine, Stream};
 use crate::plan::{Argument, Compare, Plan, Test};
 use crate::profile::{
@@ -110,6 +110,7 @@ static PROFILE: Profile = Profile {
     ],
     ram: Some(RamMode { parameter: RAM, ram: 1, flash: 0 }),
     reach: &[],
+    optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     caution: "",
@@ -153,6 +154,9 @@ impl Driver for ToyDriver {
     fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
         let stop = Ask { write: true, index: SPEED.0, value: 0, class: Class::Stop };
         (text == "stop").then_some(stop).ok_or(Unsupported::BadText)
+    }
+    fn decode(&self, _: &Raw<'_>) -> Result<Ask, Unsupported> {
+        Err(Unsupported::BadBytes)
     }
     fn answer(&mut self, _: Option<&Parameter>, answer: &i64) -> Result<i64, Failure> {
         Ok(*answer)
@@ -358,7 +362,8 @@ fn a_lost_start_of_motion_is_unknown_and_undone() {
     let mut bench = Bench::new();
     bench.lane.host.lose = std::vec![3];
     bench.velocity(1, 100.0 * RPM).unwrap();
-    assert_eq!(bench.run(), [(1, Outcome::Unknown(Failure::Silent))]);
+    let extent = Extent { done: 0b010, unknown: 0b100, refused: 0, undone: true };
+    assert_eq!(bench.run(), [(1, Outcome::Partly(Failure::Silent, extent))]);
     assert_eq!(bench.writes(), [(4, 1), (0, 100), (0, 0)]);
 }
 
@@ -462,11 +467,58 @@ fn a_stop_goes_on_after_silence_and_owns_up() {
 }
 
 #[test]
+fn a_stop_that_was_executed_in_part_says_how_far() {
+    let mut bench = Bench::new();
+    // As of a group whose drives cannot be asked one by one, but obey.
+    bench.lane.host.registers[2] = 1000;
+    bench.lane.host.refuse = Some(POSITION.0);
+    bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
+    let (failure, extent) =
+        (Failure::Refused { code: 4 }, Extent { done: 0b01, ..Extent::default() });
+    assert_eq!(bench.run(), [(2, Outcome::Partly(failure, extent))]);
+    assert_eq!(bench.writes(), [(0, 0)], "the speed was taken away");
+}
+
+#[test]
+fn a_plan_that_is_refused_half_way_was_executed_in_part() {
+    let mut bench = Bench::new();
+    bench.lane.host.refuse = Some(SPEED.0);
+    bench.velocity(1, 100.0 * RPM).unwrap();
+    let failure = Failure::Refused { code: 4 };
+    let extent = Extent { done: 0b010, unknown: 0, refused: 0b100, undone: false };
+    assert_eq!(bench.run(), [(1, Outcome::Partly(failure, extent))], "its undoing is refused too");
+    bench.lane.host.refuse = Some(MODE.0);
+    bench.velocity(2, 100.0 * RPM).unwrap();
+    assert_eq!(bench.run(), [(2, Outcome::NotDone(failure))], "only a question was sent");
+}
+
+#[test]
+fn an_axis_is_going_until_its_stop_is_acknowledged() {
+    let mut bench = Bench::new();
+    let going = |bench: &Bench| bench.lane.state(AXIS).unwrap().going;
+    assert!(!going(&bench));
+    bench.velocity(1, 100.0 * RPM).unwrap();
+    bench.run();
+    assert!(going(&bench));
+    bench.lane.host.lose = std::vec![bench.lane.host.log.len()];
+    bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
+    bench.run();
+    assert!(going(&bench), "nobody knows whether it was stopped");
+    bench.lane.handle_line(bench.now, LineEvent::Down);
+    bench.lane.handle_line(bench.now, LineEvent::Up);
+    assert!(going(&bench), "a lost link stops no motor");
+    bench.lane.command(bench.now, Ticket(3), AXIS, Command::new(Verb::Stop)).unwrap();
+    bench.run();
+    assert!(!going(&bench));
+}
+
+#[test]
 fn waiting_ends_in_time() {
     let mut bench = Bench::new();
     bench.lane.host.registers[2] = 1000;
     bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
-    assert_eq!(bench.run(), [(2, Outcome::NotDone(Failure::NotReached))]);
+    let extent = Extent { done: 0b01, ..Extent::default() };
+    assert_eq!(bench.run(), [(2, Outcome::Partly(Failure::NotReached, extent))]);
     assert!(bench.now.since(Instant::ZERO).as_millis() <= 121);
 }
 

@@ -213,7 +213,8 @@ impl Servo {
         }
         let (ramp, current) = (self.trajectory.limits(), self.max_current);
         let velocity = match self.goal {
-            Goal::Velocity(asked) => ramp.velocity.min(asked.abs()),
+            // What an S-curve still smooths was asked for before.
+            Goal::Velocity(asked) => ramp.velocity.min(asked.abs().max(self.trajectory.smoothed())),
             Goal::Position(_) => ramp.velocity,
             _ => return Bounds { current, ..Bounds::NONE },
         };

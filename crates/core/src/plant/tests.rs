@@ -241,6 +241,30 @@ fn an_s_curve_arrives_exactly_with_bounded_jerk() {
     }
 }
 
+/// Swarm can:13500: told to stop within an S-curve, a set-point first comes to the speed that was
+/// asked for, and is held to that.
+#[test]
+fn an_s_curve_that_is_told_to_stop_is_held_to_what_it_still_smooths() {
+    let limits =
+        Limits { velocity: 50.0, acceleration: 300.0, deceleration: 300.0, smoothing_s: 0.08 };
+    let mut t = Trajectory::new(limits, 0.0);
+    t.to_position(40.0);
+    assert_eq!(t.smoothed(), 0.0);
+    fly(&mut t, 100);
+    t.stop();
+    let before = t.now().velocity;
+    let mut fastest = before;
+    while !t.arrived() {
+        let held_to = t.smoothed();
+        let velocity = t.step().velocity;
+        assert!(velocity <= held_to.max(fastest) + 1e-9, "{velocity}, held to {held_to}");
+        fastest = fastest.max(velocity);
+    }
+    assert!(fastest > before + 1.0, "it went on for a while: {before} to {fastest}");
+    fly(&mut t, 200);
+    assert_eq!(t.smoothed(), 0.0, "left behind");
+}
+
 #[test]
 fn a_new_goal_in_flight_is_met_from_where_it_is() {
     for smoothing_s in [0.0, 0.08] {

@@ -129,6 +129,13 @@ impl Trajectory {
         there && self.smoother.is_steady()
     }
 
+    /// The greatest speed, rad/s, that an S-curve has not left behind: it comes to that before it
+    /// brakes. 0 without one.
+    #[must_use]
+    pub fn smoothed(&self) -> f64 {
+        self.smoother.greatest() / TICK_S
+    }
+
     /// Advances by one tick and tells where it is then.
     pub fn step(&mut self) -> Setpoint {
         let before = self.base;
@@ -300,6 +307,19 @@ impl Smoother {
     /// True when all that the window holds is the same.
     const fn is_steady(&self) -> bool {
         self.window == 0 || self.same >= self.window + 2 * self.per_slot
+    }
+
+    /// The most that was moved in a tick, of all that the window holds.
+    fn greatest(&self) -> f64 {
+        if self.window == 0 {
+            return 0.0;
+        }
+        let slots = self.slots.iter().take((self.window / self.per_slot) as usize);
+        let (of_slots, filled) = (f64::from(self.per_slot), f64::from(self.filled.max(1)));
+        let within = slots.chain([&self.entering, &self.leaving]).map(|moved| moved / of_slots);
+        within
+            .chain([self.filling / filled, self.last])
+            .fold(0.0, |most, moved| most.max(moved.abs()))
     }
 
     fn step(&mut self, moved: f64) -> f64 {

@@ -53,6 +53,9 @@ pub enum Wire {
 pub struct HostOptions {
     /// Baud rate of a serial line; 0 on a wire without timing.
     pub baud: u32,
+    /// The port is set to `baud`, but bytes may travel sooner than it allows (USB CDC, emulators of
+    /// serial ports): no answer comes too soon.
+    pub untimed: bool,
     /// Bit rate of a CAN bus; 0 where the link does not know it (UDP).
     pub bit_rate: u32,
     /// Which standard the serial line follows; the protocol's usual one if `None`.
@@ -76,6 +79,11 @@ pub struct HostOptions {
     /// Axes behind a relay only answer questions of their own: what they say unasked, or to a
     /// question to a group, does not come back.
     pub answers_only: bool,
+    /// An earlier program may have spoken on the wire, and a reply that it is owed may still come.
+    /// Then a session begins in doubt, where replies do not name their question: nothing but stops is
+    /// sent until probes were answered, which are varied by this seed. `None` where nobody was there
+    /// before.
+    pub doubt: Option<u32>,
     /// Somebody looks for drives: an address that never answered is not tried again, so that silence
     /// costs no more than it must.
     pub probing: bool,
@@ -85,11 +93,18 @@ impl HostOptions {
     /// As [`gap_us`](Self::gap_us): 3.5 characters at the line's baud rate, whatever it is.
     pub const GAP_CHARACTERS: u32 = u32::MAX;
 
+    /// The baud rate that no byte travels faster than; 0 where there is none.
+    #[must_use]
+    pub const fn pace(&self) -> u32 {
+        if self.untimed { 0 } else { self.baud }
+    }
+
     /// Everything as the protocol has it, on a wire of that baud or bit rate.
     #[must_use]
     pub const fn new(rate: u32) -> Self {
         Self {
             baud: rate,
+            untimed: false,
             bit_rate: rate,
             wire: None,
             reply_timeout_ms: None,
@@ -100,6 +115,7 @@ impl HostOptions {
             heartbeat_ms: None,
             echo: false,
             answers_only: false,
+            doubt: None,
             probing: false,
         }
     }

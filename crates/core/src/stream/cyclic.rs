@@ -12,6 +12,9 @@ pub const CYCLES_MAX: usize = 512;
 /// More of the wire's time than this share, in percent, is not planned for: what else is said on the
 /// wire needs room, and a disturbed frame is repeated.
 pub const LOAD_MAX_PERCENT: u64 = 80;
+/// Where no speed limit says how far one cycle may lead, the first position lies at most so far
+/// from the axis: rad or m.
+pub const APART: f64 = 0.01;
 
 /// What an axis is commanded cycle by cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]

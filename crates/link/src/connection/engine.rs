@@ -35,6 +35,7 @@ pub(super) trait Engine: Send + Sync {
     fn catch_up(&self);
     fn interrupt(&self);
     fn dismiss(&self);
+    fn close(&self);
     fn set_aside(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError>;
     #[cfg(test)]
     fn slots(&self) -> usize;
@@ -43,6 +44,12 @@ pub(super) trait Engine: Send + Sync {
 impl<M: Medium> Engine for Shared<M> {
     fn submit(&self, request: &mut Request<'_>) -> Result<(Ticket, u64), Unsupported> {
         lead::submit(self, request)
+    }
+
+    fn close(&self) {
+        let mut state = self.lock();
+        state.close();
+        lead::release(self, state);
     }
 
     fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> Waited {

@@ -30,9 +30,13 @@ pub(super) struct Keeper {
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// True when time must pass though no caller waits.
+/// True when time must pass though no caller waits. Where time passes only while somebody waits, it
+/// is not the keeper's to let it pass for plans and links that nobody waits for: their callers do,
+/// and the same happens each time.
 pub(super) fn needed<M: Medium>(state: &State<M>) -> bool {
     match state.trouble {
+        None if !state.link.runs_by_itself() => state.slots.anybody_asleep(),
+        Some(_) if !state.link.runs_by_itself() => false,
         Some(_) => state.retry.tried < REOPEN_MAX,
         None => state.due().is_some() || state.slots.anybody_asleep() || state.is_listened_to(),
     }
@@ -93,7 +97,7 @@ fn run<M: Medium>(shared: &Shared<M>) {
     let mut linger_until = Instant::ZERO;
     let mut state = shared.lock();
     while state.keeper != Watch::Dismissed {
-        if state.trouble.is_some() && state.retry.tried < REOPEN_MAX {
+        if state.trouble.is_some() && needed(&state) {
             state = flush(shared, reopen(shared, state));
         }
         if state.slots.anybody_asleep() {

@@ -224,9 +224,11 @@ pub(super) fn reopen<'a, M: Medium>(
     let link = lost.reopen();
     let mut state = shared.lock();
     state.retry.under_way = false;
-    state.retry.tried += 1;
+    state.retry.tried = state.retry.tried.saturating_add(1);
     state.retry.next = state.link.now().plus_ns(REOPEN_EVERY_NS);
     match link {
+        // Closed meanwhile.
+        _ if !Arc::ptr_eq(&lost, &state.link) => {}
         Ok(link) => state.regain(link),
         Err(error) => state.trouble = Some(error),
     }
@@ -260,9 +262,13 @@ pub(super) fn unlisten<M: Medium>(shared: &Shared<M>, mailbox: &Mailbox, source:
     release(shared, state);
 }
 
-/// Takes in what came, for those who listen, unless a caller reads. The keeper gives way.
+/// Takes in what came, for those who listen, unless a caller reads. The keeper gives way. A lost link
+/// in virtual time, which no keeper opens again, is tried here.
 pub(super) fn catch_up<M: Medium>(shared: &Shared<M>) {
     let mut state = shared.lock();
+    if state.trouble.is_some() && !state.link.runs_by_itself() {
+        state = reopen(shared, state);
+    }
     if state.leader == Leader::Keeper {
         let Some(ticket) = state.slots.open() else { return };
         while state.leader == Leader::Keeper {

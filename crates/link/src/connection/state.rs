@@ -13,8 +13,9 @@ use polepair_core::time::Instant;
 use super::lead::REOPEN_EVERY_NS;
 use super::mailbox::{Listener, Notice};
 use super::{AnyLane, LOST, Slots};
-use crate::error::LinkError;
+use crate::error::{Cause, LinkError};
 use crate::link::{Link, Received};
+use crate::wake::Waker;
 
 /// Units sent and outcomes told in one pump; what is left waits for the next.
 const PUMP_MAX: usize = 4096;
@@ -63,6 +64,50 @@ pub(super) enum Leader {
     Keeper,
     /// Somebody else, to whom the link is lent: nothing is sent here meanwhile.
     Aside,
+}
+
+/// Where a link was that this program closed.
+struct Closed {
+    name: String,
+    /// Time stands still.
+    at: Instant,
+    waker: Waker,
+}
+
+impl Closed {
+    fn error(&self) -> LinkError {
+        LinkError::new(&self.name, Cause::Closed)
+    }
+}
+
+impl<M: Medium> Link<M> for Closed {
+    fn now(&self) -> Instant {
+        self.at
+    }
+
+    fn send(&self, _: &M::Unit) -> Result<(), LinkError> {
+        Err(self.error())
+    }
+
+    fn receive(&self, _: &mut M::Out, _: Instant) -> Result<Received, LinkError> {
+        Err(self.error())
+    }
+
+    fn set_line(&self, _: M::Line) -> Result<(), LinkError> {
+        Err(self.error())
+    }
+
+    fn waker(&self) -> Waker {
+        self.waker.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.name.clone()
+    }
+
+    fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
+        Err(self.error())
+    }
 }
 
 /// What the keeper does.
@@ -216,6 +261,18 @@ impl<M: Medium> State<M> {
             self.announce(&Notice::Lost(now, Box::new(error)));
             self.spread(now);
         }
+    }
+
+    /// Ends everything as [`lose`](Self::lose) does, and lets go of the link for good.
+    pub(super) fn close(&mut self) {
+        let (name, at, waker) = (self.link.describe(), self.link.now(), self.link.waker());
+        self.lose(LinkError::new(&name, Cause::Closed));
+        self.link = Arc::new(Closed { name, at, waker: waker.clone() });
+        self.trouble = self.link.reopen().err();
+        // Nobody has to look whether it comes back.
+        self.retry.tried = u32::MAX - 1;
+        // A leader may still be listening to the link that it holds.
+        waker.wake();
     }
 
     /// Sets the line as the lane has it, whoever set it otherwise.

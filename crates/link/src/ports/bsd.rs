@@ -13,6 +13,11 @@ pub(super) fn ports() -> Vec<Port> {
         .collect()
 }
 
+/// macOS names the ports of CDC devices so.
+pub(super) fn driver(path: &str) -> Option<String> {
+    path.starts_with("/dev/cu.usbmodem").then(|| "cdc_acm".to_owned())
+}
+
 pub(super) fn stable_name(_path: &str) -> Option<String> {
     None
 }

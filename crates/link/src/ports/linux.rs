@@ -14,6 +14,19 @@ pub(super) fn ports() -> Vec<Port> {
     entries("/sys/class/tty").filter_map(|class| port(&class)).collect()
 }
 
+/// The name of the driver behind a port: `ftdi_sio`, `cdc_acm`.
+pub(super) fn driver(path: &str) -> Option<String> {
+    let real = fs::canonicalize(path).ok()?;
+    driver_of(&Path::new("/sys/class/tty").join(real.file_name()?))
+}
+
+/// Behind USB the port's device has a driver of usb-serial's, `ftdi_sio` as `ftdi_sio`; of CDC it is
+/// the interface's.
+fn driver_of(class: &Path) -> Option<String> {
+    let driver = fs::canonicalize(class.join("device/driver")).ok()?;
+    Some(driver.file_name()?.to_str()?.to_owned())
+}
+
 pub(super) fn stable_name(path: &str) -> Option<String> {
     let real = fs::canonicalize(path).ok()?;
     entries("/dev/serial/by-id")
@@ -96,4 +109,21 @@ fn entries(folder: impl AsRef<Path>) -> impl Iterator<Item = PathBuf> {
 
 fn text(folder: &Path, name: &str) -> String {
     fs::read_to_string(folder.join(name)).unwrap_or_default().trim().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{driver_of, fs};
+
+    #[test]
+    fn a_driver_is_known_by_its_name() {
+        let folder = std::env::temp_dir().join(format!("polepair-driver-{}", std::process::id()));
+        let (class, driver) = (folder.join("ttyACM0"), folder.join("drivers/cdc_acm"));
+        fs::create_dir_all(class.join("device")).expect("a folder");
+        fs::create_dir_all(&driver).expect("a folder");
+        std::os::unix::fs::symlink(&driver, class.join("device/driver")).expect("a link");
+        assert_eq!(driver_of(&class).as_deref(), Some("cdc_acm"));
+        assert_eq!(driver_of(&folder.join("ttyS0")), None);
+        fs::remove_dir_all(&folder).expect("ours");
+    }
 }

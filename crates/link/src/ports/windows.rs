@@ -4,6 +4,11 @@ pub(super) fn ports() -> Vec<Port> {
     serialport::available_ports().unwrap_or_default().into_iter().map(port).collect()
 }
 
+/// Not asked: the system tells it by its registry alone.
+pub(super) fn driver(_path: &str) -> Option<String> {
+    None
+}
+
 fn port(found: serialport::SerialPortInfo) -> Port {
     let usb = match found.port_type {
         serialport::SerialPortType::UsbPort(usb) => Some(Usb {

@@ -6,11 +6,10 @@ use std::collections::VecDeque;
 use polepair_core::axis::{Axes, Command, Rehearsed, State, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{SerialLine, Stream};
-use polepair_core::profile::{ParameterId, Profile};
+use polepair_core::profile::{ParameterId, Profile, Readdress};
 use polepair_core::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
 use polepair_core::time::{Instant, earliest};
 
-pub(super) const REPLY_TIMEOUT_MS: u32 = 150;
 /// Asked by a stop.
 pub(super) const STOP_VALUE: u32 = 0x5709_5709;
 /// A lane holds so many jobs, whatever the number of threads.
@@ -37,9 +36,15 @@ pub(super) struct ToyLane {
     pub(super) ups: u32,
     pub(super) late: u64,
     fast: bool,
+    reply_timeout_ms: u32,
 }
 
 impl ToyLane {
+    /// It waits so long for an answer.
+    pub(super) fn waiting(reply_timeout_ms: u32) -> Self {
+        Self { reply_timeout_ms, ..Self::default() }
+    }
+
     fn finish(&mut self, ticket: Ticket, outcome: Outcome) {
         self.ended.push_back((ticket, outcome));
     }
@@ -110,14 +115,13 @@ impl Station<Stream> for ToyLane {
         if self.outstanding.is_none() {
             let job = self.queue.pop_front()?;
             self.number += 1;
-            self.outstanding = Some((job, self.number, false, now.plus_ms(REPLY_TIMEOUT_MS)));
+            self.outstanding = Some((job, self.number, false, now.plus_ms(self.reply_timeout_ms)));
         }
         let (job, number, sent, _) = self.outstanding.as_mut()?;
         if std::mem::replace(sent, true) {
             return None;
         }
-        out[..4].copy_from_slice(&number.to_le_bytes());
-        out[4..8].copy_from_slice(&job.value.to_le_bytes());
+        out[..8].copy_from_slice(&frame(*number, job.value));
         Some(8)
     }
 
@@ -127,6 +131,14 @@ impl Station<Stream> for ToyLane {
 }
 
 impl Axes for ToyLane {
+    fn readdresses(
+        &self,
+        _axis: AxisIndex,
+        _parameter: ParameterId,
+        _raw: i64,
+    ) -> Result<Option<Readdress>, Unsupported> {
+        Ok(None)
+    }
     fn axes(&self) -> usize {
         1
     }
@@ -261,10 +273,7 @@ impl Station<Stream> for ToyDevice {
             self.heard.drain(..8);
             self.asked += 1;
             let Some(delay) = self.delay_ms else { continue };
-            let mut reply = [0; 8];
-            reply[..4].copy_from_slice(&number.to_le_bytes());
-            reply[4..].copy_from_slice(&value.wrapping_add(1).to_le_bytes());
-            self.replies.push_back((now.plus_ms(delay), reply));
+            self.replies.push_back((now.plus_ms(delay), frame(number, value.wrapping_add(1))));
         }
     }
 
@@ -283,6 +292,11 @@ impl Station<Stream> for ToyDevice {
     fn line(&self) -> SerialLine {
         SerialLine::n81(BAUD)
     }
+}
+
+/// What is on the wire, either way.
+pub(super) fn frame(number: u32, value: u32) -> [u8; 8] {
+    (u64::from(value) << 32 | u64::from(number)).to_le_bytes()
 }
 
 fn split(bytes: &[u8]) -> (u32, u32) {

@@ -1,12 +1,13 @@
 //! An axis that may move, for as long as a guard lives.
 
-use super::Axis;
+use super::{Axis, OWED_MAX, stop_owed};
 use crate::error::Error;
 use polepair_core::axis::Verb;
 use std::ops::Deref;
 
 /// An armed and enabled axis. Dropping it stops and disables the axis and disarms it; errors are
-/// then lost, so that who needs to know calls [`release`](Self::release).
+/// then lost, so that who needs to know calls [`release`](Self::release). A stop that gets no answer,
+/// or whose wire is gone, is said again for [`OWED_MAX`] before the guard gives up.
 #[derive(Debug)]
 #[must_use = "the axis is disabled when this is dropped"]
 pub struct Armed {
@@ -16,7 +17,7 @@ pub struct Armed {
 
 impl Armed {
     pub(super) fn new(axis: &Axis) -> Result<Self, Error> {
-        axis.arm(true);
+        axis.take_arming()?;
         let armed = Self { axis: axis.clone(), released: false };
         // Where there is nothing to switch on, arming is all there is to do. An error drops the
         // guard, which disarms.
@@ -43,9 +44,11 @@ impl Armed {
 
     fn end(&mut self) -> Result<(), Error> {
         self.released = true;
-        let has = |verb| self.axis.profile.plan(verb).is_some();
-        let stopped = if has(Verb::Stop) { self.axis.stop() } else { Ok(()) };
-        let disabled = if has(Verb::Disable) { self.axis.disable() } else { Ok(()) };
+        let one = std::slice::from_ref(&self.axis);
+        let stopped: Result<(), Error> =
+            stop_owed(one, OWED_MAX, |_, _| true).into_iter().collect();
+        let has_switch = self.axis.profile.plan(Verb::Disable).is_some();
+        let disabled = if has_switch { self.axis.disable() } else { Ok(()) };
         self.axis.arm(false);
         stopped.and(disabled)
     }

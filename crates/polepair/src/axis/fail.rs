@@ -2,30 +2,158 @@
 
 use super::Axis;
 use crate::error::Error;
-use polepair_core::error::{Failure, Outcome, Unsupported};
-use polepair_core::profile::{Fault, ParameterId};
+use crate::heard::Heard;
+use polepair_core::axis::Verb;
+use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
+use polepair_core::lane::write_steps;
+use polepair_core::plan::{Operand, Step};
+use polepair_core::profile::{Fault, ParameterId, Watchdog};
+use polepair_link::Cause;
+
+/// What a request is, so that its end can be told.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) enum RequestKind {
+    /// It changes nothing: there is nothing to execute.
+    Question,
+    /// A plan of the profile.
+    Verb(Verb),
+    /// A parameter is set to this raw value, and kept over power-off if the last is true.
+    Setting(ParameterId, i64, bool),
+    /// Anything else that may change the drive.
+    Command,
+}
+
+/// Steps that are named one by one at most.
+const NAMED_MAX: usize = 6;
 
 impl Axis {
     /// The error for an outcome that is not [`Outcome::Done`].
-    pub(crate) fn failed(&self, what: &str, outcome: Outcome) -> Error {
-        let failure = match outcome {
-            Outcome::NotDone(failure) | Outcome::Unknown(failure) => failure,
-            Outcome::Done(_) => Failure::Misbehaved,
-        };
-        if let Failure::Impossible(why) = failure {
+    pub(crate) fn failed(&self, what: &str, asked: RequestKind, outcome: Outcome) -> Error {
+        let failure = outcome.failure().unwrap_or(Failure::Misbehaved);
+        if let (Failure::Impossible(why), Outcome::NotDone(_)) = (failure, outcome) {
             return self.refuse(what, why);
         }
-        let (reason, hint) = self.reason(failure);
-        Error::Failed { what: format!("{}: {what}: {reason}", self.label()), outcome, hint }
+        // Who closed it knows that it is no lost link.
+        if let (Failure::LinkDown, Some(closed)) = (failure, self.connection.trouble())
+            && closed.cause() == Cause::Closed
+        {
+            return Error::Link(closed);
+        }
+        let heard = self.heard(failure);
+        let (reason, mut hint) = match failure {
+            Failure::Silent => (no_answer(&heard), heard.hint().to_owned()),
+            failure => self.reason(failure),
+        };
+        let may_turn = self.is_out_of_reach(asked, failure);
+        if let (true, Watchdog::Fixed { after_ms }) = (may_turn, self.profile.watchdog) {
+            hint = format!("the drive should stop {after_ms} ms after the link died; {hint}");
+        }
+        Error::Failed {
+            what: format!("{}: {what}: {reason}", self.label()),
+            went: self.went(asked, outcome, failure),
+            outcome,
+            heard: Box::new(heard),
+            may_turn,
+            hint,
+        }
+    }
+
+    /// What came instead of an answer.
+    fn heard(&self, failure: Failure) -> Heard {
+        match failure {
+            Failure::Silent => Heard::of(&self.connection.with(|axes, _| axes.heard(self.index))),
+            _ => Heard::default(),
+        }
+    }
+
+    /// Whether the motor may turn, and nothing can be done about it from here: the link is lost, or
+    /// its stop was not answered.
+    fn is_out_of_reach(&self, asked: RequestKind, failure: Failure) -> bool {
+        let stop = matches!(asked, RequestKind::Verb(Verb::Stop | Verb::QuickStop));
+        match failure {
+            Failure::LinkDown => stop || self.may_turn(),
+            Failure::Silent | Failure::Misbehaved => stop,
+            _ => false,
+        }
+    }
+
+    /// Whether it was told to move, or was last seen moving, and since then neither arrived, nor
+    /// acknowledged a stop, nor was switched off, as far as this link knows.
+    #[must_use]
+    pub fn may_turn(&self) -> bool {
+        self.state().going || self.turns() == Some(true)
+    }
+
+    /// Whether it was executed, and how far; empty where there was nothing to execute, and where the
+    /// drive's own answer says it.
+    fn went(&self, asked: RequestKind, outcome: Outcome, failure: Failure) -> String {
+        let of_the_wire =
+            matches!(failure, Failure::Silent | Failure::Misbehaved | Failure::LinkDown);
+        match (asked, outcome) {
+            (RequestKind::Question, _) | (_, Outcome::Done(_)) => String::new(),
+            (_, Outcome::NotDone(_)) if of_the_wire => "it was not executed".to_owned(),
+            (_, Outcome::NotDone(_)) => String::new(),
+            (_, Outcome::Unknown(_)) => "it may have been executed".to_owned(),
+            (_, Outcome::Partly(_, extent)) => self.partly(asked, extent),
+        }
+    }
+
+    /// How far a plan went, step by step.
+    fn partly(&self, asked: RequestKind, extent: Extent) -> String {
+        let steps = match asked {
+            RequestKind::Verb(verb) => self.profile.plan(verb).map(|plan| plan.steps.to_vec()),
+            RequestKind::Setting(id, raw, keep) => Some(write_steps(self.profile, id, raw, keep)),
+            RequestKind::Question | RequestKind::Command => None,
+        };
+        let steps = steps.unwrap_or_default();
+        let named = |word: &str, mask: u64| {
+            let its = (0..64).filter(|n| mask >> n & 1 == 1);
+            let names: Vec<String> = its.map(|n| self.step_name(n, steps.get(n))).collect();
+            let left = names.len().saturating_sub(NAMED_MAX);
+            let first = names[left..].join(", ");
+            match (names.len(), left) {
+                (0, _) => None,
+                (_, 0) => Some(format!("{word}: {first}")),
+                _ => Some(format!("{word}: {left} steps and {first}")),
+            }
+        };
+        let told = [
+            named("done", extent.done),
+            named("refused", extent.refused),
+            named("not known whether done", extent.unknown),
+            extent.undone.then(|| "what was done was taken back".to_owned()),
+        ];
+        let told: Vec<String> = told.into_iter().flatten().collect();
+        format!("it was executed in part; {}", told.join("; "))
+    }
+
+    fn step_name(&self, n: usize, step: Option<&Step>) -> String {
+        let set = |id: ParameterId, raw: Option<i64>| {
+            let parameter = self.profile.parameter(id);
+            let name = parameter.map_or("?", |parameter| parameter.name);
+            let word = |raw| parameter?.values.iter().find(|(value, _)| *value == raw);
+            match raw {
+                None => format!("`{name}`"),
+                Some(raw) => match word(raw) {
+                    Some((_, word)) => format!("`{name}` = {word}"),
+                    // Bits, as manuals write them.
+                    None if raw > 9 => format!("`{name}` = {raw:X}h"),
+                    None => format!("`{name}` = {raw}"),
+                },
+            }
+        };
+        match step {
+            Some(Step::Write(id, Operand::Is(raw)) | Step::Ensure(id, raw)) => set(*id, Some(*raw)),
+            Some(Step::Write(id, _) | Step::Copy { to: id, .. }) => set(*id, None),
+            Some(Step::Send { like: Some(id), .. }) => set(*id, None),
+            Some(Step::Keep(id)) => format!("keeping {}", set(*id, None)),
+            _ => format!("step {}", n + 1),
+        }
     }
 
     fn reason(&self, failure: Failure) -> (String, String) {
         let said = |reason: &str, hint: &str| (reason.to_owned(), hint.to_owned());
         match failure {
-            Failure::Silent => said(
-                "no answer",
-                "check power, wiring, baud rate and address; `polepair scan` looks for other addresses",
-            ),
             Failure::Refused { code } => self.refusal(code),
             Failure::Misbehaved => said(
                 "what came back was corrupt or answered another question",
@@ -48,6 +176,7 @@ impl Axis {
                 let reason = trouble.map_or("the link is down".to_owned(), |t| t.to_string());
                 (reason, hint)
             }
+            Failure::Impossible(why) => self.why_not(why),
             other => (format!("it ended as {other:?}"), String::new()),
         }
     }
@@ -78,9 +207,14 @@ impl Axis {
 
     /// The error for what cannot be; nothing was sent.
     pub(crate) fn refuse(&self, what: &str, why: Unsupported) -> Error {
+        let (reason, hint) = self.why_not(why);
+        Error::Unsupported { what: format!("{}: {what}: {reason}", self.label()), why, hint }
+    }
+
+    fn why_not(&self, why: Unsupported) -> (String, String) {
         let product = self.profile.name;
         let name = |id: ParameterId| self.profile.parameter(id).map_or("it", |p| p.name);
-        let (reason, hint) = match why {
+        match why {
             Unsupported::NoSuchAxis => ("there is no such axis".into(), String::new()),
             Unsupported::NoSuchParameter => ("there is no such parameter".into(), String::new()),
             Unsupported::NoPlan => {
@@ -117,8 +251,7 @@ impl Axis {
             }
             Unsupported::Forbidden(rule) => (rule.to_owned(), String::new()),
             other => (format!("{other:?}"), String::new()),
-        };
-        Error::Unsupported { what: format!("{}: {what}: {reason}", self.label()), why, hint }
+        }
     }
 
     fn range(&self, id: ParameterId, value: i64, min: i64, max: i64) -> (String, String) {
@@ -137,6 +270,14 @@ impl Axis {
         };
         let (value, min, max) = (shown(value), shown(min), shown(max));
         (format!("{value} is outside the limits of `{name}`"), format!("it can be {min} to {max}"))
+    }
+}
+
+/// That nobody answered, and what came instead.
+fn no_answer(heard: &Heard) -> String {
+    match heard.is_nothing() {
+        true => "no answer".to_owned(),
+        false => format!("no answer, but {heard}"),
     }
 }
 

@@ -1,11 +1,13 @@
 //! Several axes of one wire that follow set-points cycle by cycle.
 
+use super::fail::RequestKind;
 use super::together::{all, can};
-use super::{Axis, Running};
+use super::{Axis, OWED_MAX, Running, stop_owed};
 use crate::error::Error;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::profile::Signal;
 use polepair_core::stream::cyclic::{
     self, Account, Bounds, CYCLES_MAX, Excess, LOAD_MAX_PERCENT, Setpoint, Trend,
 };
@@ -56,22 +58,59 @@ impl Following {
     /// drives without such a mode, and when a cycle would take more than 80 % of the bus. Others by
     /// blame. What was made ready is then taken back.
     pub fn begin(axes: &[Axis], setpoint: Setpoint, period: Duration) -> Result<Self, Error> {
-        let verb = match setpoint {
-            Setpoint::Position => Verb::FollowPosition,
-            Setpoint::Velocity => Verb::FollowVelocity,
-            Setpoint::Torque => Verb::FollowTorque,
-        };
+        Self::looked_at(axes, setpoint, period)?.powered()
+    }
+
+    /// The same for a whole path, as [`check`](Self::check) takes it: it is held to the limits, and
+    /// compared with where the axes stand, before any of them has power.
+    ///
+    /// # Errors
+    /// As [`begin`](Self::begin) and [`check`](Self::check); `E222` where the path begins away from
+    /// where an axis stands. Nothing was changed in a drive then.
+    pub fn begin_along(
+        axes: &[Axis],
+        setpoint: Setpoint,
+        period: Duration,
+        setpoints: &[f64],
+    ) -> Result<Self, Error> {
+        let looked_at = Self::looked_at(axes, setpoint, period)?;
+        looked_at.check(setpoints)?;
+        looked_at.check_begin(setpoints)?;
+        looked_at.powered()
+    }
+
+    /// What can be known without changing anything.
+    fn looked_at(axes: &[Axis], setpoint: Setpoint, period: Duration) -> Result<Self, Error> {
+        let verb = follow(setpoint);
         on_one_wire(axes.iter())?;
         axes.iter().try_for_each(Axis::check_unmounted)?;
         axes.iter().try_for_each(|axis| can(axis, verb))?;
         axes.iter().try_for_each(|axis| countable(axis, verb, period))?;
         let bounds = axes.iter().map(bounds).collect::<Result<_, _>>()?;
-        axes.iter().for_each(|axis| axis.arm(true));
-        let ready = Self { axes: axes.to_vec(), setpoint, period, bounds, released: false };
-        let command = Command { period: Some(period.as_secs_f64()), ..Command::new(verb) };
-        all(&ready.each(command))?;
-        ready.fits()?;
-        Ok(ready)
+        // There is nothing to take back yet.
+        Ok(Self { axes: axes.to_vec(), setpoint, period, bounds, released: true })
+    }
+
+    fn powered(mut self) -> Result<Self, Error> {
+        self.axes.iter().for_each(|axis| axis.arm(true));
+        self.released = false;
+        let period = Some(self.period.as_secs_f64());
+        all(&self.each(Command { period, ..Command::new(follow(self.setpoint)) }))?;
+        self.fits()?;
+        Ok(self)
+    }
+
+    /// Compares the first position of each axis with where it stands now.
+    fn check_begin(&self, setpoints: &[f64]) -> Result<(), Error> {
+        if self.setpoint != Setpoint::Position {
+            return Ok(());
+        }
+        for ((axis, bounds), begins) in self.axes.iter().zip(&self.bounds).zip(setpoints) {
+            let most =
+                bounds.velocity.map_or(cyclic::APART, |most| most * self.period.as_secs_f64());
+            axis.check_begin(*begins, most)?;
+        }
+        Ok(())
     }
 
     fn each(&self, command: Command) -> Vec<(&Axis, Command)> {
@@ -164,7 +203,12 @@ impl Following {
             first.connection.submit(|axes, now, ticket| axes.follow(now, ticket, &following));
         let pending = submit.map_err(|why| first.refuse(WHAT, why))?;
         let ticket = pending.ticket();
-        let mut running = Running { axis: first.clone(), pending, what: WHAT.to_owned() };
+        let mut running = Running {
+            axis: first.clone(),
+            pending,
+            what: WHAT.to_owned(),
+            asked: RequestKind::Command,
+        };
         let (mut rest, chunk_len) = (setpoints.into_iter().fuse(), CYCLES_MAX * self.axes.len());
         let mut chunk: Vec<f64> = Vec::with_capacity(chunk_len);
         let mut fed = false;
@@ -216,10 +260,11 @@ impl Following {
 
     fn end(&mut self) -> Result<(), Error> {
         self.released = true;
-        let ended = [Verb::Stop, Verb::Disable, Verb::Unfollow]
-            .map(|verb| all(&self.each(Command::new(verb))));
+        let stopped: Result<(), Error> =
+            stop_owed(&self.axes, OWED_MAX, |_, _| true).into_iter().collect();
+        let ended = [Verb::Disable, Verb::Unfollow].map(|verb| all(&self.each(Command::new(verb))));
         self.axes.iter().for_each(|axis| axis.arm(false));
-        ended.into_iter().collect()
+        stopped.and(ended.into_iter().collect())
     }
 }
 
@@ -228,6 +273,43 @@ impl Drop for Following {
         if !self.released {
             let _ = self.end();
         }
+    }
+}
+
+const fn follow(setpoint: Setpoint) -> Verb {
+    match setpoint {
+        Setpoint::Position => Verb::FollowPosition,
+        Setpoint::Velocity => Verb::FollowVelocity,
+        Setpoint::Torque => Verb::FollowTorque,
+    }
+}
+
+impl Axis {
+    /// Refuses a path that begins more than `most` away from where the axis stands now, both in SI.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] `E222`; what reading the position brings.
+    pub(super) fn check_begin(&self, begins: f64, most: f64) -> Result<(), Error> {
+        let stands = self.signals(&[Signal::Position])?[0].value;
+        // Where the scale is not known, the lane compares raw values.
+        if !stands.is_finite() || (begins - stands).abs() <= most {
+            return Ok(());
+        }
+        let shown = |si| self.signal_shown(Signal::Position, si);
+        let (stands, begins) = (shown(stands), shown(begins));
+        Err(Error::Unsupported {
+            what: format!("{} stands at {stands}, the path begins at {begins}", self.label()),
+            why: Unsupported::Forbidden("the path begins away from where the axis stands"),
+            hint: "move there first, or begin the path where it stands".to_owned(),
+        })
+    }
+
+    /// A signal's SI value in the unit that people read it in.
+    fn signal_shown(&self, signal: Signal, si: f64) -> String {
+        let Some(source) = self.profile.signal(signal) else { return format!("{si}") };
+        let unit = self.unit(source.parameter);
+        let shown = (si / unit.si() * 1e3).round() / 1e3 + 0.0;
+        format!("{shown} {}", unit.symbol()).trim_end().to_owned()
     }
 }
 

@@ -1,8 +1,8 @@
-//! The mode of operation, in words.
+//! What a state says: the mode of operation in words, and whether the motor moves.
 
 use super::Axis;
 use polepair_core::axis::State;
-use polepair_core::profile::Signal;
+use polepair_core::profile::{Encoding, Signal};
 
 impl Axis {
     /// The mode of operation that a state has, in the profile's words; its number where it has no
@@ -16,5 +16,30 @@ impl Axis {
         let names = if source.values.is_empty() { own } else { source.values };
         let word = names.iter().find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
         Some(word.map_or_else(|| reading.raw.to_string(), str::to_owned))
+    }
+
+    /// Whether the motor moves, by what was read last: the drive says that a move is under way, or it
+    /// is faster than what its stop takes for standing. A drive's own flag is often that a target is
+    /// not reached, which a motor that turns at a speed has no use for. `None` while neither was read.
+    #[must_use]
+    pub fn moving(&self, state: &State) -> Option<bool> {
+        let reading = state.reading(Signal::Moving);
+        let told = self.profile.signal(Signal::Moving).and(reading.at);
+        let flag = told.map(|_| reading.raw != 0);
+        let turns = self.turns().map(|turns| turns && !self.is_one_count(state));
+        match (flag, turns) {
+            (None, None) => None,
+            (flag, turns) => Some(flag == Some(true) || turns == Some(true)),
+        }
+    }
+
+    /// Whether a speed that is counted in counts and their fractions is at most one count: an encoder
+    /// that rests between two counts tells that too.
+    fn is_one_count(&self, state: &State) -> bool {
+        const COUNT: u64 = 1 << 16;
+        let source = self.profile.signal(Signal::Velocity);
+        let parameter = source.and_then(|source| self.profile.parameter(source.parameter));
+        parameter.is_some_and(|parameter| parameter.encoding == Encoding::Fixed)
+            && state.reading(Signal::Velocity).raw.unsigned_abs() <= COUNT
     }
 }

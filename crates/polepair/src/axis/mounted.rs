@@ -3,13 +3,15 @@
 use super::Axis;
 use crate::error::Error;
 use crate::file::{Found, Place};
+use crate::identify::Identified;
 use crate::mounting::{ARGUMENTS, Mounted, Role, destination};
 use crate::url::Number;
 use polepair_core::axis::{Command, Reading, State, Verb};
 use polepair_core::plan::{Argument, Operand, Step};
-use polepair_core::profile::{Access, ParameterId, Signal, SignalSource};
+use polepair_core::profile::{Access, Parameter, ParameterId, Signal, SignalSource};
 use polepair_core::stream::{PathKind, Point};
 use polepair_core::units::Unit;
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// Points of a path that is checked as a whole before it begins.
@@ -22,9 +24,82 @@ impl Axis {
     /// motion of an axis that a file mounts, the machine's.
     #[must_use]
     pub fn unit(&self, id: ParameterId) -> Unit {
+        if self.is_unscaled(id) {
+            return Unit::None;
+        }
         let unit = self.profile.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
         let role = self.own().and_then(|mounted| Some((mounted, mounted.role(id)?)));
         role.map_or(unit, |(mounted, role)| mounted.unit(role, unit))
+    }
+
+    /// Whether what scales a parameter is known not to be there: it is then shown raw.
+    pub(super) fn is_unscaled(&self, id: ParameterId) -> bool {
+        let scale = self.profile.parameter(id).map(|parameter| parameter.scale);
+        let factors = scale.into_iter().flat_map(|scale| [scale.times, scale.over]);
+        factors.flatten().any(|id| self.lacks(id))
+    }
+
+    /// Asks for what scales the arguments of a command and not every drive has. What turns out not to
+    /// be there has no unit, though the caller gave one.
+    pub(super) fn check_scales(&self, command: &Command) -> Result<(), Error> {
+        for (id, parameter) in self.optionally_scaled(command) {
+            self.read_unread_factors(parameter)?;
+            if self.is_unscaled(id) {
+                let what = format!(
+                    "{}: the drive has no object that gives `{}` a unit",
+                    self.label(),
+                    parameter.name
+                );
+                return Err(Error::usage("E217", what, "say it again, raw and without a unit"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether [`prepare`](Self::prepare) asks the drive for what scales the command's arguments. Who
+    /// must not wait prepares it elsewhere.
+    #[must_use]
+    pub fn has_unread_scales(&self, command: &Command) -> bool {
+        self.optionally_scaled(command).any(|(_, parameter)| !self.knows_factors(parameter))
+    }
+
+    /// The parameters that the arguments of a command go to, where what scales them is not in every
+    /// drive, and is not known to be missing.
+    fn optionally_scaled(
+        &self,
+        command: &Command,
+    ) -> impl Iterator<Item = (ParameterId, &'static Parameter)> {
+        let given = ARGUMENTS.into_iter().filter(|which| command.argument(*which).is_some());
+        let ids =
+            given.filter_map(|which| destination(self.profile, command.verb, which).flatten());
+        let scaled = ids.filter_map(|id| Some((id, self.profile.parameter(id)?)));
+        scaled.filter(|(id, parameter)| {
+            let factors = [parameter.scale.times, parameter.scale.over];
+            let optional = |factor: &ParameterId| self.profile.optional.contains(factor);
+            !self.is_unscaled(*id) && factors.iter().flatten().any(optional)
+        })
+    }
+
+    /// Asks a drive that answers already for what not every drive of its profile has to scale values
+    /// with: units are told without asking from then on.
+    ///
+    /// # Errors
+    /// That the link is down; what the drive makes of it shows when it matters.
+    pub(crate) fn learn_scales(&self) -> Result<(), Error> {
+        if !matches!(self.identified, Identified::Asked { .. }) {
+            return Ok(());
+        }
+        let scales = self.profile.parameters.iter().map(|parameter| parameter.scale);
+        let factors = scales.flat_map(|scale| [scale.times, scale.over]).flatten();
+        let optional = factors.filter(|factor| self.profile.optional.contains(factor));
+        for factor in optional.collect::<BTreeSet<ParameterId>>() {
+            match self.read_if_any(factor) {
+                Err(error @ Error::Link(_)) => return Err(error),
+                Err(_) => return Ok(()),
+                Ok(_) => {}
+            }
+        }
+        Ok(())
     }
 
     /// The SI unit in which a signal is read, as people write it: `rad/s`, or `m/s` of an axis that
@@ -51,9 +126,9 @@ impl Axis {
         let ends = self.own().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(None) };
         let position = self.position()?;
-        let velocity = match self.profile.signal(Signal::Velocity) {
-            Some(_) => self.signals(&[Signal::Velocity])?[0].value,
-            None => 0.0,
+        let velocity = match self.tells(Signal::Velocity)? {
+            true => self.signals(&[Signal::Velocity])?[0].value,
+            false => 0.0,
         };
         let (low, high) = ends.value;
         let then = position + velocity * ahead.as_secs_f64();

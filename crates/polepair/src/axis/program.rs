@@ -1,5 +1,6 @@
 //! Programs in an axis' drive: loaded, proven, read, run.
 
+use super::fail::RequestKind;
 use super::{Axis, Running};
 use crate::error::Error;
 use crate::program::{Program, Source};
@@ -141,6 +142,16 @@ impl Axis {
         called.and(ended).map(drop).and(self.stop())
     }
 
+    /// Stops one more motor behind the drive's address, by its number there, counted from 0: this axis
+    /// is the first. It is told and not waited for.
+    ///
+    /// # Errors
+    /// [`Error`] by blame: refused by a drive that has no motor of that number, unsupported where an
+    /// address is one motor.
+    pub fn stop_motor(&self, number: u8) -> Result<(), Error> {
+        self.order(&format!("stopping motor {number}"), Order::StopMotor(number)).map(drop)
+    }
+
     /// What is to be known of the memory that its programs lie in.
     pub(crate) fn memory_rules(&self, what: &str) -> Result<&'static MemoryRules, Error> {
         let rules = self.connection.with(|axes, _| axes.memory(self.index));
@@ -148,7 +159,7 @@ impl Axis {
     }
 
     fn order(&self, what: &str, order: Order) -> Result<i64, Error> {
-        self.submit(what.to_owned(), |axes, now, ticket| {
+        self.submit(what.to_owned(), RequestKind::Command, |axes, now, ticket| {
             axes.order(now, ticket, self.index, order)
         })?
         .finish()
@@ -165,7 +176,9 @@ impl Axis {
             axes.transfer(now, ticket, self.index, kind, pieces)
         };
         let pending = self.connection.submit(begin).map_err(|why| self.refuse(what, why))?;
-        let mut running = Running { axis: self.clone(), pending, what: what.to_owned() };
+        let asked =
+            if kind == TransferKind::Write { RequestKind::Command } else { RequestKind::Question };
+        let mut running = Running { axis: self.clone(), pending, what: what.to_owned(), asked };
         loop {
             let ended = running.wait(PAUSE)?;
             let progress = self.progress();

@@ -1,6 +1,7 @@
 //! A request under way.
 
 use super::Axis;
+use super::fail::RequestKind;
 use crate::error::Error;
 use polepair_core::axis::{Axes, Command};
 use polepair_core::error::{Outcome, Unsupported};
@@ -31,7 +32,8 @@ impl Prepared {
         };
         let verb = command.verb.name();
         let pending = axis.connection.submit(submit).map_err(|why| axis.refuse(verb, why))?;
-        Ok(Running { axis: axis.clone(), pending, what: verb.to_owned() })
+        let (what, asked) = (verb.to_owned(), RequestKind::Verb(command.verb));
+        Ok(Running { axis: axis.clone(), pending, what, asked })
     }
 }
 
@@ -42,6 +44,7 @@ pub struct Running {
     pub(super) axis: Axis,
     pub(super) pending: Pending,
     pub(super) what: String,
+    pub(super) asked: RequestKind,
 }
 
 impl Axis {
@@ -52,7 +55,8 @@ impl Axis {
     /// [`Error::Unsupported`]: nothing was sent.
     pub fn start_read(&self, id: ParameterId) -> Result<Running, Error> {
         let what = format!("reading `{}`", self.parameter(id)?.name);
-        self.submit(what, |axes, now, ticket| axes.read(now, ticket, self.index, id))
+        let ask = |axes: &mut dyn Axes, now, ticket| axes.read(now, ticket, self.index, id);
+        self.submit(what, RequestKind::Question, ask)
     }
 }
 
@@ -65,7 +69,9 @@ impl Axis {
     pub fn start_write(&self, id: ParameterId, raw: i64, keep: bool) -> Result<Running, Error> {
         let what = format!("setting `{}`", self.parameter(id)?.name);
         self.check_write(id, raw)?;
-        self.submit(what, |axes, now, ticket| axes.write(now, ticket, self.index, id, raw, keep))
+        let ask =
+            |axes: &mut dyn Axes, now, ticket| axes.write(now, ticket, self.index, id, raw, keep);
+        self.submit(what, RequestKind::Setting(id, raw, keep), ask)
     }
 
     /// Begins a request in the protocol's own text, and does not wait for the answer: as
@@ -75,17 +81,19 @@ impl Axis {
     /// [`Error::Unsupported`]: nothing was sent.
     pub fn start_raw(&self, text: &str) -> Result<Running, Error> {
         let what = format!("`{text}`");
-        self.submit(what, |axes, now, ticket| axes.raw(now, ticket, self.index, text))
+        let ask = |axes: &mut dyn Axes, now, ticket| axes.raw(now, ticket, self.index, text);
+        self.submit(what, RequestKind::Command, ask)
     }
 
     pub(super) fn submit(
         &self,
         what: String,
+        asked: RequestKind,
         request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<Running, Error> {
         let pending = self.connection.submit_in_turn(Instant::FAR, request);
         let pending = pending.map_err(|why| self.refuse(&what, why))?;
-        Ok(Running { axis: self.clone(), pending, what })
+        Ok(Running { axis: self.clone(), pending, what, asked })
     }
 }
 
@@ -124,7 +132,7 @@ impl Running {
         self.pending.poll_or_wake(waker).is_some()
     }
 
-    fn until(&mut self, deadline: Instant) -> Result<Option<i64>, Error> {
+    pub(super) fn until(&mut self, deadline: Instant) -> Result<Option<i64>, Error> {
         match self.pending.wait(deadline) {
             Waited::Ended(outcome) => self.judged(outcome).map(Some),
             Waited::TimedOut => Ok(None),
@@ -135,7 +143,7 @@ impl Running {
     fn judged(&self, outcome: Outcome) -> Result<i64, Error> {
         match outcome {
             Outcome::Done(raw) => Ok(raw),
-            other => Err(self.axis.failed(&self.what, other)),
+            other => Err(self.axis.failed(&self.what, self.asked, other)),
         }
     }
 

@@ -1,27 +1,42 @@
 //! A stop, and how far it is known to have come.
+//!
+//! It is told to the drive, answered step by step, and then looked for in what the drive measures:
+//! its speed, or its position twice. Only readings that were asked after the last of its steps was
+//! answered count. What was read before, or what a trajectory says that the motor should do, does not.
 
 use std::time::Duration;
 
 use super::{Axis, Running};
 use crate::error::Error;
-use polepair_core::axis::{Command, Verb};
-use polepair_core::plan::Step;
-use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::axis::{Axes, StopPart, Verb};
+use polepair_core::error::{Failure, Unsupported};
+use polepair_core::plan::{Compare, Step, Test};
+use polepair_core::profile::{ParameterId, Persistence, RamMode, Signal};
+use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
 
-/// Readings of what a stop waits for that prove that its steps before were answered: the first may
-/// have been asked for before the stop.
-const PROOF: u32 = 2;
+/// Between two readings whether the motor stands, at least and at most.
+const LOOK_EVERY: Duration = Duration::from_millis(10);
+const LOOK_EVERY_MAX: Duration = Duration::from_secs(2);
+/// For so long a motor that brakes is looked at without a rest.
+const BRAKING: Duration = Duration::from_secs(2);
+/// After that the pause is so many times what a reading took: a motor that turns on takes 5 % of its wire.
+const REST_TIMES: u32 = 19;
+/// Readings of the speed in a row that say so: one may lie in a change of direction.
+const STANDS_MIN: u32 = 2;
+/// Two positions that agree so far apart, to one raw step: the motor stands.
+const AGREE_OVER: Duration = Duration::from_millis(100);
+/// So long a group's drives, which do not tell the same, are asked whether they stand.
+const DIFFER_MAX: Duration = Duration::from_secs(10);
 
 /// The stop of one axis, for those who wait for nothing: they look again and again.
 #[derive(Debug)]
 pub struct Stopping {
     begun: Instant,
-    running: Option<Running>,
+    stage: Stage,
     class: Class,
     took: Duration,
-    last: Option<Instant>,
-    readings: u32,
+    trouble: Option<Error>,
 }
 
 /// How far a stop is known to have come.
@@ -29,24 +44,68 @@ pub struct Stopping {
 pub enum Class {
     /// It is on the wire.
     Sent,
-    /// The drive said that it took it.
+    /// The drive answered all of it.
     Acknowledged,
-    /// The motor stands.
+    /// The motor stands: that was measured after the drive had answered.
     Still,
+    /// The drive answered all of it, and measures nothing by which it could be seen to stand.
+    Unseen,
     /// It could not be sent, or was not confirmed; why.
     Failed(Error),
+}
+
+#[derive(Debug)]
+enum Stage {
+    /// Asks whether what a stop writes stays out of permanent memory: it is said again.
+    Sparing(Running, RamMode),
+    /// Sees to it.
+    Spared(Running),
+    Telling(Running),
+    Watching(Watch),
+    /// Tells what a motor that stands is told.
+    Releasing(Running, Class),
+    Over,
 }
 
 impl Stopping {
     /// Sends it.
     #[must_use]
     pub fn begin(axis: &Axis) -> Self {
-        let begun = axis.connection().now();
-        let (running, class) = match axis.start(Command::new(Verb::Stop)) {
-            Ok(running) => (Some(running), Class::Sent),
-            Err(error) => (None, Class::Failed(error)),
-        };
-        Self { begun, running, class, took: Duration::ZERO, last: None, readings: 0 }
+        let mut stopping = Self::new(axis);
+        stopping.tell(axis, false);
+        stopping
+    }
+
+    /// Sends it again to a drive that did not answer, or whose link was away: each of its requests once,
+    /// so that a drive that is gone keeps the others' wire for no longer than one question. A drive
+    /// that would write permanent memory by it, because it lost its supply, is told not to first.
+    #[must_use]
+    pub fn again(axis: &Axis) -> Self {
+        let mut stopping = Self::new(axis);
+        match axis.stop_spares() {
+            Some(ram) => match axis.start_read_once(ram.parameter) {
+                Ok(running) => stopping.stage = Stage::Sparing(running, ram),
+                Err(error) => stopping.fail(error),
+            },
+            None => stopping.tell(axis, true),
+        }
+        stopping
+    }
+
+    fn new(axis: &Axis) -> Self {
+        let (begun, stage) = (axis.connection().now(), Stage::Over);
+        Self { begun, stage, class: Class::Sent, took: Duration::ZERO, trouble: None }
+    }
+
+    fn tell(&mut self, axis: &Axis, once: bool) {
+        match axis.start_stop(StopPart::Tell, once) {
+            Ok(running) => self.stage = Stage::Telling(running),
+            Err(error) => self.fail(error),
+        }
+    }
+
+    fn fail(&mut self, error: Error) {
+        (self.class, self.stage) = (Class::Failed(error), Stage::Over);
     }
 
     /// How far it has come.
@@ -55,75 +114,267 @@ impl Stopping {
         &self.class
     }
 
+    /// Why it goes no further, where it was answered and the drive then fell silent.
+    #[must_use]
+    pub fn trouble(&self) -> Option<&Error> {
+        self.trouble.as_ref()
+    }
+
     /// How long that took.
     #[must_use]
     pub fn took(&self) -> Duration {
         self.took
     }
 
-    /// Whether the motor stands, and has been told to for so long.
+    /// Whether it came to its end, and that was told for so long.
     #[must_use]
     pub fn is_over(&self, axis: &Axis, told: Duration) -> bool {
         let age = axis.connection().now().since(self.begun);
-        self.class == Class::Still && age > self.took + told
+        matches!(self.class, Class::Still | Class::Unseen) && age > self.took + told
     }
 
-    /// Whether its end is not known yet.
+    /// Whether something of it is still to be answered: nothing that moves is to be sent meanwhile.
     #[must_use]
     pub fn is_under_way(&self) -> bool {
-        self.running.is_some()
+        !matches!(self.stage, Stage::Watching(_) | Stage::Over)
     }
 
-    /// Notes that the motor stands, by a velocity read at `at`: where the drive's stop waits for
-    /// nothing, that is how it is known.
-    pub fn stands(&mut self, at: Instant) {
-        let ended = self.begun + self.took;
-        if self.class == Class::Acknowledged && self.running.is_none() && at > ended {
-            self.class = Class::Still;
-            self.took = at.since(self.begun);
-        }
+    /// Whether nothing of it is on the wire yet: its drive is asked something else first.
+    #[must_use]
+    pub fn is_held_back(&self) -> bool {
+        matches!(self.stage, Stage::Sparing(..) | Stage::Spared(_))
     }
 
-    /// Looks how far it has come.
+    /// Whether nothing more is known of it unless it is said again.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        matches!(self.stage, Stage::Over)
+    }
+
+    /// Whether the drive answered all of it and the last reading says that its motor still turns.
+    #[must_use]
+    pub fn is_seen_turning(&self) -> bool {
+        matches!(&self.stage, Stage::Watching(watch) if watch.turns)
+    }
+
+    /// Looks how far it has come. Waits for nothing.
     pub fn look(&mut self, axis: &Axis, now: Instant) {
-        let Some(running) = &mut self.running else { return };
-        let ended = running.poll();
-        self.ended(axis, now, ended);
+        self.turn(axis, now, false);
     }
 
     /// Waits for its end, at most so long.
     pub fn settle(&mut self, axis: &Axis, at_most: Duration) {
-        let Some(running) = &mut self.running else { return };
-        let ended = running.wait(at_most);
-        self.ended(axis, axis.connection().now(), ended);
+        let end = axis.connection().now() + at_most;
+        while !self.has_ended() {
+            let left = end.since(axis.connection().now());
+            if left.is_zero() {
+                return;
+            }
+            // What it comes to is looked at below.
+            let _ = match &mut self.stage {
+                Stage::Sparing(running, _)
+                | Stage::Spared(running)
+                | Stage::Telling(running)
+                | Stage::Releasing(running, _) => running.wait(left),
+                Stage::Watching(Watch { asked: Some((running, _)), .. }) => running.wait(left),
+                Stage::Watching(_) | Stage::Over => Ok(None),
+            };
+            self.turn(axis, axis.connection().now(), true);
+        }
     }
 
-    fn ended(&mut self, axis: &Axis, now: Instant, ended: Result<Option<i64>, Error>) {
-        self.took = now.since(self.begun);
-        let waits = waited_for(axis);
-        match ended {
-            Ok(None) => return self.watch(axis, &waits),
-            Ok(Some(_)) if waits.is_empty() => self.class = Class::Acknowledged,
-            Ok(Some(_)) => self.class = Class::Still,
-            Err(error) => self.class = Class::Failed(error),
+    fn turn(&mut self, axis: &Axis, now: Instant, hasty: bool) {
+        match std::mem::replace(&mut self.stage, Stage::Over) {
+            Stage::Sparing(mut running, ram) => match running.poll() {
+                Ok(None) => self.stage = Stage::Sparing(running, ram),
+                Ok(Some(raw)) if raw == ram.ram => self.tell(axis, false),
+                Ok(Some(_)) => match axis.start_write(ram.parameter, ram.ram, false) {
+                    Ok(running) => self.stage = Stage::Spared(running),
+                    Err(_) => self.tell(axis, false),
+                },
+                // It answers: to stop is worth a write to its memory.
+                Err(error) if !is_of_the_wire(&error) => self.tell(axis, false),
+                Err(error) => self.fail(error),
+            },
+            Stage::Spared(mut running) => match running.poll() {
+                Ok(None) => self.stage = Stage::Spared(running),
+                Err(error) if is_of_the_wire(&error) => self.fail(error),
+                Ok(Some(_)) | Err(_) => self.tell(axis, false),
+            },
+            Stage::Telling(mut running) => match running.poll() {
+                Ok(None) => self.stage = Stage::Telling(running),
+                Ok(Some(_)) => {
+                    // Where nobody answers it, it may have been lost.
+                    let index = axis.index;
+                    if axis.connection().with(|axes, _| axes.is_confirmed(index)) {
+                        self.came(Class::Acknowledged, now);
+                    }
+                    self.stage = Stage::Watching(Watch::new(axis, now));
+                    self.turn(axis, now, hasty);
+                }
+                Err(error) => self.fail(error),
+            },
+            Stage::Watching(mut watch) => match watch.look(axis, now, hasty) {
+                Ok(None) => self.stage = Stage::Watching(watch),
+                Ok(Some(class)) => self.release(axis, class, now),
+                Err(error) => self.trouble = Some(error),
+            },
+            Stage::Releasing(mut running, class) => match running.poll() {
+                Ok(None) => self.stage = Stage::Releasing(running, class),
+                Ok(Some(_)) => self.came(class, now),
+                Err(error) => self.trouble = Some(error),
+            },
+            Stage::Over => {}
         }
-        self.running = None;
     }
 
-    /// What a stop waits for is read once all that it sends was answered.
-    fn watch(&mut self, axis: &Axis, waits: &[ParameterId]) {
-        let state = axis.state();
-        let signals = axis.profile().signals.iter();
-        let read = signals.filter(|source| waits.contains(&source.parameter));
-        let last = read.filter_map(|source| state.reading(source.signal).at).max();
-        if last > self.last && last > Some(self.begun) {
-            self.last = last;
-            self.readings += 1;
+    fn came(&mut self, class: Class, now: Instant) {
+        (self.class, self.took) = (class, now.since(self.begun));
+    }
+
+    /// The motor stands: what is left of the stop is said.
+    fn release(&mut self, axis: &Axis, class: Class, now: Instant) {
+        let plan = axis.profile().plan(Verb::Stop);
+        if plan.is_none_or(|plan| plan.after_wait().is_empty()) {
+            return self.came(class, now);
         }
-        if self.class == Class::Sent && self.readings >= PROOF {
-            self.class = Class::Acknowledged;
+        match axis.start_stop(StopPart::Release, false) {
+            Ok(running) => self.stage = Stage::Releasing(running, class),
+            Err(error) => self.trouble = Some(error),
         }
     }
+}
+
+/// What is measured of a motor that was told to stop.
+#[derive(Debug)]
+struct Watch {
+    since: Instant,
+    /// The first is asked for; what the drive does not tell is left out.
+    sources: Vec<Source>,
+    asked: Option<(Running, Instant)>,
+    next: Instant,
+    /// Readings of the speed in a row that passed.
+    stands: u32,
+    /// The first of the positions that agree, and when it was asked for.
+    position: Option<(Instant, i64)>,
+    /// The last reading says that the motor turns.
+    turns: bool,
+}
+
+/// What tells whether a motor stands.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Source {
+    Speed(ParameterId, Test),
+    Position(ParameterId),
+}
+
+impl Source {
+    /// What there is for an axis, the most telling first: a speed for which the stop says what is none,
+    /// a position, any other speed.
+    fn of(axis: &Axis) -> Vec<Self> {
+        let parameter = |signal| axis.profile().signal(signal).map(|source| source.parameter);
+        let position = parameter(Signal::Position).map(Self::Position);
+        let Some(speed) = parameter(Signal::Velocity) else {
+            return position.into_iter().collect();
+        };
+        match axis.standing_speed() {
+            Some(test) => [Self::Speed(speed, test)].into_iter().chain(position).collect(),
+            None => {
+                let test = Test { mask: -1, compare: Compare::Equal, value: 0 };
+                position.into_iter().chain([Self::Speed(speed, test)]).collect()
+            }
+        }
+    }
+
+    fn parameter(self) -> ParameterId {
+        match self {
+            Self::Speed(id, _) | Self::Position(id) => id,
+        }
+    }
+}
+
+impl Watch {
+    fn new(axis: &Axis, now: Instant) -> Self {
+        let (since, sources) = (now, Source::of(axis));
+        Self { since, sources, asked: None, next: now, stands: 0, position: None, turns: false }
+    }
+
+    /// What is known when it is; an error when the drive answers no longer.
+    fn look(&mut self, axis: &Axis, now: Instant, hasty: bool) -> Result<Option<Class>, Error> {
+        let Some(source) = self.sources.first().copied() else { return Ok(Some(Class::Unseen)) };
+        let Some((running, asked)) = &mut self.asked else {
+            if now >= self.next || hasty {
+                self.ask(axis, source, now);
+            }
+            return Ok(None);
+        };
+        let asked = *asked;
+        let read = match running.poll() {
+            Ok(None) => return Ok(None),
+            Ok(Some(raw)) => Ok(raw),
+            Err(error) => Err(error),
+        };
+        self.asked = None;
+        let rest = now.since(asked) * REST_TIMES;
+        self.next = now
+            + match now.since(self.since) < BRAKING {
+                true => LOOK_EVERY,
+                false => rest.clamp(LOOK_EVERY, LOOK_EVERY_MAX),
+            };
+        match read {
+            Ok(raw) => Ok(self.says(source, raw, asked).then_some(Class::Still)),
+            Err(error) if is_of_the_wire(&error) => Err(error),
+            Err(error) => {
+                let differ = matches!(failure(&error), Some(Failure::NotReady { .. }));
+                if !differ || now.since(self.since) >= DIFFER_MAX {
+                    self.sources.remove(0);
+                    self.next = now;
+                }
+                Ok(None)
+            }
+        }
+    }
+
+    fn ask(&mut self, axis: &Axis, source: Source, now: Instant) {
+        match axis.start_read_once(source.parameter()) {
+            Ok(running) => self.asked = Some((running, now)),
+            Err(Error::Unsupported { why: Unsupported::Busy, .. }) => {
+                self.next = now + LOOK_EVERY;
+            }
+            Err(_) => drop(self.sources.remove(0)),
+        }
+    }
+
+    /// Whether the motor stands, by a value that was asked for at `asked`.
+    fn says(&mut self, source: Source, raw: i64, asked: Instant) -> bool {
+        match source {
+            Source::Speed(_, test) => {
+                self.turns = !test.passes(raw);
+                self.stands = if self.turns { 0 } else { self.stands + 1 };
+                self.stands >= STANDS_MIN
+            }
+            Source::Position(_) => {
+                let agrees = |(_, first): &(Instant, i64)| raw.abs_diff(*first) <= 1;
+                self.turns = self.position.is_some_and(|first| !agrees(&first));
+                let (since, _) = *self.position.insert(match self.position.filter(agrees) {
+                    Some(first) => first,
+                    None => (asked, raw),
+                });
+                asked.since(since) >= AGREE_OVER
+            }
+        }
+    }
+}
+
+fn failure(error: &Error) -> Option<Failure> {
+    let Error::Failed { outcome, .. } = error else { return None };
+    outcome.failure()
+}
+
+/// Whether a request ended so because the drive was not heard: it may be answered once it is said again.
+fn is_of_the_wire(error: &Error) -> bool {
+    use Failure::{Cancelled, LinkDown, Misbehaved, Silent};
+    matches!(failure(error), Some(Silent | Misbehaved | Cancelled | LinkDown))
 }
 
 impl Axis {
@@ -133,24 +384,61 @@ impl Axis {
     pub fn turns(&self) -> Option<bool> {
         let reading = self.state().reading(Signal::Velocity);
         reading.at?;
-        let source = self.profile.signal(Signal::Velocity).map(|found| found.parameter);
-        let plan = self.profile.plan(Verb::Stop);
-        let steps = plan.map_or(&[][..], |plan| plan.steps);
-        let standing = steps.iter().find_map(|step| match step {
-            Step::Until { read, test, .. } if Some(*read) == source => Some(test),
-            _ => None,
-        });
+        let standing = self.standing_speed();
         Some(standing.map_or(reading.raw != 0, |test| !test.passes(reading.raw)))
     }
-}
 
-/// What the drive's stop waits for; nothing where being told is all that can be known.
-fn waited_for(axis: &Axis) -> Vec<ParameterId> {
-    let plan = axis.profile().plan(Verb::Stop);
-    let steps = plan.map_or(&[][..], |plan| plan.steps);
-    let waits = steps.iter().filter_map(|step| match step {
-        Step::Until { read, .. } => Some(*read),
-        _ => None,
-    });
-    waits.collect()
+    /// What the drive's stop takes for no measured speed, where it waits for that.
+    fn standing_speed(&self) -> Option<Test> {
+        let speed = self.profile.signal(Signal::Velocity)?.parameter;
+        let steps = self.profile.plan(Verb::Stop).map_or(&[][..], |plan| plan.steps);
+        steps.iter().find_map(|step| match step {
+            Step::Until { read, test, .. } if *read == speed => Some(*test),
+            _ => None,
+        })
+    }
+
+    /// Whether its stop writes what the drive keeps over power-off unless it was told not to, and how
+    /// it is told.
+    fn stop_spares(&self) -> Option<RamMode> {
+        let ram = self.profile.ram?;
+        let kept = |id: &ParameterId| {
+            let parameter = self.profile.parameter(*id);
+            parameter.is_some_and(|found| found.persistence == Persistence::UnlessRam)
+        };
+        let steps = self.profile.plan(Verb::Stop)?.steps;
+        let writes = |step: &Step| matches!(step, Step::Write(id, _) if kept(id));
+        steps.iter().any(writes).then_some(ram)
+    }
+
+    fn start_stop(&self, part: StopPart, once: bool) -> Result<Running, Error> {
+        self.submit_now("stop".to_owned(), |axes, now, ticket| {
+            axes.stop(now, ticket, self.index, part)?;
+            if once {
+                axes.send_once(ticket);
+            }
+            Ok(())
+        })
+    }
+
+    /// As [`start_read`](Self::start_read), but waits for no room; and a drive that is silent is asked
+    /// once.
+    fn start_read_once(&self, id: ParameterId) -> Result<Running, Error> {
+        let what = format!("reading `{}`", self.parameter(id)?.name);
+        self.submit_now(what, |axes, now, ticket| {
+            axes.read(now, ticket, self.index, id)?;
+            axes.send_once(ticket);
+            Ok(())
+        })
+    }
+
+    fn submit_now(
+        &self,
+        what: String,
+        request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+    ) -> Result<Running, Error> {
+        let pending = self.connection.submit(request).map_err(|why| self.refuse(&what, why))?;
+        let asked = super::fail::RequestKind::Verb(Verb::Stop);
+        Ok(Running { axis: self.clone(), pending, what, asked })
+    }
 }

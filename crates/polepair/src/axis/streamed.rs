@@ -1,5 +1,6 @@
 //! Paths streamed point by point.
 
+use super::fail::RequestKind;
 use super::{Axis, Running};
 use crate::error::Error;
 use polepair_core::stream::{PathKind, Point};
@@ -10,7 +11,31 @@ const CHUNK: usize = 64;
 /// How often more are handed over; the lane holds hundreds.
 const PAUSE: Duration = Duration::from_millis(20);
 
+/// A path whose first point asks for more than so many times the greatest speed of all that follows
+/// begins somewhere else.
+const FIRST_SPEED_MAX: f64 = 10.0;
+
 impl Axis {
+    /// Looks at a path before the axis has power: whether a file's limits let it through, and whether
+    /// it begins where the axis stands. Only reads are sent.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E223` for what a file's limits do not let through, [`Error::Unsupported`]
+    /// `E222` when the first point is so far away that the way there would be over ten times as fast as
+    /// all that follows. Others by blame.
+    pub fn check_path(&self, kind: PathKind, points: &[Point]) -> Result<(), Error> {
+        drop(self.fitted_path(kind, points.iter().copied())?);
+        let Some((first, rest)) = points.split_first() else { return Ok(()) };
+        let said = rest.iter().chain([first]).map(|point| point.velocity.abs());
+        let ways =
+            points.windows(2).map(|two| (two[1].position - two[0].position).abs() / two[1].time);
+        let fastest = said.chain(ways).fold(0.0, f64::max);
+        if fastest <= 0.0 {
+            return Ok(());
+        }
+        self.check_begin(first.position, FIRST_SPEED_MAX * fastest * first.time)
+    }
+
     /// Moves along points, from where the axis stands, and waits until the last one is reached. The
     /// axis must be armed and enabled. Positions are in rad or m, and the last point should be one at
     /// rest. Where a file limits the axis, the whole path is looked at before it begins.
@@ -40,7 +65,12 @@ impl Axis {
             self.connection.submit(|axes, now, ticket| axes.stream(now, ticket, self.index, kind));
         let pending = pending.map_err(|why| self.refuse(WHAT, why))?;
         let ticket = pending.ticket();
-        let mut running = Running { axis: self.clone(), pending, what: WHAT.to_owned() };
+        let mut running = Running {
+            axis: self.clone(),
+            pending,
+            what: WHAT.to_owned(),
+            asked: RequestKind::Command,
+        };
         let mut chunk: Vec<Point> = Vec::with_capacity(CHUNK);
         loop {
             chunk.extend(rest.by_ref().take(CHUNK - chunk.len()));

@@ -3,7 +3,7 @@
 use super::{Connector, Link};
 use crate::error::Error;
 use crate::url::{self, Target, Url};
-use crate::wire::{AnyLink, SharedLink};
+use crate::wire::AnyLink;
 
 impl Connector {
     /// Finds out what is on a link that the caller opened: any adapter becomes one that polepair can
@@ -35,7 +35,7 @@ impl Connector {
             names: Vec::new(),
         };
         url.check_keys()?;
-        let line = self.line_on(&url, Some(SharedLink::new(link, self.tap(0))))?;
+        let line = self.line_on(&url, Some(self.tapped(0, link, None)))?;
         self.link(url, &[line], None, true)
     }
 }

@@ -5,6 +5,7 @@ use crate::registry::{self, Spoken};
 use crate::url::{Target, Url};
 use polepair_core::medium::{Parity, SerialLine, Stream};
 use polepair_core::proto::{self, HostOptions};
+use std::hash::{BuildHasher, RandomState};
 
 /// What a serial server and the network may take for each step of bringing a line back into step, ms.
 const TCP_PAUSE_MS: u32 = 100;
@@ -36,6 +37,7 @@ pub(super) fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
 /// The host's settings on a link of the operating system.
 pub(super) fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Error> {
     let rate = rate(url, "bitrate")?;
+    let untimed = !has_timing(url)?;
     let (baud, bit_rate) = match &url.target {
         Target::Serial { path, .. } if is_pty(path) => (0, 0),
         // Behind these there may be no bus, and so no least time for a frame.
@@ -45,11 +47,17 @@ pub(super) fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Er
         Target::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
         _ => (0, rate.unwrap_or(0)),
     };
-    let mut options = HostOptions { bit_rate, ..options(url, baud)? };
+    let doubt = Some(seed());
+    let mut options = HostOptions { bit_rate, untimed, doubt, ..options(url, baud)? };
     if matches!(url.target, Target::Tcp { .. }) {
         options.pause_ms = options.pause_ms.or(Some(TCP_PAUSE_MS));
     }
     Ok(options)
+}
+
+/// Whatever the system gives: the probes of one session are not those of the one before.
+pub(super) fn seed() -> u32 {
+    RandomState::new().hash_one(()) as u32
 }
 
 pub(super) fn rate(url: &Url, key: &str) -> Result<Option<u32>, Error> {
@@ -108,6 +116,21 @@ pub(super) fn line_of(
     Ok(line)
 }
 
+/// Whether bytes take the time that the port's baud rate says. `timing=off` says that they do not, and
+/// so do the drivers of USB CDC; the port is set to the baud rate in any case.
+fn has_timing(url: &Url) -> Result<bool, Error> {
+    match (url.key("timing"), &url.target) {
+        (None, Target::Serial { path, .. }) => Ok(!polepair_link::has_no_baud_rate(path)),
+        (None | Some("uart"), _) => Ok(true),
+        (Some("off"), _) => Ok(false),
+        (Some(other), _) => {
+            let what = format!("`timing={other}` is neither off nor uart");
+            let hint = "off: answers may come sooner than the baud rate allows; uart: they do not";
+            Err(Error::usage("E210", what, hint))
+        }
+    }
+}
+
 /// A pseudo-terminal has no timing, whatever its name looks like.
 fn is_pty(path: &str) -> bool {
     let real = std::fs::canonicalize(path);
@@ -116,7 +139,21 @@ fn is_pty(path: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{HostOptions, Url, options};
+    use super::{HostOptions, Url, options, wire_options};
+    use crate::registry;
+
+    #[test]
+    fn a_port_without_timing_is_no_clock_for_the_host() {
+        let baud = |text: &str| {
+            let url: Url = format!("tmcl+serial:///dev/ttyS0?{text}").parse().unwrap();
+            let spoken =
+                registry::protocol("tmcl", polepair_core::medium::MediumKind::Serial).unwrap();
+            wire_options(&url, &spoken).map(|options| (options.baud, options.untimed))
+        };
+        assert_eq!(baud("timing=uart").unwrap(), (9600, false));
+        assert_eq!(baud("timing=off").unwrap(), (9600, true), "the port is set to it all the same");
+        assert!(baud("timing=of").is_err());
+    }
 
     #[test]
     fn a_gap_is_a_time_or_three_and_a_half_characters() {

@@ -3,7 +3,7 @@
 use super::options::{options, wire_options};
 use super::{Connector, Line, Seat, open, simulated};
 use crate::error::Error;
-use crate::file::{FileError, Place};
+use crate::file::Place;
 use crate::identify::{Identified, Prober};
 use crate::registry::Spoken;
 use crate::simulate::{self, Description, Simulation};
@@ -26,7 +26,7 @@ impl Connector {
         let simulation = simulated(url, description)?;
         let mut lines = Vec::new();
         for (place, n) in own_links(simulation.description(), only).into_iter().enumerate() {
-            let link = SharedLink::new(simulation.open(n)?, self.tap(place));
+            let link = self.tapped(place, simulation.open(n)?, Some(&simulation));
             let options =
                 |_: &Spoken, baud| Ok(HostOptions { bit_rate: baud, ..options(url, baud)? });
             let opened = self.rack_lines(url, simulation.description(), n, &link, &options)?;
@@ -57,22 +57,13 @@ impl Connector {
         let mut lines = Vec::new();
         for (at, n) in links.into_iter().enumerate() {
             let wire = &description.wires[n];
-            let Some(connect) = &wire.connect else {
-                let name = &description.rack.links[n].name;
-                let reason = format!(
-                    "`{name}` does not say where it is, though others do: `connect = \"…\"`, or leave it \
-                     out everywhere to simulate all"
-                );
-                let place = wire.place.as_ref();
-                let error = place.map(|p| p.error(&reason));
-                return Err(error.unwrap_or_else(|| FileError::whole(file, reason)).into());
-            };
+            let Some(connect) = &wire.connect else { return Err(not_told(&description, n)) };
             let place = |spoken: &Spoken| place_of(url, spoken, &connect.value, wire.baud);
             let spoken = description.spoken_on(n);
             let Some(first) = spoken.first() else { continue };
             let opened = place(first)?;
             let link = open(&opened, first, &wire_options(&opened, first)?)?;
-            let link = SharedLink::new(link, self.tap(at));
+            let link = self.tapped(at, link, None);
             let options = |spoken: &Spoken, _| wire_options(&place(spoken)?, spoken);
             lines.extend(self.rack_lines(url, &description, n, &link, &options)?);
         }
@@ -101,6 +92,17 @@ impl Connector {
         };
         spoken.into_iter().map(line).collect()
     }
+}
+
+/// A link of a rack does not say where it is, though others do.
+pub(super) fn not_told(description: &Description, n: usize) -> Error {
+    let name = &description.rack.links[n].name;
+    let reason = format!(
+        "`{name}` does not say where it is, though others do: `connect = \"…\"`, or leave it out \
+         everywhere to simulate all"
+    );
+    let place = description.wires[n].place.as_ref();
+    place.map_or_else(|| Error::usage("E210", &reason, ""), |place| place.error(&reason).into())
 }
 
 /// The drive that a rack expects at an address, when what answers there can be it.

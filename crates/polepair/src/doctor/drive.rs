@@ -2,9 +2,9 @@
 
 use super::Check;
 use crate::amount::Value;
-use crate::axis::Axis;
+use crate::axis::{Axis, WatchdogState};
 use crate::error::{Error, Exit};
-use polepair_core::profile::{Access, Fault, Severity, Signal, Watchdog};
+use polepair_core::profile::{Fault, Severity, Signal};
 
 /// Below this no motor supply is there, whatever the drive [inferred: the smallest take 7 V].
 const VOLTS_MIN: f64 = 5.0;
@@ -29,22 +29,47 @@ pub(super) fn examine(axis: &Axis, hear: &mut dyn FnMut(Check)) {
     hear(watchdog(axis));
 }
 
-fn read(axis: &Axis, signal: Signal) -> Result<Option<Value>, Error> {
-    let Some(source) = axis.profile().signal(signal) else { return Ok(None) };
-    let raw = axis.read(source.parameter)?;
-    axis.value(source.parameter, raw).map(Some)
+/// What a drive has that tells a signal.
+enum Told<T> {
+    /// Its profile knows of none.
+    Nowhere,
+    /// Its maker left it out, which the standard lets him.
+    Lacking(&'static str),
+    This(T),
+}
+
+fn read(axis: &Axis, signal: Signal) -> Result<Told<Value>, Error> {
+    let Some(source) = axis.profile().signal(signal) else { return Ok(Told::Nowhere) };
+    match axis.read_if_any(source.parameter)? {
+        Some(raw) => axis.value(source.parameter, raw).map(Told::This),
+        None => Ok(Told::Lacking(signal.name())),
+    }
+}
+
+/// The check of what was told; that it is absent is no fault.
+fn check<T>(about: &str, told: Told<T>, look: impl FnOnce(T) -> Check) -> Option<Check> {
+    match told {
+        Told::Nowhere => None,
+        Told::Lacking(what) => {
+            Some(Check::ok(about, format!("{what}: absent, the drive has no object for it")))
+        }
+        Told::This(value) => Some(look(value)),
+    }
 }
 
 /// The bits of a signal, and whether they mean true where it is a flag.
-fn bits(axis: &Axis, signal: Signal) -> Result<Option<(i64, bool)>, Error> {
-    let Some(source) = axis.profile().signal(signal) else { return Ok(None) };
-    let masked = axis.read(source.parameter)? & source.mask;
-    Ok(Some((masked, source.equals.map_or(masked != 0, |equals| masked == equals))))
+fn bits(axis: &Axis, signal: Signal) -> Result<Told<(i64, bool)>, Error> {
+    let Some(source) = axis.profile().signal(signal) else { return Ok(Told::Nowhere) };
+    let Some(raw) = axis.read_if_any(source.parameter)? else {
+        return Ok(Told::Lacking(signal.name()));
+    };
+    let masked = raw & source.mask;
+    Ok(Told::This((masked, source.equals.map_or(masked != 0, |equals| masked == equals))))
 }
 
 fn supply(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
     let volts = read(axis, Signal::Voltage)?;
-    Ok(volts.map(|volts| {
+    Ok(check(about, volts, |volts| {
         let said = format!("supply {volts}");
         if volts.value < VOLTS_MIN {
             let remedy = "the motor's supply: fuse, emergency stop, polarity; the electronics may \
@@ -57,7 +82,7 @@ fn supply(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
 
 fn temperature(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
     let degrees = read(axis, Signal::Temperature)?;
-    Ok(degrees.map(|degrees| {
+    Ok(check(about, degrees, |degrees| {
         let said = format!("temperature {degrees}");
         match degrees.value {
             value if value < COLD => Check::look(about, said, "the sensor's plug and cable"),
@@ -68,27 +93,30 @@ fn temperature(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
 }
 
 fn faults(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
-    let Some((code, _)) = bits(axis, Signal::Fault)? else { return Ok(None) };
+    Ok(check(about, bits(axis, Signal::Fault)?, |(code, _)| fault(axis, about, code)))
+}
+
+fn fault(axis: &Axis, about: &str, code: i64) -> Check {
     let named = crate::faults(axis.profile(), u32::try_from(code).unwrap_or(0));
     if code == 0 {
-        return Ok(Some(Check::ok(about, "no faults")));
+        return Check::ok(about, "no faults");
     }
     let text = |fault: &&'static Fault| format!("{} ({}): {}", fault.text, fault.name, fault.cause);
     let said = named.iter().map(text).collect::<Vec<_>>().join(" ");
     let remedies: Vec<&str> = named.iter().map(|fault| fault.remedy).collect();
     let remedy = format!("{} `polepair clear` once the cause is gone", remedies.join(" "));
     let stops = named.iter().any(|fault| fault.severity == Severity::Fault);
-    Ok(Some(match (named.is_empty(), stops) {
+    match (named.is_empty(), stops) {
         (true, _) => {
             Check::look(about, format!("fault code {code:#x}, of which nothing is known"), remedy)
         }
         (false, true) => Check::wrong(about, Exit::DriveFault, said, remedy),
         (false, false) => Check::look(about, said, remedy),
-    }))
+    }
 }
 
 fn powered(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
-    Ok(bits(axis, Signal::Enabled)?.map(|(_, on)| match on {
+    Ok(check(about, bits(axis, Signal::Enabled)?, |(_, on)| match on {
         true => Check::look(about, "the motor is powered", "`polepair disable` takes power off it"),
         false => Check::ok(about, "the motor has no power"),
     }))
@@ -96,30 +124,28 @@ fn powered(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
 
 fn watchdog(axis: &Axis) -> Check {
     let (about, profile) = (axis.label(), axis.profile());
-    match profile.watchdog {
-        Watchdog::None => Check::look(
+    let id = axis.watchdog_parameter();
+    let name = id.and_then(|id| profile.parameter(id)).map_or("", |parameter| parameter.name);
+    let state = match axis.watchdog() {
+        Ok(state) => state,
+        Err(error) => return Check::error(&about, &error),
+    };
+    let said = match name {
+        "" => format!("its watchdog: {state}"),
+        name => format!("its watchdog ({name}): {state}"),
+    };
+    match state {
+        WatchdogState::On(_) => Check::ok(&about, said),
+        WatchdogState::None => Check::look(
             &about,
             "no watchdog: the motor keeps doing what it was last told if the link dies",
             "an emergency stop that needs no computer",
         ),
-        Watchdog::Fixed { after_ms } => {
-            Check::ok(&about, format!("stops {after_ms} ms after the link dies"))
-        }
-        Watchdog::Configurable { parameter } => {
-            let found = profile.parameter(parameter);
-            let name = found.map_or("?", |parameter| parameter.name);
-            if found.is_some_and(|parameter| parameter.access == Access::Write) {
-                let said = format!("whether its watchdog ({name}) is on cannot be read");
-                return Check::look(&about, said, format!("`polepair set URL {name:?}=…`"));
-            }
-            match axis.read(parameter).and_then(|raw| Ok((raw, axis.value(parameter, raw)?))) {
-                Ok((0, _)) => {
-                    let remedy = format!("`polepair set URL {name:?}=…`");
-                    Check::look(&about, format!("its watchdog is off ({name} is 0)"), remedy)
-                }
-                Ok((_, value)) => Check::ok(&about, format!("its watchdog is on: {name} {value}")),
-                Err(error) => Check::error(&about, &error),
-            }
+        WatchdogState::Off
+        | WatchdogState::Other { .. }
+        | WatchdogState::NoReaction(_)
+        | WatchdogState::Untold => {
+            Check::look(&about, said, "`polepair watchdog URL 500ms` sets it")
         }
     }
 }

@@ -16,7 +16,12 @@ pub fn machine(connector: &Connector) -> Vec<Check> {
         let said = "no serial or CAN adapter was found";
         checks.push(Check::wrong("adapters", Exit::Adapter, said, remedy));
     }
+    let broken = connector.config.broken.iter();
+    checks.extend(broken.map(|error| Check::error("configuration", &error.clone().into())));
     checks.push(match &connector.config.file {
+        Some(file) if connector.config.is_broken(file) => {
+            Check::look("configuration", "links have no names until that is mended", "")
+        }
         Some(file) => Check::ok("configuration", format!("{} is read", file.display())),
         None => Check::ok("configuration", format!("no {FILE}: links have no names")),
     });

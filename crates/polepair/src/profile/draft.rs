@@ -29,6 +29,7 @@ pub(crate) struct Draft {
     pub(crate) watchdog: DraftWatchdog,
     pub(crate) ram: Option<DraftRam>,
     pub(crate) reach: Vec<Named>,
+    pub(crate) optional: Vec<Named>,
     pub(crate) identity: Option<DraftIdentity>,
     pub(crate) parameters: Vec<DraftParameter>,
     pub(crate) faults: Vec<DraftFault>,
@@ -40,7 +41,8 @@ pub(crate) struct Draft {
 pub(crate) enum DraftWatchdog {
     None,
     Fixed(u32),
-    Configurable(Named),
+    Configurable { parameter: Named, on_can: Option<Named> },
+    Heartbeat { consumer: Named, reaction: Named },
 }
 
 /// What tells the product: a parameter, or the protocol's own text.
@@ -148,9 +150,14 @@ impl Draft {
             watchdog: match profile.watchdog {
                 Watchdog::None => DraftWatchdog::None,
                 Watchdog::Fixed { after_ms } => DraftWatchdog::Fixed(after_ms),
-                Watchdog::Configurable { parameter } => {
-                    DraftWatchdog::Configurable(names.of(parameter))
-                }
+                Watchdog::Configurable { parameter, on_can } => DraftWatchdog::Configurable {
+                    parameter: names.of(parameter),
+                    on_can: on_can.map(|id| names.of(id)),
+                },
+                Watchdog::Heartbeat { consumer, reaction } => DraftWatchdog::Heartbeat {
+                    consumer: names.of(consumer),
+                    reaction: names.of(reaction),
+                },
             },
             identity: profile.identity.map(|identity| names.identity(&identity)),
             ram: profile.ram.map(|mode| {
@@ -158,6 +165,7 @@ impl Draft {
                 DraftRam { parameter, ram: mode.ram, flash: mode.flash }
             }),
             reach: profile.reach.iter().map(|id| names.of(*id)).collect(),
+            optional: profile.optional.iter().map(|id| names.of(*id)).collect(),
             parameters: profile.parameters.iter().map(|p| names.parameter(p)).collect(),
             faults: profile.faults.iter().map(|f| names.fault(f)).collect(),
             signals: profile.signals.iter().map(|s| names.signal(s)).collect(),

@@ -3,7 +3,8 @@
 //! A map is the whole truth of a firmware: parameters that are known keep their words and take its
 //! addresses and types, others come without words, and what the map does not name is not there.
 
-use super::draft::{Draft, DraftParameter, DraftStep, Named};
+use super::draft::{Draft, DraftParameter};
+use super::missing::without_missing;
 use super::read::{ENTRIES_MAX, encoding_range};
 use crate::file::{FileError, Found, Place};
 use crate::words::folded;
@@ -56,52 +57,6 @@ pub(crate) fn apply_entries(draft: &mut Draft, entries: Vec<Entry<'_>>, place: &
     }
     draft.parameters = parameters;
     without_missing(draft);
-}
-
-/// What is scaled by a parameter that the map lacks is shown raw.
-fn raw_without_scale(draft: &mut Draft) {
-    let known: HashSet<String> =
-        draft.parameters.iter().flat_map(|p| [folded(&p.name), folded(&p.symbol)]).collect();
-    for p in &mut draft.parameters {
-        let lacks = |name: &Option<Named>| {
-            name.as_ref().is_some_and(|name| !known.contains(&folded(&name.value)))
-        };
-        if lacks(&p.times) || lacks(&p.over) {
-            (p.times, p.over, p.unit) = (None, None, Unit::None);
-            p.factor = if p.encoding == Encoding::Fixed { 1.0 / 65536.0 } else { 1.0 };
-        }
-    }
-}
-
-/// Shows raw what is scaled by what this drive does not have, and drops steps and readings of it.
-pub(crate) fn without_missing(draft: &mut Draft) {
-    raw_without_scale(draft);
-    let known: HashSet<String> =
-        draft.parameters.iter().flat_map(|p| [folded(&p.name), folded(&p.symbol)]).collect();
-    let has = |name: &Named| known.contains(&folded(&name.value));
-    draft.reach.retain(&has);
-    draft.signals.retain(|signal| has(&signal.parameter));
-    draft.plans.retain(|plan| {
-        let steps = plan.steps.iter().chain(&plan.undo);
-        steps.flat_map(named).all(has)
-    });
-    draft.identity = draft.identity.take().filter(|it| it.parameter.as_ref().is_none_or(has));
-}
-
-/// Parameters that a step names.
-fn named(step: &DraftStep) -> Vec<&Named> {
-    match step {
-        DraftStep::Write(name, ..) | DraftStep::Ensure(name, ..) => vec![name],
-        DraftStep::Read(name) | DraftStep::Keep(name) => vec![name],
-        DraftStep::Copy { from, to } => vec![from, to],
-        DraftStep::Require { read, .. }
-        | DraftStep::Skip { read, .. }
-        | DraftStep::Without { read, .. }
-        | DraftStep::NoFault { read, .. }
-        | DraftStep::Until { read, .. } => vec![read],
-        DraftStep::Send { like, .. } => like.iter().collect(),
-        DraftStep::Wait { .. } => Vec::new(),
-    }
 }
 
 /// The vendor's word for a type.

@@ -25,16 +25,18 @@
 
 pub(crate) mod draft;
 mod map;
+mod missing;
 mod read;
 mod resolve;
 mod setup;
 mod step;
+mod stops;
 #[cfg(test)]
 mod tests;
 
 pub use setup::write_setup;
 
-pub(crate) use map::without_missing;
+pub(crate) use missing::without_missing;
 pub(crate) use read::encoding_range;
 pub(crate) use setup::name_of;
 

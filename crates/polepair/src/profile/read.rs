@@ -16,7 +16,7 @@ use polepair_core::units::Unit;
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 pub(crate) const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 20] = [
+const KEYS: [&str; 21] = [
     "name",
     "extends",
     "remove",
@@ -31,6 +31,7 @@ const KEYS: [&str; 20] = [
     "watchdog",
     "ram",
     "reach",
+    "optional",
     "identify",
     "map",
     "parameter",
@@ -193,6 +194,7 @@ fn blank(node: &Node<'_, '_>) -> Result<Draft, FileError> {
         watchdog: DraftWatchdog::None,
         ram: None,
         reach: Vec::new(),
+        optional: Vec::new(),
         identity: None,
         parameters: Vec::new(),
         faults: Vec::new(),
@@ -234,6 +236,9 @@ fn head(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
     }
     if node.has("reach") {
         draft.reach = node.texts("reach")?;
+    }
+    if node.has("optional") {
+        draft.optional = node.texts("optional")?;
     }
     Ok(())
 }
@@ -289,9 +294,8 @@ fn dialect_of(node: &Node<'_, '_>, protocol: &str) -> Result<&'static Dialect, F
 }
 
 fn watchdog(node: &Node<'_, '_>) -> Result<Option<DraftWatchdog>, FileError> {
-    let Some(table) = node.table("watchdog", &["kind", "after_ms", "parameter"])? else {
-        return Ok(None);
-    };
+    let keys = ["kind", "after_ms", "parameter", "on_can", "reaction"];
+    let Some(table) = node.table("watchdog", &keys)? else { return Ok(None) };
     let kind = table.needed_text("kind")?;
     Ok(Some(match kind.value.as_str() {
         "none" => DraftWatchdog::None,
@@ -300,9 +304,16 @@ fn watchdog(node: &Node<'_, '_>) -> Result<Option<DraftWatchdog>, FileError> {
             let ms = ms.ok_or_else(|| kind.place.error("`fixed` needs `after_ms`"))?;
             DraftWatchdog::Fixed(u32::try_from(ms).unwrap_or(u32::MAX))
         }
-        "configurable" => DraftWatchdog::Configurable(table.needed_text("parameter")?),
+        "configurable" => DraftWatchdog::Configurable {
+            parameter: table.needed_text("parameter")?,
+            on_can: table.text("on_can")?,
+        },
+        "heartbeat" => DraftWatchdog::Heartbeat {
+            consumer: table.needed_text("parameter")?,
+            reaction: table.needed_text("reaction")?,
+        },
         other => {
-            let known = ["none", "fixed", "configurable"];
+            let known = ["none", "fixed", "configurable", "heartbeat"];
             let hint = words::hint(other, known);
             return Err(kind
                 .place
@@ -343,6 +354,7 @@ fn shift(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
         single && to.is_some()
     });
     (draft.signals, draft.plans, draft.identity) = (Vec::new(), Vec::new(), None);
+    draft.optional = Vec::new();
     Ok(())
 }
 

@@ -6,6 +6,7 @@ use super::draft::{
 };
 use super::read::{MEMORY, encoding_range};
 use super::step;
+use super::stops::with_stop;
 use crate::file::{FileError, Place};
 use crate::words::{folded, hint};
 use polepair_core::plan::{Compare, Operand, Plan, STEPS_MAX, Step, Test};
@@ -17,7 +18,7 @@ use std::collections::HashMap;
 
 /// Checks the draft and leaks what it says.
 pub(crate) fn profile(draft: &Draft) -> Result<&'static Profile, FileError> {
-    let draft = &in_order(draft);
+    let draft = &with_stop(in_order(draft));
     let names = Names::of(draft)?;
     draft.parameters.iter().try_for_each(check_parameter)?;
     check_faults(&draft.faults)?;
@@ -41,6 +42,7 @@ pub(crate) fn profile(draft: &Draft) -> Result<&'static Profile, FileError> {
         plans: plans.collect::<Result<Vec<_>, _>>()?.leak(),
         ram: draft.ram.as_ref().map(|ram| names.ram(ram)).transpose()?,
         reach: names.reach(&draft.reach)?.leak(),
+        optional: names.optional(&draft.optional)?.leak(),
         identity: draft.identity.as_ref().map(|it| names.identity(it)).transpose()?,
         watchdog: names.watchdog(&draft.watchdog)?,
         reply_timeout_ms: draft.reply_timeout_ms,
@@ -229,13 +231,22 @@ impl<'a> Names<'a> {
         reach.iter().map(|name| self.used(name, &[Use::Write])).collect()
     }
 
+    fn optional(&self, optional: &[Named]) -> Result<Vec<ParameterId>, FileError> {
+        optional.iter().map(|name| self.id(name)).collect()
+    }
+
     fn watchdog(&self, watchdog: &DraftWatchdog) -> Result<Watchdog, FileError> {
         Ok(match watchdog {
             DraftWatchdog::None => Watchdog::None,
             DraftWatchdog::Fixed(after_ms) => Watchdog::Fixed { after_ms: *after_ms },
-            DraftWatchdog::Configurable(name) => {
-                Watchdog::Configurable { parameter: self.used(name, &[Use::Write])? }
-            }
+            DraftWatchdog::Configurable { parameter, on_can } => Watchdog::Configurable {
+                parameter: self.used(parameter, &[Use::Write])?,
+                on_can: on_can.as_ref().map(|name| self.used(name, &[Use::Write])).transpose()?,
+            },
+            DraftWatchdog::Heartbeat { consumer, reaction } => Watchdog::Heartbeat {
+                consumer: self.used(consumer, &[Use::Read, Use::Write])?,
+                reaction: self.used(reaction, &[Use::Read, Use::Write])?,
+            },
         })
     }
 

@@ -1,6 +1,6 @@
 //! What a bad profile is told, and what a good one becomes.
 
-use super::{load, parse};
+use super::{Shelf, load, parse, resolve, without_missing};
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, Step, Test};
 use polepair_core::profile::{
@@ -72,6 +72,9 @@ steps = [
     "until status within-magnitude 3 within 1.5 s",
 ]
 undo = ["write speed = 0"]
+
+[plans.stop]
+steps = ["write speed = 0"]
 "#;
 
 fn good() -> &'static Profile {
@@ -349,4 +352,113 @@ fn both_firmwares_of_technosoft_have_every_verb_and_reading() {
         shipped.map(|p| (p.plans.len(), p.signals.len(), p.faults.len())).collect();
     assert_eq!(counts.len(), 2);
     assert_eq!(counts[0], counts[1]);
+}
+
+/// A TMCL module of which somebody wrote down one verb.
+const BARE: &str = r#"
+name = "bare"
+family = "tmcm17x"
+protocol = "tmcl"
+[[parameter]]
+name = "wanted speed"
+index = 2
+moves = true
+[[parameter]]
+name = "true speed"
+index = 3
+access = "r"
+[plans.velocity]
+steps = ["send 1 0 {velocity} like wanted speed"]
+"#;
+
+#[test]
+fn a_familys_own_stop_is_inherited() {
+    let profile = parse("bare.toml", BARE).unwrap();
+    let stop = profile.plan(Verb::Stop).expect("of the family");
+    let test = Test { mask: -1, compare: Compare::Within, value: 5 };
+    assert_eq!(
+        stop.steps,
+        [
+            Step::Send { function: 3, index: 0, operand: Operand::Is(0), like: None },
+            Step::Until { read: ParameterId(1), test, within_ms: 10_000 },
+        ],
+        "by the names that lie at the same places"
+    );
+    let blind = BARE.replace("index = 3", "index = 99");
+    let stop = parse("blind.toml", &blind).unwrap().plan(Verb::Stop).unwrap();
+    assert_eq!(stop.steps.len(), 1, "it is told, though nobody can be asked: {stop:?}");
+    let foreign = BARE.replace("family = \"tmcm17x\"", "family = \"nobodys\"");
+    let stop = parse("foreign.toml", &foreign).unwrap().plan(Verb::Stop).unwrap();
+    assert_eq!(stop.source, "TMCL reference, MST", "that of every module");
+}
+
+#[test]
+fn no_motion_is_offered_where_there_is_no_stop() {
+    let text = GOOD.split("[plans.stop]").next().unwrap();
+    let profile = parse("good.toml", text).unwrap();
+    assert!(profile.plan(Verb::Velocity).is_none() && profile.plan(Verb::Stop).is_none());
+    for profile in polepair_core::drives::profiles() {
+        let moves = profile.plans.iter().any(|plan| plan.verb.needs_arming());
+        assert!(!moves || profile.plan(Verb::Stop).is_some(), "{}", profile.name);
+    }
+}
+
+#[test]
+fn a_plan_loses_the_steps_that_need_what_is_missing() {
+    let text = r#"
+name = "drive"
+protocol = "canopen"
+optional = ["torque", "counter"]
+[[parameter]]
+name = "speed"
+index = 0x60FF
+moves = true
+[[parameter]]
+name = "torque"
+index = 0x6071
+moves = true
+[[parameter]]
+name = "counter"
+index = 0x1019
+[[parameter]]
+name = "state"
+index = 0x6041
+access = "r"
+[plans.stop]
+steps = [
+  "skip 3 if state & 1 == 0",
+  "write torque = 0",
+  "skip 1 without counter",
+  "ensure counter = 0",
+  "write speed = 0",
+  "until state & 2 == 2 within 1 s",
+]
+[plans.velocity]
+steps = ["require state & 4 == 0 else Wait", "write speed = {velocity}"]
+[plans.torque]
+steps = ["write torque = {torque}"]
+"#;
+    let without = |names: &[&str]| {
+        let mut draft = Shelf { folder: None }.draft("drive.toml", text, 0).unwrap();
+        draft.parameters.retain(|p| !names.contains(&p.name.as_str()));
+        without_missing(&mut draft);
+        resolve::profile(&draft).unwrap()
+    };
+    let whole = without(&[]);
+    assert_eq!(whole.plan(Verb::Stop).unwrap().steps.len(), 6);
+    let poor = without(&["torque", "counter"]);
+    let [Step::Write(speed, _), Step::Until { .. }] = *poor.plan(Verb::Stop).unwrap().steps else {
+        panic!("{:?}", poor.plan(Verb::Stop));
+    };
+    assert_eq!(poor.parameter(speed).unwrap().name, "speed");
+    assert!(poor.plan(Verb::Velocity).is_some() && poor.plan(Verb::Torque).is_none());
+    let some = without(&["counter"]);
+    let [Step::Skip { count: 1, .. }, Step::Write(..), Step::Write(..), Step::Until { .. }] =
+        *some.plan(Verb::Stop).unwrap().steps
+    else {
+        panic!("{:?}", some.plan(Verb::Stop));
+    };
+    let none = without(&["speed"]);
+    assert!(none.plan(Verb::Stop).is_none(), "it is not optional: {:?}", none.plan(Verb::Stop));
+    assert!(none.plan(Verb::Torque).is_none(), "no motion without a stop");
 }

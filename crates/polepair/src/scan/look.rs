@@ -5,12 +5,12 @@ use crate::axis::Axis;
 use crate::bus::{self, Seat};
 use crate::connect::{Connector, Kept, Lent, Line, Link};
 use crate::error::Error;
+use crate::heard::Heard;
 use crate::identify::{Probe, Prober, answered};
 use crate::scan::Found;
 use crate::url::Number;
 use polepair_core::profile::{Access, ParameterId};
-use polepair_core::station::Counters;
-use polepair_link::Connection;
+use polepair_link::{Connection, LinkError};
 use std::collections::VecDeque;
 
 /// A look for drives, one address after the other. Only reads are sent.
@@ -51,6 +51,8 @@ pub struct Look {
     queue: VecDeque<u32>,
     done: usize,
     damaged: Vec<u32>,
+    /// What came from addresses where nobody answered, of the present protocol.
+    heard: Heard,
     /// Of each that was found.
     seats: Vec<(usize, Seat)>,
     scan: Scan,
@@ -61,7 +63,7 @@ enum Asked {
     /// On a line that is this look's alone.
     Own(Box<Line>),
     /// On a link that somebody has open.
-    Open(Kept, Connection),
+    Open(Box<Kept>, Connection),
 }
 
 /// An axis that is there already.
@@ -149,7 +151,8 @@ impl Look {
         let known = known.collect();
         let connection = axes.first().map(|(_, axis)| axis.connection().clone());
         let connection = connection.ok_or_else(|| Error::usage("E212", "no axis is there", ""))?;
-        let asked = kept.into_iter().map(|kept| Asked::Open(kept.alone(), connection.clone()));
+        let asked =
+            kept.into_iter().map(|kept| Asked::Open(Box::new(kept.alone()), connection.clone()));
         let look = Self::new(connector, asked.collect(), Vec::new(), numbers.into());
         Ok(Self { known, ..look })
     }
@@ -166,6 +169,7 @@ impl Look {
             queue: VecDeque::new(),
             done: 0,
             damaged: Vec::new(),
+            heard: Heard::default(),
             seats: Vec::new(),
             scan: Scan::default(),
         }
@@ -252,9 +256,9 @@ impl Look {
             return Err(trouble.into());
         }
         match probe {
-            Probe::Silent if broken() => self.break_off(),
-            Probe::Silent => {}
-            Probe::Damaged => self.damaged.push(number),
+            Probe::Silent(_) if broken() => self.break_off(),
+            Probe::Silent(heard) => self.unanswered(heard),
+            Probe::Damaged(_) => self.damaged.push(number),
             Probe::Forbidden(hint) => {
                 self.scan.tried.push(format!("not address {number}: {hint}"));
             }
@@ -267,7 +271,18 @@ impl Look {
         Ok(())
     }
 
+    /// Notes what came where nobody answered. That a drive acknowledges for those behind it, and that
+    /// an adapter echoes, says nothing of the address.
+    fn unanswered(&mut self, heard: Heard) {
+        self.heard = self.heard.plus(Heard { acknowledged: 0, relayed: 0, echoed: 0, ..heard });
+    }
+
     fn tell_damaged(&mut self) {
+        let heard = std::mem::take(&mut self.heard);
+        if !heard.is_nothing() {
+            let hint = heard.hint();
+            self.scan.tried.push(format!("where nobody answered came {heard}: {hint}"));
+        }
         let damaged = std::mem::take(&mut self.damaged);
         if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
             self.scan.tried.push(format!(
@@ -283,6 +298,20 @@ impl Look {
         self.scan.unasked = self.queue.len();
         self.queue.clear();
         self.asked.truncate(self.at + usize::from(self.begun));
+    }
+
+    /// Ends it because the link is lost: what was found is kept, the others are told as not asked. The
+    /// address at which it was lost is one of them.
+    pub(super) fn lose(&mut self, error: LinkError) {
+        let left = |asked: &Asked| {
+            let line = asked.line().ok()?.0;
+            Some(self.numbers.of(&line, &self.axes).len())
+        };
+        let rest = self.asked.iter().skip(self.at + usize::from(self.begun)).filter_map(left);
+        let rest: usize = rest.sum();
+        self.break_off();
+        self.scan.unasked += rest;
+        self.scan.lost = Some(error);
     }
 
     /// What was tried and found.
@@ -308,14 +337,13 @@ impl Known {
         let all = (0..).map(ParameterId).take(profile.parameters.len());
         let id = told.chain(all).find(readable)?;
         let counters = || self.axis.connection().with(|axes, _| axes.counters());
-        let stray = |counters: Counters| counters.late + counters.foreign + counters.corrupt;
-        let before = stray(counters());
+        let before = counters();
         let answers = match self.axis.read(id) {
             Ok(_) => true,
             Err(Error::Failed { outcome, .. }) => answered(outcome),
             Err(_) => false,
         };
-        let clash = too_many(stray(counters()).saturating_sub(before));
+        let clash = too_many(counters().since(before).unaccounted());
         let clash = clash.filter(|_| answers);
         Some(Answers { place: self.place, number: self.axis.number(), answers, clash })
     }

@@ -288,7 +288,8 @@ fn serial_of(
     };
     let duplex = asked.unwrap_or(usual);
     let timed = baud != Some(0);
-    let serial = Serial { duplex, timed, echo: node.flag("echo")?, baud: baud.filter(|_| timed) };
+    let (echo, baud) = (node.flag("echo")?, baud.filter(|_| timed));
+    let serial = Serial { duplex, timed, echo, baud, latency_ms: 0 };
     Ok((serial, asked == Some(Duplex::Half)))
 }
 

@@ -9,6 +9,7 @@ tmcm-171
 
 from __future__ import annotations
 
+import atexit
 import os
 from collections.abc import Callable, Iterable
 from os import PathLike
@@ -177,6 +178,9 @@ def profiles() -> list[tuple[str, str, str]]:
     """Every product that is known: name, full name, protocol."""
     return _native.profiles()
 
+
+# Whatever is armed by a thread that the interpreter leaves behind.
+atexit.register(_native.stop_armed)
 
 if hasattr(os, "register_at_fork"):
     # A fork's child has none of the threads that serve its parent's links.

@@ -387,30 +387,57 @@ class AxisSteps:
         yield from self._set(parameter, f"{seconds!r} s")
         return before
 
-    def _release(self, before: int | None) -> Steps[None]:
-        """Stops, disables and disarms; whatever fails, the rest is tried.
+    def _stop_own(self) -> Steps[bool]:
+        """Stops what is armed here; False when that is ours no more.
+
+        On a link of one's own a stop that was lost, with its wire or in silence, is said again for ten
+        seconds: nobody else would. A server says its own again.
+        """
+        if isinstance(self._native, native.Axis):
+            yield Urgent(native.stop_owed, [self._native])
+            return True
+        begun = yield from self._begin_own("stop")
+        if begun is not None:
+            yield Wait(begun)
+        return begun is not None
+
+    def _release(self, before: int | None, *, stop: bool = True) -> Steps[None]:
+        """Stops, disables and disarms; whatever fails, the rest is tried. Without `stop` it was told
+        to stop already.
 
         What is ours no more was stopped by that, and may move for somebody else.
         """
-        failed: BaseException | None = None
-        for verb in ("stop", "disable"):
-            if verb in self.verbs:
-                try:
-                    begun = yield from self._begin_own(verb)
-                    if begun is None:
-                        # A block within this one has done it all.
-                        return
-                    yield Wait(begun)
-                except PolepairError as error:
-                    failed = failed or error
-        if before is not None and failed is None:
-            try:
-                yield from self._set_raw(str(self._native.watchdog[2]), before)
-            except PolepairError as error:
-                failed = error
+        try:
+            failed = yield from self._ended(before, stop)
+        except BaseException:
+            yield from self._disarm()
+            raise
         try:
             yield Whole(self._native.arm, False)
         except PolepairError as error:
             failed = failed or error
         if failed is not None:
             raise failed
+
+    def _ended(self, before: int | None, stop: bool) -> Steps[PolepairError | None]:
+        failed: PolepairError | None = None
+        try:
+            if stop and "stop" in self.verbs and not (yield from self._stop_own()):
+                # It has been taken by somebody else.
+                return None
+        except PolepairError as error:
+            failed = error
+        try:
+            if "disable" in self.verbs:
+                begun = yield from self._begin_own("disable")
+                if begun is None:
+                    return failed
+                yield Wait(begun)
+        except PolepairError as error:
+            failed = failed or error
+        if before is not None and failed is None:
+            try:
+                yield from self._set_raw(str(self._native.watchdog[2]), before)
+            except PolepairError as error:
+                failed = error
+        return failed

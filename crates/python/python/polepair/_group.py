@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 
 from . import _polepair as native
 from ._axis import TIMEOUT, AxisSteps
-from ._steps import Call, Steps, Wait
+from ._steps import Call, Steps, Urgent, Wait
 from .errors import PolepairError
 from .quantity import Amount, given
 
@@ -116,14 +116,19 @@ class GroupSteps(Generic[A]):
         """Stops all of them at once, then disables and disarms each; whatever fails, the rest is
         tried."""
         failed: BaseException | None = None
+        # The others were not armed here, or are ours no more: that has stopped them.
+        ours = self.axes[: len(before)]
+        own = [axis._native for axis in ours if isinstance(axis._native, native.Axis)]
         try:
-            # The others were not armed here, or are ours no more: that has stopped them.
-            yield from self._stop_each(self.axes[: len(before)], AxisSteps._begin_own)
+            if own:
+                yield Urgent(native.stop_owed, own)
+            else:
+                yield from self._stop_each(ours, AxisSteps._begin_own)
         except PolepairError as error:
             failed = error
         for axis, watchdog in zip(self.axes, before, strict=False):
             try:
-                yield from axis._release(watchdog)
+                yield from axis._release(watchdog, stop=not own)
             except PolepairError as error:
                 failed = failed or error
         if failed is not None:

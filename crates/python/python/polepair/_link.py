@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -46,10 +47,11 @@ def opened(
 class LinkOf(Generic[A]):
     """An open link and its axes."""
 
-    __slots__ = ("_axes", "_listening", "_native")
+    __slots__ = ("_axes", "_listening", "_native", "_process")
 
     def __init__(self, link: native.Link | native.ServedLink) -> None:
         self._listening: list[Callable[[], Events | AsyncEvents | None]] = []
+        self._process = os.getpid()
         self._native: native.Link | native.ServedLink | None = link
         self._axes = [self._axis(axis) for axis in link.axes()]
 
@@ -110,10 +112,13 @@ class LinkOf(Generic[A]):
         return Subscription(self._heard(Events(self._open().events())), function)
 
     def close(self) -> None:
-        """Closes it, and ends its events. Axes that are still held keep it open."""
+        """Closes it, and ends its events. Axes that are still held raise `PolepairError` E322 then."""
         for one in self._listening:
             if (events := one()) is not None:
                 events.close()
+        # What a fork's child inherited is not its own to close.
+        if isinstance(self._native, native.Link) and self._process == os.getpid():
+            self._native.close()
         self._native = None
         self._axes = []
 

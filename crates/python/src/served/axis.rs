@@ -463,7 +463,7 @@ impl Axis {
         let argument = info.and_then(|info| info.arguments.iter().find(is));
         let measure = quantity::parse(text);
         let si = measure.and_then(|measure| match argument {
-            Some(argument) => measure.si(unit(&argument.unit)),
+            Some(argument) => measure.with_unit(unit(&argument.unit)),
             None => Ok(measure.si),
         });
         si.map_err(|error| raised(py, &error))

@@ -6,8 +6,8 @@ use axum::extract::{Extension, Path, State};
 use super::input::{Input, number};
 use super::{Answer, Shared, by_lease};
 use crate::message::{
-    AxisState, Change, ErrorBody, ParameterInfo, ParameterRead, Refused, SignalValue,
-    WriteParameters,
+    AxisState, Change, ErrorBody, ParameterInfo, ParameterRead, Refused, SetWatchdog, SignalValue,
+    WatchdogTold, WriteParameters,
 };
 use crate::session::Caller;
 
@@ -91,4 +91,38 @@ pub(super) async fn write(
     let id = number(&id)?;
     let session = by_lease(&gate, &caller, id, wanted.epoch);
     gate.bench.apply(id, &session, wanted).await.map(Json)
+}
+
+/// What a drive does by itself when its host falls silent
+///
+/// Read just now.
+#[utoipa::path(get, path = "/api/v1/axes/{id}/watchdog", tag = "axis",
+    params(("id" = u16, Path)), responses(
+    (status = 200, body = WatchdogTold),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn watchdog(
+    State(gate): State<Shared>,
+    Path(id): Path<String>,
+) -> Answer<WatchdogTold> {
+    gate.bench.watchdog(number(&id)?).await.map(Json)
+}
+
+/// Have a drive stop by itself when its host falls silent, or no more
+///
+/// Needs the axis' lease. Nothing moves by it.
+#[utoipa::path(post, path = "/api/v1/axes/{id}/watchdog", tag = "axis",
+    params(("id" = u16, Path)), request_body = SetWatchdog, responses(
+    (status = 200, body = WatchdogTold),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn set_watchdog(
+    State(gate): State<Shared>,
+    Extension(caller): Extension<Caller>,
+    Path(id): Path<String>,
+    Input(wanted): Input<SetWatchdog>,
+) -> Answer<WatchdogTold> {
+    let id = number(&id)?;
+    let session = by_lease(&gate, &caller, id, wanted.epoch);
+    gate.bench.set_watchdog(id, &session, wanted).await.map(Json)
 }

@@ -8,8 +8,7 @@ use axum::extract::{Path, Query, Request, State};
 use serde::Deserialize;
 
 use super::input::body;
-use super::{Answer, Shared};
-use crate::bench::Bench;
+use super::{Answer, Shared, apart};
 use crate::message::{CaptureOpened, CapturePage, ErrorBody, ExplainedField, Refused};
 
 /// Frames of a page, where nobody says how many.
@@ -53,12 +52,12 @@ pub(super) async fn open(
         Refused::new("gateway.busy", "captures are being taken in already").hint("try again")
     })?;
     let bytes = body(request).await?;
-    apart(&gate, move |bench| {
-        let opened = bench.open_capture(&name, bytes.into());
+    let opened = apart(&gate, move |gate| {
+        let opened = gate.bench.open_capture(&name, bytes.into());
         drop(place);
         opened
-    })
-    .await
+    });
+    opened.await.map(Json)
 }
 
 /// Read a capture's frames
@@ -77,7 +76,9 @@ pub(super) async fn page(
 ) -> Answer<CapturePage> {
     let Query(Page { from, count, filter }) = page.map_err(|error| wrong(error.body_text()))?;
     let count = count.unwrap_or(COUNT);
-    apart(&gate, move |bench| bench.capture_page(&id, from, count, filter.as_deref())).await
+    let page =
+        apart(&gate, move |gate| gate.bench.capture_page(&id, from, count, filter.as_deref()));
+    page.await.map(Json)
 }
 
 /// Take a frame of a capture apart
@@ -91,17 +92,7 @@ pub(super) async fn frame(
     Path((id, n)): Path<(String, String)>,
 ) -> Answer<Vec<ExplainedField>> {
     let n = n.parse().map_err(|_| Refused::new("gateway.missing", format!("no frame {n:?}")))?;
-    apart(&gate, move |bench| bench.explain_captured(&id, n)).await
-}
-
-/// Does what takes a while where nobody else's answer waits for it.
-async fn apart<T: Send + 'static>(
-    gate: &Shared,
-    act: impl FnOnce(&Bench) -> Result<T, Refused> + Send + 'static,
-) -> Answer<T> {
-    let bench = gate.bench.clone();
-    let done = tokio::task::spawn_blocking(move || act(&bench)).await;
-    done.map_err(|error| Refused::new("gateway.busy", error.to_string()))?.map(Json)
+    apart(&gate, move |gate| gate.bench.explain_captured(&id, n)).await.map(Json)
 }
 
 fn wrong(what: String) -> Refused {

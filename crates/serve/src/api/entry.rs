@@ -7,7 +7,7 @@ use axum::response::{IntoResponse as _, Response};
 use serde_json::json;
 
 use super::input::Input;
-use super::{Answer, Shared};
+use super::{Answer, Shared, apart};
 use crate::connections::Here;
 use crate::guard::peer;
 use crate::message::{Deed, ErrorBody, Login, Proof, Refused, Session};
@@ -22,7 +22,7 @@ use crate::session::Caller;
 pub(super) async fn login(State(gate): State<Shared>, request: Request) -> Response {
     let peer = peer(&request);
     let tried = match Input::<Login>::from_request(request, &gate).await {
-        Ok(Input(Login { token })) => gate.door.login(&token, peer),
+        Ok(Input(Login { token })) => apart(&gate, move |gate| gate.door.login(&token, peer)).await,
         Err(refused) => Err(refused),
     };
     match noted(&gate, tried, peer).await {
@@ -60,7 +60,10 @@ pub(super) async fn page(State(gate): State<Shared>, request: Request) -> Respon
         let peer = peer(&request);
         // A look ahead must not use the token up: nothing but a real visit does.
         let tried = match *request.method() {
-            Method::GET => gate.door.login_once(token, peer),
+            Method::GET => {
+                let token = token.to_owned();
+                apart(&gate, move |gate| gate.door.login_once(&token, peer)).await
+            }
             _ => Err(Refused::new("gateway.method", "this is for GET")),
         };
         return match noted(&gate, tried, peer).await {

@@ -9,8 +9,8 @@ use super::input::{Input, number};
 use super::{Answer, Shared, by_lease, by_rest};
 use crate::bench::Reply;
 use crate::message::{
-    CommandOrder, Epoch, ErrorBody, LeaseAct, LeaseGranted, Outcome, RawOrder, Refused, StopOrder,
-    Stopped, TakeLease,
+    CommandOrder, DismissStop, Epoch, ErrorBody, LeaseAct, LeaseGranted, Outcome, RawOrder,
+    Refused, StopOrder, Stopped, TakeLease,
 };
 use crate::session::Caller;
 
@@ -137,6 +137,25 @@ pub(super) async fn stop(
     let stopped = gate.bench.stop(&by_rest(&caller), &order).await?;
     gate.metrics.stops.observe(clock::now().since(since).as_secs_f64());
     Ok(Json(stopped))
+}
+
+/// Owe an axis its stop no more, though nobody saw it stand
+///
+/// For who knows better than the server: the drive is gone, another master has it, something else turns
+/// its shaft; or, by whoever holds its lease, to command it on though it may be turning. The journal
+/// keeps who said so.
+#[utoipa::path(post, path = "/api/v1/axes/{id}/dismiss", tag = "motion",
+    params(("id" = u16, Path)), request_body = DismissStop,
+    responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
+pub(super) async fn dismiss(
+    State(gate): State<Shared>,
+    Extension(caller): Extension<Caller>,
+    Path(id): Path<String>,
+    Input(dismiss): Input<DismissStop>,
+) -> Answer<()> {
+    let (id, epoch) = (number(&id)?, dismiss.epoch);
+    let session = by_lease(&gate, &caller, id, epoch);
+    gate.bench.dismiss(id, &session, dismiss).await.map(Json)
 }
 
 /// Let motion again after everything was stopped

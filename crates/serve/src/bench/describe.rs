@@ -4,7 +4,7 @@ use polepair::Axis;
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Parameter, ParameterId, Persistence, Profile, SignalSource, Watchdog,
+    Access, AxisKind, Parameter, ParameterId, Persistence, SignalSource, Watchdog,
 };
 
 use super::simulated::Drive;
@@ -49,35 +49,21 @@ pub(super) fn axis_info(id: u16, link: u16, axis: &Axis, drive: Option<&Drive>) 
         profile: profile.name.to_owned(),
         simulated: drive.is_some(),
         kind: kind.to_owned(),
-        watchdog: watchdog(profile),
+        watchdog: axis.watchdog_rule(),
         watchdog_ms: match profile.watchdog {
             Watchdog::Fixed { after_ms } => Some(after_ms),
             _ => None,
         },
-        watchdog_parameter: match profile.watchdog {
-            Watchdog::Configurable { parameter } => profile.parameter(parameter),
-            _ => None,
-        }
-        .map(|parameter| parameter.name.to_owned()),
+        watchdog_parameter: profile
+            .watchdog
+            .time(axis.medium())
+            .and_then(|id| profile.parameter(id))
+            .map(|parameter| parameter.name.to_owned()),
         caution: profile.caution.to_owned(),
         verbs: verbs(axis),
         limits: LIMITS.iter().filter_map(|limit| limited(axis, *limit)).collect(),
         signals: profile.signals.iter().map(|source| signal(axis, source)).collect(),
         acts: drive.map_or_else(Vec::new, Drive::acts),
-    }
-}
-
-/// What the drive does when its host falls silent.
-fn watchdog(profile: &Profile) -> String {
-    match profile.watchdog {
-        Watchdog::None => "none: the motor keeps doing what it was last told".to_owned(),
-        Watchdog::Fixed { after_ms } => {
-            format!("the drive stops {after_ms} ms after its host falls silent")
-        }
-        Watchdog::Configurable { parameter } => {
-            let name = profile.parameter(parameter).map_or("?", |parameter| parameter.name);
-            format!("the drive stops after the time in `{name}` without requests, 0 is never")
-        }
     }
 }
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use polepair::events::{Event, Events, Kind};
+use polepair_core::axis::Presence;
 use polepair_core::time::Instant;
 
 use super::shared::Shared;
@@ -62,7 +63,12 @@ impl Ears {
     }
 
     fn take(&self, event: &Event) {
+        let place = event.place.checked_sub(self.first).filter(|_| event.axis.is_some());
         let (what, value) = match &event.kind {
+            Kind::Presence(Presence::Restarted) => {
+                let its = place.and_then(|n| Some((self.base + n as u16, self.wires.get(n)?)));
+                return its.into_iter().for_each(|(id, wire)| wire.has_restarted(id));
+            }
             Kind::Signal { signal, reading } => (What::Signal(*signal), reading.value),
             Kind::Parameter { parameter, value, .. } => (What::Parameter(*parameter), *value),
             Kind::LinkLost { .. } | Kind::LinkBack => {
@@ -70,7 +76,6 @@ impl Ears {
             }
             _ => return,
         };
-        let place = event.place.checked_sub(self.first).filter(|_| event.axis.is_some());
         let Some((place, zero)) = place.and_then(|n| Some((n, self.zeros.get(n)?))) else {
             return;
         };

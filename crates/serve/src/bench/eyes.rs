@@ -8,6 +8,7 @@ use polepair::Axis;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
+use serde_json::json;
 
 use super::clash::Watch;
 use super::desk::Desk;
@@ -17,6 +18,7 @@ use super::shared::{Event, Shared};
 use super::telemetry::{Telemetry, What};
 use super::wire::{StopThese, Wire};
 use crate::message::telemetry::Sample;
+use crate::message::{Deed, Refused};
 
 /// How often an axis is asked for its state.
 const STATE_EVERY: Duration = Duration::from_millis(100);
@@ -52,6 +54,8 @@ struct Looked {
     ids: Vec<ParameterId>,
     to_ask: Vec<ParameterId>,
     next: Instant,
+    /// Its drive is still to be had to watch this host.
+    unwatched: bool,
 }
 
 impl Eyes {
@@ -79,6 +83,7 @@ impl Eyes {
             axis: axis.clone(),
             to_ask: Vec::new(),
             next: Instant::ZERO,
+            unwatched: true,
         };
         let known = self.axes.len();
         if known < self.wire.axes.len() {
@@ -135,7 +140,7 @@ impl Eyes {
     /// longest first, so that all come where the wire cannot carry all. False when nothing is.
     pub fn sample(&mut self) -> bool {
         self.grow();
-        let (now, zero) = self.wire.time();
+        let Some((now, zero)) = self.wire.time() else { return false };
         let now_us = now.since(zero).as_micros() as u64;
         let sources = self.axes.iter().flat_map(|looked| {
             self.telemetry.of(looked.id).into_iter().map(move |source| (looked, source))
@@ -155,7 +160,7 @@ impl Eyes {
 
     /// How long nothing is due.
     fn idle(&self) -> Duration {
-        let (now, zero) = self.wire.time();
+        let Some((now, zero)) = self.wire.time() else { return IDLE };
         let now_us = now.since(zero).as_micros() as u64;
         let sources = self.axes.iter().flat_map(|looked| self.telemetry.of(looked.id));
         let due = sources.filter_map(|source| source.due(now_us)).min();
@@ -166,6 +171,14 @@ impl Eyes {
     fn ask(&mut self) -> bool {
         let now = self.shared.now();
         self.look_for_others(now);
+        for id in self.wire.restarted() {
+            let its = self.axes.iter_mut().filter(|looked| looked.id == id);
+            its.for_each(|looked| looked.unwatched = true);
+        }
+        let unwatched = |looked: &&mut Looked| looked.unwatched && now >= looked.next;
+        if let Some(looked) = self.axes.iter_mut().find(unwatched) {
+            return looked.watch_host(now, &self.wire, &self.shared);
+        }
         for _ in 0..self.axes.len() {
             self.turn = (self.turn + 1) % self.axes.len();
             let looked = &mut self.axes[self.turn];
@@ -251,6 +264,43 @@ impl Looked {
         its.all(|s| state.reading(s.signal).at.is_some_and(|at| now.since(at) < STATE_EVERY / 2))
     }
 
+    /// Has its drive watch this host's heartbeat, where the link sends one. False where nothing was
+    /// asked.
+    fn watch_host(&mut self, now: Instant, wire: &Wire, shared: &Shared) -> bool {
+        let (watched, failed) = match self.axis.watch_host() {
+            Ok(None) => {
+                self.unwatched = false;
+                return false;
+            }
+            Ok(Some(watched)) => (Ok(watched), false),
+            Err(error) => {
+                let silent = matches!(&error, polepair::Error::Failed { outcome, .. }
+                    if matches!(outcome.failure(), Some(Failure::Silent | Failure::LinkDown)));
+                (Err(error), silent)
+            }
+        };
+        if failed {
+            self.next = now + PATIENCE;
+            return true;
+        }
+        self.unwatched = false;
+        let (told, own, detail) = match watched {
+            Ok([found, is]) => {
+                let detail = json!({ "was": found.to_string(), "is": is.to_string() });
+                (is.to_string(), found != is, detail)
+            }
+            Err(error) => {
+                let told = format!("not known: {error}");
+                (told, false, json!({ "error": Refused::from(error) }))
+            }
+        };
+        tracing::info!(axis = self.id, "{}: its own watchdog is {told}", self.axis.label());
+        shared.noted_by_server(Deed::Watchdog, self.id, detail);
+        let place = wire.axes.iter().position(|(id, _)| *id == self.id);
+        place.filter(|_| own).into_iter().for_each(|place| wire.note_watch(place, true));
+        true
+    }
+
     fn read(&mut self, id: ParameterId, now: Instant) {
         let Err(error) = self.axis.read(id) else { return };
         let polepair::Error::Failed { outcome, .. } = error else {
@@ -260,9 +310,7 @@ impl Looked {
             Outcome::NotDone(Failure::Refused { .. } | Failure::Impossible(_)) => {
                 self.ids.retain(|other| *other != id);
             }
-            Outcome::Unknown(failure) | Outcome::NotDone(failure)
-                if matches!(failure, Failure::Silent | Failure::LinkDown) =>
-            {
+            _ if matches!(outcome.failure(), Some(Failure::Silent | Failure::LinkDown)) => {
                 self.to_ask.clear();
                 self.next = now + PATIENCE;
             }

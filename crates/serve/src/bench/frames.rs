@@ -16,6 +16,7 @@ use polepair_link::tap::{Direction, Tap};
 use super::Bench;
 use super::explained::{fields, item};
 use super::shared::{Shared, held};
+use super::wire::Wire;
 use crate::message::{ExplainedField, FrameItem, Refused};
 
 /// Units that wait to be explained; the oldest go when there are more.
@@ -240,8 +241,7 @@ pub(super) struct Reader {
     pub traffic: Arc<Traffic>,
     pub shared: Arc<Shared>,
     pub decoders: Vec<Decoder>,
-    /// When the bench's time began on each wire.
-    pub zeros: Vec<Instant>,
+    pub wires: Vec<Arc<Wire>>,
     pub count: u64,
 }
 
@@ -271,13 +271,13 @@ impl Reader {
     }
 
     fn explain(&mut self, unit: &Unit) {
-        let Self { traffic, decoders, zeros, count, .. } = self;
+        let Self { traffic, decoders, wires, count, .. } = self;
         let Some(decoder) = decoders.get_mut(unit.wire) else { return };
         let said = match unit.direction {
             Direction::ToDrive => Said::ToDrive,
             Direction::ToHost => Said::ToHost,
         };
-        let since = unit.at.since(zeros[unit.wire]);
+        let since = unit.at.since(wires[unit.wire].zero());
         let (time, t_us) = (Some(Stamp(clock::wall_ns(unit.at))), since.as_nanos() as f64 / 1e3);
         let mut show = |event: &Event<'_>| {
             let item = FrameItem { t_us, ..item(*count, unit.wire as u16, event) };

@@ -2,23 +2,28 @@
 //! other, stops first. It never waits for a drive. It has a thread; whoever says a stop lends it his
 //! own, too.
 
+mod owes;
+#[cfg(test)]
+mod tests;
+
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use polepair::{Axis, Running};
 use polepair_core::axis::Verb;
+use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use serde_json::json;
 
 use super::clock::Clock;
 use super::desk::Desk;
-use super::halt::{Halt, Report};
 use super::lease::{Holder, Lost, Seat, Session};
 use super::look;
-use super::shared::{Event, Shared, held};
+use super::owed::{ANSWERED_MAX, Airtime, OwedStop};
+use super::shared::{Event, SERVER, Shared, held};
 use super::state::axis_state;
-use super::wire::{AskLease, Commanded, Do, Order, StopThese, Tell, Wire, overtaken};
-use crate::message::{Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, Refused};
+use super::wire::{AskLease, Commanded, Do, Order, Tell, Wire, overtaken};
+use crate::message::{Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, OwedWhy, Refused};
 
 /// A command said so far ahead of the server's clock is no better than one that is too old, ms.
 const AHEAD_MAX_MS: f64 = 1000.0;
@@ -31,6 +36,8 @@ const FRESH: Duration = Duration::from_millis(20);
 const IDLE: Duration = Duration::from_millis(100);
 /// Stops that took no longer to send are sent in the thread of whoever says them.
 const BRISK: Duration = Duration::from_millis(1);
+/// Commands that wait for stops at most.
+const WAITING_MAX: usize = 64;
 /// Orders that are taken before everything else is looked at again.
 const ORDERS_AT_ONCE_MAX: usize = 64;
 
@@ -39,10 +46,16 @@ pub(super) struct Hand {
     wire: Arc<Wire>,
     desk: Arc<Desk>,
     shared: Arc<Shared>,
+    /// The link's connection string, by which the journal finds its axes again.
+    url: String,
     axes: Vec<Watched>,
     going: Vec<Going>,
+    /// Commands that wait until their axis is seen standing, with their places among all orders.
+    waiting: Vec<(u64, Box<Commanded>)>,
+    airtime: Airtime,
     lost: bool,
-    closed: bool,
+    /// When the bench was closed.
+    closed: Option<Instant>,
     /// When something new was last begun.
     begun: Instant,
     /// The last stops went out at once: the far end takes what is written.
@@ -54,9 +67,10 @@ struct Watched {
     id: u16,
     axis: Axis,
     seat: Seat,
-    halt: Option<Halt>,
-    /// It moved when its link was lost.
-    owed: bool,
+    /// The stop that it is owed.
+    owed: Option<OwedStop>,
+    /// Why its last lease ended, if that was because its link went away.
+    unlinked: Option<String>,
     /// What was said before the stop of that number, and would have it moved, comes too late.
     stopped: u64,
 }
@@ -68,15 +82,42 @@ struct Going {
     id: String,
     deed: Do,
     running: Running,
+    /// Faults were cleared, and what is under way reads whether one stands.
+    cleared: bool,
     tell: Tell<Outcome>,
 }
 
+impl Watched {
+    /// Why nobody has its lease: where its link went away, that is not somebody who stopped it.
+    fn unheld(&self, refused: Refused) -> Refused {
+        let Some(why) = self.unlinked.as_ref().filter(|_| self.seat.holder().is_none()) else {
+            return refused;
+        };
+        let label = self.axis.label();
+        let what = format!("the link of {label} went away, and its lease with it: {why}");
+        Refused::new("E313", what)
+            .hint("cut its supply if it turns; it is told to stop as soon as the link is back")
+    }
+}
+
 impl Hand {
-    pub fn new(wire: Arc<Wire>, desk: Arc<Desk>, shared: Arc<Shared>) -> Self {
-        let (begun, axes) = (shared.now(), Vec::new());
-        let going = Vec::new();
-        let (lost, closed, brisk) = (false, false, true);
-        let mut hand = Self { wire, desk, shared, axes, going, lost, closed, begun, brisk };
+    /// For a link of that connection string.
+    pub fn new(wire: Arc<Wire>, desk: Arc<Desk>, shared: Arc<Shared>, url: String) -> Self {
+        let begun = shared.now();
+        let mut hand = Self {
+            wire,
+            desk,
+            shared,
+            url,
+            axes: Vec::new(),
+            going: Vec::new(),
+            waiting: Vec::new(),
+            airtime: Airtime::default(),
+            lost: false,
+            closed: None,
+            begun,
+            brisk: true,
+        };
         hand.grow();
         hand
     }
@@ -84,17 +125,15 @@ impl Hand {
     /// Looks after axes that joined: they are on the wire's list before anything is said of them.
     fn grow(&mut self) {
         let last_epoch = self.shared.last_epoch;
-        let watched = |(id, axis): &(u16, Axis)| Watched {
-            id: *id,
-            axis: axis.clone(),
-            seat: Seat::after(last_epoch),
-            halt: None,
-            owed: false,
-            stopped: 0,
-        };
         let known = self.axes.len();
-        if known < self.wire.axes.len() {
-            self.axes.extend(self.wire.axes.iter().skip(known).map(watched));
+        for (place, (id, axis)) in self.wire.axes.iter().enumerate().skip(known) {
+            let (seat, axis) = (Seat::after(last_epoch), axis.clone());
+            let before = self.shared.is_owed_before(&self.url, axis.number());
+            let owed = before
+                .then(|| OwedStop::new(OwedWhy::ServerBefore, SERVER.into(), self.shared.now()));
+            self.wire.show_owed(place, owed.as_ref().map(OwedStop::shown));
+            let unlinked = None;
+            self.axes.push(Watched { id: *id, axis, seat, owed, unlinked, stopped: 0 });
         }
     }
 
@@ -106,7 +145,7 @@ impl Hand {
                 let mut hand = held(this);
                 let next = hand.turn();
                 if hand.is_over() {
-                    return;
+                    return hand.leave();
                 }
                 next
             };
@@ -123,13 +162,16 @@ impl Hand {
         self.brisk && first.is_some_and(|connection| connection.trouble().is_none())
     }
 
-    /// Whether the bench is closed and nothing is left to stop.
+    /// Whether the bench is closed and all that moved was seen standing, or waited for long enough.
     pub fn is_over(&self) -> bool {
-        self.closed && self.axes.iter().all(|watched| watched.halt.is_none())
+        let now = self.shared.now();
+        let waited = self.closed.is_some_and(|closed| now.since(closed) >= ANSWERED_MAX);
+        waited || self.closed.is_some() && self.axes.iter().all(|watched| watched.owed.is_none())
     }
 
     /// Does all that is to be done now, and waits for nothing. Returns when to look again.
     pub fn turn(&mut self) -> Duration {
+        self.grow();
         self.take_stops();
         self.look_at_link();
         self.expire();
@@ -138,17 +180,20 @@ impl Hand {
             self.obey(said, order);
             self.take_stops();
         }
-        if self.shared.is_closing() && !self.closed {
+        if self.shared.is_closing() && self.closed.is_none() {
             self.close();
         }
         self.look_at_commands();
-        self.look_at_halts();
+        self.look_at_owed();
+        for (said, commanded) in std::mem::take(&mut self.waiting) {
+            self.obey(said, Order::Command(commanded));
+        }
         self.pause()
     }
 
     fn pause(&self) -> Duration {
         let now = self.shared.now();
-        let busy = !self.going.is_empty() || self.axes.iter().any(|w| w.halt.is_some());
+        let busy = !self.going.is_empty() || self.axes.iter().any(|w| w.owed.is_some());
         let look = match now.since(self.begun) < FRESH {
             _ if !busy => IDLE,
             true => LOOK_EVERY,
@@ -158,56 +203,20 @@ impl Hand {
         ends.map(|until| until.since(now)).min().map_or(look, |left| left.min(look))
     }
 
-    /// Sends what stops; what there is to write about it comes when all of them are on the wire.
-    pub fn take_stops(&mut self) {
-        while let Some(StopThese { axes, who, reason, since, report }) = self.wire.next_stop() {
-            self.grow();
-            self.wire.looking.break_off();
-            let began = self.shared.now();
-            let mut ended = Vec::with_capacity(axes.len());
-            for (axis, said) in axes {
-                self.axes[axis].stopped = said.max(self.axes[axis].stopped);
-                let lost = self.axes[axis].seat.end();
-                self.halt(axis, since, report.clone());
-                ended.push((axis, lost));
-            }
-            self.brisk = self.shared.now().since(began) <= BRISK;
-            for (axis, lost) in ended {
-                if let Some(Lost { holder, .. }) = lost {
-                    self.ended(axis, &holder, "stopped");
-                }
-                let (id, detail) = (self.axes[axis].id, json!({ "reason": reason }));
-                self.shared.noted(&who, Deed::Stop, Some(id), detail);
-            }
-        }
-    }
-
-    /// Sends a stop, and disarms the axis.
-    fn halt(&mut self, axis: usize, since: Instant, report: Option<Arc<Report>>) {
-        let watched = &mut self.axes[axis];
-        watched.axis.arm(false);
-        match &mut watched.halt {
-            Some(halt) => halt.again(&watched.axis, since, report),
-            None => {
-                let reports = report.into_iter().collect();
-                watched.halt = Some(Halt::begin(&watched.axis, since, reports));
-            }
-        }
-        watched.owed = false;
-        self.begun = self.shared.now();
-    }
-
     /// A lease ended: what it set in motion stops, and nothing moves before it is armed anew.
     fn lose(&mut self, axis: usize, lost: Lost, why: &str) {
-        let powers = |going: &Going| going.axis == axis && going.deed.moves();
-        let moved = lost.moved || self.going.iter().any(powers);
+        let moved = self.moved(axis, &lost);
         self.axes[axis].axis.arm(false);
         if moved {
-            self.halt(axis, self.shared.now(), None);
-            let (id, detail) = (self.axes[axis].id, json!({ "reason": why }));
-            self.shared.noted_by_server(Deed::Stop, id, detail);
+            self.halt_unasked(axis, OwedWhy::LeaseEnded, why);
         }
         self.ended(axis, &lost.holder, why);
+    }
+
+    /// Whether something was set in motion under a lease, or is about to be.
+    fn moved(&self, axis: usize, lost: &Lost) -> bool {
+        let powers = |going: &Going| going.axis == axis && going.deed.moves();
+        lost.moved || self.going.iter().any(powers)
     }
 
     /// Tells that a lease ended.
@@ -247,31 +256,42 @@ impl Hand {
             return;
         }
         self.lost = trouble.is_some();
-        self.wire.show_lost(trouble.as_ref().map(ToString::to_string));
+        let why = trouble.as_ref().map(ToString::to_string);
+        let error = trouble.map(|error| Refused::from(polepair::Error::from(error)));
+        self.wire.show_lost(error.map(|error| (self.shared.now(), error)));
         for axis in 0..self.axes.len() {
-            let watched = &mut self.axes[axis];
-            if self.lost {
-                watched.axis.arm(false);
-                if let Some(lost) = watched.seat.end() {
-                    watched.owed |= lost.moved;
-                    self.ended(axis, &lost.holder, "the link is lost");
+            let now = self.shared.now();
+            if !self.lost {
+                let watched = &mut self.axes[axis];
+                if let Some(owed) = &mut watched.owed {
+                    owed.link_opened(&watched.axis, now);
+                    self.begun = now;
                 }
-            } else if watched.owed {
-                self.halt(axis, self.shared.now(), None);
+                continue;
             }
+            self.axes[axis].axis.arm(false);
+            let Some(lost) = self.axes[axis].seat.end() else { continue };
+            let is_new = self.axes[axis].owed.is_none() && self.moved(axis, &lost);
+            if is_new {
+                self.axes[axis].owed = Some(OwedStop::new(OwedWhy::LinkLost, SERVER.into(), now));
+            }
+            self.note_owed(axis, is_new);
+            self.axes[axis].unlinked.clone_from(&why);
+            self.ended(axis, &lost.holder, "the link is lost");
         }
         self.shared.tell(Event::Bench);
     }
 
     /// The bench closes: whatever may move is stopped.
     fn close(&mut self) {
-        self.closed = true;
+        self.closed = Some(self.shared.now());
         for axis in 0..self.axes.len() {
             let watched = &mut self.axes[axis];
             let armed = watched.axis.state().armed || watched.axis.turns() == Some(true);
             let lost = watched.seat.end();
-            if armed || lost.as_ref().is_some_and(|lost| lost.moved) {
-                self.halt(axis, self.shared.now(), None);
+            let moved = armed || lost.as_ref().is_some_and(|lost| self.moved(axis, lost));
+            if moved && self.axes[axis].owed.is_none() {
+                self.halt_unasked(axis, OwedWhy::ServerEnds, "the server ends");
             }
             if let Some(lost) = lost {
                 self.ended(axis, &lost.holder, "the server ends");
@@ -288,14 +308,22 @@ impl Hand {
                 let _ = ask.tell.send(Err(overtaken()));
             }
             Order::Look(begin) if (0..self.axes.len()).any(late) => begin(Err(overtaken())),
+            Order::Dismiss(dismiss) if late(dismiss.axis) => {
+                // Who has gone does not want to know.
+                let _ = dismiss.tell.send(Err(overtaken()));
+            }
             Order::Command(commanded) if late(commanded.axis) => {
                 self.tell(*commanded, Some(overtaken()));
             }
             Order::Lease(ask) => self.lease(ask),
+            Order::Command(commanded) if self.waits_for_stop(&commanded) => {
+                self.waiting.push((said, commanded));
+            }
             Order::Command(commanded) => self.command(said, *commanded),
             Order::Write { axis, session, epoch, go } => go(self.may(axis, &session, epoch, false)),
             Order::Gone(session) => self.gone(&session),
             Order::NotKept { axis, epoch } => self.not_kept(axis, epoch),
+            Order::Dismiss(dismiss) => self.dismiss(dismiss),
             Order::Look(go) => {
                 let may = self.may_look();
                 if may.is_ok() {
@@ -312,6 +340,9 @@ impl Hand {
         if self.shared.is_closing() || self.lost {
             return Err(closing(self.lost));
         }
+        if let Some((_, error)) = self.wire.lost() {
+            return Err(error);
+        }
         let refused = |what: String, hint: &str| Err(look::refused(what).hint(hint));
         for watched in &self.axes {
             let (label, state) = (watched.axis.label(), axis_state(watched.id, &watched.axis));
@@ -319,7 +350,7 @@ impl Hand {
                 let what = format!("{} commands {label}", holder.session);
                 return refused(what, "wait until it is given back: it could not be commanded");
             }
-            if watched.halt.is_some() {
+            if watched.owed.is_some() {
                 return refused(format!("{label} is being stopped"), "wait until it stands");
             }
             if state.armed || state.moving == Some(true) {
@@ -368,7 +399,9 @@ impl Hand {
         epoch: u64,
     ) -> Result<LeaseGranted, Refused> {
         let (now, lasts) = (self.shared.now(), self.shared.lease);
-        let held = self.axes[axis].seat.renew(session, epoch, now, lasts)?;
+        let watched = &mut self.axes[axis];
+        let held = watched.seat.renew(session, epoch, now, lasts);
+        let held = held.map_err(|refused| watched.unheld(refused))?;
         self.show(axis);
         Ok(granted(&held))
     }
@@ -397,6 +430,7 @@ impl Hand {
             Ok(taken) => taken,
             Err(refused) => return drop(tell.send(Err(refused))),
         };
+        self.axes[axis].unlinked = None;
         let over = lost.is_some();
         lost.into_iter().for_each(|lost| self.lose(axis, lost, "taken over"));
         self.show(axis);
@@ -434,12 +468,19 @@ impl Hand {
             let what = format!("motion is locked since {} stopped everything", lock.by);
             return Err(Refused::new("gateway.locked", what).hint("release it first"));
         }
-        watched.seat.held(session, epoch, self.shared.now())?;
-        if moves && watched.halt.as_ref().is_some_and(Halt::is_under_way) {
-            return Err(Refused::new("gateway.busy", "the axis is being stopped")
-                .hint("wait until it stands, arm it again"));
+        let held = watched.seat.held(session, epoch, self.shared.now());
+        held.map_err(|refused| watched.unheld(refused))?;
+        if moves && watched.owed.is_some() {
+            return Err(owed());
         }
         Ok(())
+    }
+
+    /// Whether what moves an axis waits a moment, because its stop is just about to be over.
+    fn waits_for_stop(&self, commanded: &Commanded) -> bool {
+        let owed = self.axes[commanded.axis].owed.as_ref();
+        let is_ending = owed.is_some_and(|owed| owed.is_ending(self.shared.now()));
+        is_ending && commanded.deed.moves() && self.waiting.len() < WAITING_MAX
     }
 
     fn command(&mut self, said: u64, commanded: Commanded) {
@@ -460,11 +501,13 @@ impl Hand {
                 }
                 self.begun = self.shared.now();
                 let (id, running) = (order.id, *running);
-                self.going.push(Going { axis, session, id, deed, running, tell });
+                let cleared = false;
+                self.going.push(Going { axis, session, id, deed, running, cleared, tell });
             }
             Ok(Started::Done) => self.tell(commanded, None),
             Ok(Started::ToBePrepared) => {
-                // Where the limits depend on where it stands, that is asked first, not here.
+                // Where the limits depend on where it stands, that is asked first, and so is what
+                // scales the arguments. Not here: a hand waits for nothing.
                 self.desk.prepare(said, commanded);
             }
             Err(error) => self.tell(commanded, Some(error)),
@@ -498,7 +541,11 @@ impl Hand {
         };
         let started = match prepared {
             Some(prepared) => prepared.as_ref().map_err(Clone::clone)?.start(),
-            None if moves && watched.axis.has_ends() => return Ok(Started::ToBePrepared),
+            None if moves && watched.axis.has_ends()
+                || watched.axis.has_unread_scales(&command) =>
+            {
+                return Ok(Started::ToBePrepared);
+            }
             None => watched.axis.start(command),
         };
         Ok(Started::Running(Box::new(started?)))
@@ -513,8 +560,14 @@ impl Hand {
                     continue;
                 }
                 Ok(value) => (value, None),
+                // The faults were cleared, whatever became of the question after them.
+                Err(_) if self.going[at].cleared => (None, None),
                 Err(error) => (None, Some(Refused::from(error))),
             };
+            if error.is_none() && self.reads_fault(at) {
+                at += 1;
+                continue;
+            }
             let Going { axis, session, id, deed, tell, .. } = self.going.swap_remove(at);
             if error.is_none() && deed.stops() {
                 self.axes[axis].seat.stopped();
@@ -525,21 +578,24 @@ impl Hand {
             self.shared.ended(whose, outcome, deed.ends_motion(), tell);
         }
     }
+}
 
-    fn look_at_halts(&mut self) {
-        let now = self.shared.now();
-        for watched in &mut self.axes {
-            let Some(halt) = &mut watched.halt else { continue };
-            let (news, over) = halt.look(watched.id, &watched.axis, now);
-            if let Some(stopped) = news {
-                let detail = json!({ "class": stopped.class, "ms": stopped.ms });
-                self.shared.noted_by_server(Deed::Outcome, watched.id, detail);
-                self.shared.tell(Event::Stopped(stopped));
-            }
-            if over {
-                watched.halt = None;
-            }
+impl Hand {
+    /// Reads whether a fault stands after faults were cleared: what is told of the axis afterwards was
+    /// read afterwards. False where there is nothing to read.
+    fn reads_fault(&mut self, at: usize) -> bool {
+        let going = &mut self.going[at];
+        let clears = matches!(&going.deed, Do::Run(command) if command.verb == Verb::Clear);
+        if !clears || going.cleared {
+            return false;
         }
+        let axis = &self.axes[going.axis].axis;
+        let source = axis.profile().signal(Signal::Fault);
+        let Some(running) = source.and_then(|source| axis.start_read(source.parameter).ok()) else {
+            return false;
+        };
+        (going.running, going.cleared) = (running, true);
+        true
     }
 }
 
@@ -566,6 +622,13 @@ fn fresh(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), Refused> {
     Ok(())
 }
 
+fn owed() -> Refused {
+    let what = "the axis is owed a stop: it was not seen standing, and may be turning";
+    Refused::new("gateway.owed", what).hint(
+        "wait until it stands; if you see that it may go on, dismiss the stop, then arm it again",
+    )
+}
+
 fn granted(held: &Holder) -> LeaseGranted {
     LeaseGranted { epoch: held.epoch, expires_ms: Clock::ms(held.until) }
 }
@@ -585,62 +648,4 @@ pub(super) fn outcome(id: String, error: Option<Refused>) -> Outcome {
         Some(None) => Ended::Unknown,
     };
     Outcome { id, outcome: ended, value: None, error, replayed: false }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::bench::Options;
-
-    /// The wire of a link's first axis, with a hand whose thread never looks.
-    fn wire_of(link: &polepair::Link) -> (Arc<Wire>, Arc<Mutex<Hand>>) {
-        let wire = Arc::new(Wire::new(vec![(7, link.axes()[0].clone())]));
-        let desk = Arc::new(Desk::new(&wire));
-        let clock = Clock::of(link.simulation().into_iter());
-        let shared = Arc::new(Shared::new(clock, &Options::default()));
-        let hand = Arc::new(Mutex::new(Hand::new(Arc::clone(&wire), desk, shared)));
-        wire.looked_after_by(std::thread::current(), Arc::downgrade(&hand));
-        (wire, hand)
-    }
-
-    fn say_stop(wire: &Wire) {
-        let (axes, who, reason) = (vec![(0, 0)], Session::from("ann"), String::new());
-        wire.stop(StopThese { axes, who, reason, since: Instant::ZERO, report: None });
-        wire.send_stops();
-    }
-
-    #[test]
-    fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
-        let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
-        let (wire, hand) = wire_of(&link);
-        let sent = || link.counters(&link.axes()[0]).sent;
-        let before = sent();
-        say_stop(&wire);
-        assert!(sent() > before && held(&hand).axes[0].halt.is_some());
-        let before = sent();
-        let at_work = held(&hand);
-        say_stop(&wire);
-        assert_eq!(sent(), before);
-        assert!(at_work.wire.next_stop().is_some(), "the hand finds it");
-        drop(at_work);
-        held(&hand).brisk = false;
-        say_stop(&wire);
-        assert_eq!(sent(), before, "it may be long, and others are to be stopped as well");
-    }
-
-    #[test]
-    fn a_lost_link_is_opened_again_by_no_one_who_says_a_stop() {
-        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = listener.local_addr().unwrap();
-        let url = format!("tmcl+tcp://{address}?profile=tmcm-171#1");
-        let link = polepair::connect(&url).unwrap();
-        let (wire, _hand) = wire_of(&link);
-        drop(listener.accept().unwrap());
-        let connection = link.axes()[0].connection();
-        while connection.trouble().is_none() {
-            connection.catch_up();
-        }
-        say_stop(&wire);
-        assert!(wire.next_stop().is_some(), "it is its hand's");
-    }
 }

@@ -2,7 +2,7 @@
 //! wire look, one address in each of their rounds; its hand says whether it may begin.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Duration;
 
 use polepair::scan::{Found, Look, Numbers, Progress, Scan};
@@ -63,10 +63,9 @@ impl Looking {
 pub(super) struct Search {
     link: u16,
     connector: Connector,
-    /// What the connection string opened, with all that was taken in since.
-    root: Arc<Mutex<polepair::Link>>,
-    /// Which wire of that.
-    place: usize,
+    /// What the connection string opened, with all that was taken in since, and which wire of that it
+    /// is; nothing before it was opened.
+    root: OnceLock<(Arc<Mutex<polepair::Link>>, usize)>,
     ordered: Mutex<Option<Numbers>>,
     /// The look under way, or the last.
     told: Mutex<Option<LookView>>,
@@ -74,14 +73,21 @@ pub(super) struct Search {
 }
 
 impl Search {
-    pub fn new(
-        link: u16,
-        connector: Connector,
-        root: &Arc<Mutex<polepair::Link>>,
-        place: usize,
-    ) -> Self {
+    pub fn new(link: u16, connector: Connector) -> Self {
         let (ordered, told, found) = (Mutex::default(), Mutex::default(), Mutex::default());
-        Self { link, connector, root: Arc::clone(root), place, ordered, told, found }
+        Self { link, connector, root: OnceLock::new(), ordered, told, found }
+    }
+
+    /// Its link is open: the wire of that place.
+    pub fn opened(&self, root: &Arc<Mutex<polepair::Link>>, place: usize) {
+        // Nobody opens a link twice.
+        let _ = self.root.set((Arc::clone(root), place));
+    }
+
+    /// What the connection string opened, and which wire of that it is.
+    fn root(&self) -> Result<(MutexGuard<'_, polepair::Link>, usize), Refused> {
+        let (root, place) = self.root.get().ok_or_else(|| refused("the link is not open"))?;
+        Ok((held(root), *place))
     }
 
     /// The last look.
@@ -146,11 +152,14 @@ impl Searcher {
             Some(look) => look,
             None => {
                 let Some(numbers) = held(&self.search.ordered).take() else { return false };
-                let root = held(&self.search.root).clone();
-                match Look::on(&self.search.connector, &root, self.search.place, numbers) {
+                let root = self.search.root().map(|(root, place)| (root.clone(), place));
+                let look = root.and_then(|(root, place)| {
+                    Ok(Look::on(&self.search.connector, &root, place, numbers)?)
+                });
+                match look {
                     Ok(look) => look,
                     Err(error) => {
-                        self.end(Scan::default(), Some(error.into()));
+                        self.end(Scan::default(), Some(error));
                         return true;
                     }
                 }
@@ -198,7 +207,7 @@ impl Searcher {
             (None, false) => LookState::Done,
         };
         let found: Vec<FoundDrive> = scan.found.iter().map(|one| self.seen(one)).collect();
-        let axes = held(&self.search.root).axes().to_vec();
+        let axes = self.search.root().map_or_else(|_| Vec::new(), |(root, _)| root.axes().to_vec());
         let asked = scan.axes.iter().filter_map(|one| {
             let axis = self.axis_of(axes.get(one.place)?)?;
             Some(AskedAxis { axis, answers: one.answers, clash: one.clash.clone() })
@@ -358,9 +367,9 @@ impl Bench {
             return Err(refused(format!("a bench holds {AXES_MAX} axes")));
         }
         let (all, before) = {
-            let mut root = held(&link.search.root);
+            let (mut root, place) = link.search.root()?;
             let before = root.axes().len();
-            *root = root.take_in(link.search.place, found)?;
+            *root = root.take_in(place, found)?;
             (root.clone(), before)
         };
         let base = self.0.axes.len() as u16;
@@ -385,11 +394,12 @@ impl Bench {
     }
 
     /// One more axis on a link: who looks after it finds it there before anybody can ask for it.
-    fn add(&self, n: usize, axis: &Axis) -> Option<u16> {
-        let Link { wire, simulation, id, .. } = &self.0.links[n];
+    pub(super) fn add(&self, n: usize, axis: &Axis) -> Option<u16> {
+        let link = &self.0.links[n];
+        let Link { wire, id, .. } = link;
         let (seat, place) = (self.0.axes.len() as u16, wire.axes.len());
-        let drive = simulation
-            .as_ref()
+        let drive = link
+            .simulation()
             .and_then(|(simulation, link)| Drive::find(simulation, *link, axis.number(), place));
         let info = axis_info(seat, *id, axis, drive.as_ref());
         self.0.telemetry.grow();

@@ -1,14 +1,16 @@
 //! Opening: connection strings to links, wires and axes, in the order in which the bench counts them.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
+use polepair::connect::Part;
 use polepair::simulate::Simulation;
 use polepair::wire::OpenWire;
-use polepair::{Axis, Connector};
+use polepair::{Axis, Connector, Error};
 use polepair_capture::{Decoder, Rules};
 use polepair_core::drives;
 use polepair_core::medium::MediumKind;
+use polepair_link::Cause;
 
 use super::Seat;
 use super::clock::Clock;
@@ -16,9 +18,11 @@ use super::describe::axis_info;
 use super::desk::Desk;
 use super::frames::Traffic;
 use super::look::Search;
+use super::shared::held;
 use super::simulated::Drive;
+use super::threads::no_thread;
 use super::wire::Wire;
-use crate::message::{Counter, LinkState, LinkView, Refused};
+use crate::message::{AbsentAxis, Counter, LinkState, LinkView, Refused};
 
 /// Axes of a bench.
 pub(super) const AXES_MAX: usize = 256;
@@ -29,11 +33,19 @@ pub(super) struct Link {
     pub url: String,
     pub wire: Arc<Wire>,
     pub desk: Arc<Desk>,
-    pub open: OpenWire,
-    /// Its simulation, and the link's number there.
-    pub simulation: Option<(Simulation, usize)>,
     /// Looks for drives there.
     pub search: Arc<Search>,
+    medium: MediumKind,
+    opened: OnceLock<Way>,
+    /// Axes that were not there when it was opened.
+    absent: Mutex<Vec<AbsentAxis>>,
+}
+
+/// What a link is once it was opened.
+struct Way {
+    open: OpenWire,
+    /// Its simulation, and the link's number there.
+    simulation: Option<(Simulation, usize)>,
     /// Keeps the link open.
     link: polepair::Link,
 }
@@ -45,9 +57,13 @@ pub(super) struct Opened {
     pub roots: Vec<(u16, polepair::Link)>,
     pub axes: Vec<Seat>,
     pub clock: Clock,
+    /// Links that could not be opened, and why.
+    pub dead: Vec<(u16, Refused)>,
 }
 
-/// Opens every connection string, or the rack that there is without any.
+/// Opens what the connection strings name, or the rack that there is without any. What is wrong with a
+/// string ends it before anything is opened. A link that cannot be opened is kept in its place, unless
+/// none can and none will by itself.
 pub(super) fn open(
     urls: &[String],
     connector: &Connector,
@@ -55,27 +71,41 @@ pub(super) fn open(
 ) -> Result<Opened, Refused> {
     let rack = rack();
     let urls = if urls.is_empty() { &rack } else { urls };
-    let (mut links, mut axes, mut roots) = (Vec::new(), Vec::new(), Vec::new());
+    let mut parts: Vec<Part> = Vec::new();
     for url in urls {
-        let (first, ears) = (links.len(), Arc::clone(traffic));
-        let tapped = connector.clone().with_taps(move |wire| ears.ear(first + wire));
-        let opened = tapped.connect(url)?;
-        let in_turn = wires(&opened).enumerate().all(|(n, of)| opened.wire_of(&of[0]) == Some(n));
-        if !in_turn {
-            let what = format!("{url} names no axis of a wire before one of which it does");
-            let hint = "name an axis of each wire before it after `#`, or none";
-            return Err(Refused::new("gateway.request", what).hint(hint));
+        parts.extend(connector.parts(url)?);
+    }
+    let tried = open_parts(&parts, connector, traffic)?;
+    let failed = || tried.iter().filter_map(|tried| tried.as_ref().err());
+    if failed().count() == tried.len()
+        && !failed().any(may_come_back)
+        && let Some(error) = failed().next()
+    {
+        return Err(error.clone().into());
+    }
+    let (mut links, mut axes) = (Vec::new(), Vec::new());
+    let (mut roots, mut dead) = (Vec::new(), Vec::new());
+    for (part, tried) in parts.iter().zip(tried) {
+        let id = links.len() as u16;
+        match tried {
+            Ok((opened, absent)) => {
+                roots.push((axes.len() as u16, opened.clone()));
+                take((&part.url, connector), &opened, &mut links, &mut axes);
+                links[usize::from(id)].set_absent(absent);
+            }
+            Err(error) => {
+                let medium = part.medium.unwrap_or(MediumKind::Serial);
+                links.push(Link::new((id, &part.url, medium), connector, Vec::new()));
+                dead.push((id, error.into()));
+            }
         }
-        let base = axes.len() as u16;
-        take((url, connector), &opened, &mut links, &mut axes);
-        roots.push((base, opened));
     }
     if axes.len() > AXES_MAX {
         let what = format!("{} axes are more than a bench holds, {AXES_MAX}", axes.len());
         return Err(Refused::new("gateway.request", what));
     }
-    let clock = Clock::of(links.iter().filter_map(|link| Some(&link.simulation.as_ref()?.0)));
-    let is_virtual = |link: &Link| match &link.simulation {
+    let clock = Clock::of(links.iter().filter_map(|link| Some(&link.simulation()?.0)));
+    let is_virtual = |link: &Link| match link.simulation() {
         Some((simulation, _)) => simulation.pace() == polepair::simulate::Pace::Virtual,
         None => false,
     };
@@ -85,7 +115,76 @@ pub(super) fn open(
             Refused::new("gateway.request", what).hint("say time=virtual on all, or on none")
         );
     }
-    Ok(Opened { links, roots, axes, clock })
+    Ok(Opened { links, roots, axes, clock, dead })
+}
+
+/// A link with those of its axes that are there, and the others.
+type Present = (polepair::Link, Vec<(u32, Error)>);
+
+/// Opens simulations one after the other, for they are what they are; and then all else at once, so that
+/// a host that does not answer keeps no motor of another from being stopped.
+fn open_parts(
+    parts: &[Part],
+    connector: &Connector,
+    traffic: &Arc<Traffic>,
+) -> Result<Vec<Result<Present, Error>>, Refused> {
+    let (mut count, mut firsts, mut simulated) = (0, Vec::new(), Vec::new());
+    for part in parts {
+        firsts.push(count);
+        if part.medium.is_some() {
+            count += 1;
+            simulated.push(None);
+            continue;
+        }
+        let opened = tapped(connector, traffic, count).connect(&part.url)?;
+        let in_turn = wires(&opened).enumerate().all(|(n, of)| opened.wire_of(&of[0]) == Some(n));
+        if !in_turn {
+            let what = format!("{} names no axis of a wire before one of which it does", part.url);
+            let hint = "name an axis of each wire before it after `#`, or none";
+            return Err(Refused::new("gateway.request", what).hint(hint));
+        }
+        count += wires(&opened).count();
+        simulated.push(Some(opened));
+    }
+    std::thread::scope(|scope| {
+        let opening = parts.iter().zip(firsts).zip(simulated).map(|((part, first), simulated)| {
+            let present = move || match simulated {
+                Some(opened) => Ok((opened, Vec::new())),
+                None => tapped(connector, traffic, first).connect_present(&part.url),
+            };
+            std::thread::Builder::new().spawn_scoped(scope, present)
+        });
+        let opening: Vec<_> = opening.collect::<Result<_, _>>().map_err(|e| no_thread(&e))?;
+        let tried = opening.into_iter().map(|opening| match opening.join() {
+            // What the caller says of it, and asks of it, cannot be: that is told before anything is
+            // served.
+            Ok(Err(error)) if is_callers(&error) => Err(error.into()),
+            Ok(tried) => Ok(tried),
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        tried.collect()
+    })
+}
+
+/// A connector whose taps are those of the bench's links from that one on.
+pub(super) fn tapped(connector: &Connector, traffic: &Arc<Traffic>, first: usize) -> Connector {
+    let ears = Arc::clone(traffic);
+    connector.clone().with_taps(move |wire| ears.ear(first + wire))
+}
+
+/// Whether it is the caller's mistake, whatever becomes of ports and drives.
+pub(super) const fn is_callers(error: &Error) -> bool {
+    matches!(error, Error::Usage { .. } | Error::Unsupported { .. } | Error::Interrupted { .. })
+}
+
+/// Whether a link that could not be opened may be there later, without anybody changing a file or a
+/// connection string.
+fn may_come_back(error: &Error) -> bool {
+    match error {
+        Error::Link(error) => error.cause() != Cause::Unsuitable,
+        Error::Failed { .. } => true,
+        _ => false,
+    }
 }
 
 /// One drive of each family, on the wire that it usually has.
@@ -128,11 +227,10 @@ fn take(
             seats.push(Seat { link: links.len(), place, info, drive });
             ids.push((seat_id, axis.clone()));
         }
-        let wire = Arc::new(Wire::new(ids));
-        let desk = Arc::new(Desk::new(&wire));
-        let search = Arc::new(Search::new(id, connector.clone(), &root, n));
-        let (url, open, link) = (url.to_owned(), open.clone(), opened.clone());
-        links.push(Link { id, url, wire, desk, open, simulation, search, link });
+        let link = Link::new((id, url, open.medium), connector, ids);
+        link.search.opened(&root, n);
+        link.set_way(Way { open: open.clone(), simulation, link: opened.clone() });
+        links.push(link);
     }
 }
 
@@ -144,6 +242,47 @@ fn own_links(simulation: Option<&Simulation>) -> Vec<usize> {
 }
 
 impl Link {
+    fn new(
+        (id, url, medium): (u16, &str, MediumKind),
+        connector: &Connector,
+        axes: Vec<(u16, Axis)>,
+    ) -> Self {
+        let wire = Arc::new(Wire::new(axes));
+        let desk = Arc::new(Desk::new(&wire));
+        let search = Arc::new(Search::new(id, connector.clone()));
+        let (opened, absent) = (OnceLock::new(), Mutex::default());
+        Self { id, url: url.to_owned(), wire, desk, search, medium, opened, absent }
+    }
+
+    fn set_way(&self, way: Way) {
+        // Nobody opens a link twice.
+        let _ = self.opened.set(way);
+    }
+
+    fn set_absent(&self, absent: Vec<(u32, Error)>) {
+        let told = |(number, error): (u32, Error)| AbsentAxis { number, error: error.into() };
+        *held(&self.absent) = absent.into_iter().map(told).collect();
+    }
+
+    /// It was opened after all, as one wire. Its axes are still to join.
+    pub fn opened_later(&self, opened: &polepair::Link, absent: Vec<(u32, Error)>) {
+        self.search.opened(&Arc::new(Mutex::new(opened.clone())), 0);
+        self.set_absent(absent);
+        if let Some(open) = opened.wires().first() {
+            self.set_way(Way { open: open.clone(), simulation: None, link: opened.clone() });
+        }
+    }
+
+    /// Whether it was opened, however it is now.
+    pub fn was_opened(&self) -> bool {
+        self.opened.get().is_some()
+    }
+
+    /// Its simulation, and the link's number there.
+    pub fn simulation(&self) -> Option<&(Simulation, usize)> {
+        self.opened.get()?.simulation.as_ref()
+    }
+
     /// Its first axis, which stands for the wire.
     fn axis(&self) -> Option<&Axis> {
         self.wire.axes.first().map(|(_, axis)| axis)
@@ -152,9 +291,10 @@ impl Link {
     /// What explains its frames.
     pub fn decoder(&self) -> Decoder {
         let axes = self.wire.axes.iter().map(|(_, axis)| axis);
-        let several = axes.filter(|_| self.open.protocols.len() > 1);
+        let protocols = self.opened.get().map_or(&[][..], |way| &way.open.protocols);
+        let several = axes.filter(|_| protocols.len() > 1);
         let stated = several.map(|axis| format!("{}@{}", axis.protocol(), axis.number()));
-        let all = self.open.protocols.iter().map(|word| (*word).to_owned());
+        let all = protocols.iter().map(|word| (*word).to_owned());
         let rules = stated.chain(all).collect::<Vec<_>>().join(",");
         let profile = self.axis().map(Axis::profile);
         Decoder::new(Rules::parse(&rules).unwrap_or_default()).with_profile(profile)
@@ -162,30 +302,39 @@ impl Link {
 
     /// The share of the time so far in which it was busy, where that is known.
     pub fn load(&self) -> Option<f64> {
-        let (simulation, link) = self.simulation.as_ref()?;
+        let (simulation, link) = self.simulation()?;
         simulation.load(*link).map(|(_, load)| load)
     }
 
-    /// All but whether it works.
+    /// All but the debts of the server before.
     pub fn told(&self) -> LinkView {
-        let medium = match self.open.medium {
+        let medium = match self.medium {
             MediumKind::Serial => "serial",
             MediumKind::Can => "can",
         };
+        let lost = self.wire.lost();
         LinkView {
             id: self.id,
             url: self.url.clone(),
             medium: medium.to_owned(),
-            simulated: self.simulation.is_some(),
-            state: LinkState::Open,
-            reason: None,
-            load: None,
-            counters: self.axis().map_or_else(Vec::new, |axis| self.counters(axis)),
+            simulated: self.simulation().is_some(),
+            state: match &lost {
+                None => LinkState::Open,
+                Some(_) if self.was_opened() => LinkState::Lost,
+                Some(_) => LinkState::NotOpen,
+            },
+            since_ms: lost.as_ref().map(|(since, _)| Clock::ms(*since)),
+            error: lost.map(|(_, error)| error),
+            absent: held(&self.absent).clone(),
+            owed: Vec::new(),
+            load: self.load(),
+            counters: self.counters(),
         }
     }
 
-    fn counters(&self, axis: &Axis) -> Vec<Counter> {
-        let c = self.link.counters(axis);
+    fn counters(&self) -> Vec<Counter> {
+        let (Some(axis), Some(way)) = (self.axis(), self.opened.get()) else { return Vec::new() };
+        let c = way.link.counters(axis);
         let counts = [
             ("sent", c.sent),
             ("received", c.answered),
@@ -201,7 +350,7 @@ impl Link {
 
 /// How many times faster than real motors the simulated ones live.
 pub(super) fn time_scale(links: &[Link]) -> Option<f64> {
-    let mut simulations = links.iter().filter_map(|link| link.simulation.as_ref());
+    let mut simulations = links.iter().filter_map(Link::simulation);
     simulations.next().map(|(simulation, _)| simulation.scale())
 }
 
@@ -210,14 +359,14 @@ pub(super) fn set_time_scale(
     links: &[Link],
     scale: f64,
 ) -> impl FnOnce() -> Result<(), Refused> + Send + 'static {
-    let simulations = links.iter().filter_map(|link| Some(link.simulation.as_ref()?.0.clone()));
+    let simulations = links.iter().filter_map(|link| Some(link.simulation()?.0.clone()));
     let simulations: Vec<Simulation> = simulations.collect();
     move || Ok(simulations.iter().try_for_each(|simulation| simulation.set_scale(scale))?)
 }
 
 /// Lets virtual time pass, once for each simulation: links of one share its world.
 pub(super) fn pass(links: &[Link], span: Duration) {
-    for (simulation, n) in links.iter().filter_map(|link| link.simulation.as_ref()) {
+    for (simulation, n) in links.iter().filter_map(Link::simulation) {
         if own_links(Some(simulation)).first() == Some(n) {
             simulation.pass(span);
         }

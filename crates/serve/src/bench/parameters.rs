@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use polepair::axis::Pending;
 use polepair::{Amount, Axis};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 use serde_json::json;
@@ -132,11 +133,20 @@ impl Writer {
 
     /// What would change, and the writes that make it so.
     fn plan(&self) -> Result<(Vec<Change>, Vec<Wanted>), Refused> {
-        let wanted = self.values.iter().map(|(name, given)| self.wanted(name, given));
-        let wanted = wanted.collect::<Result<Vec<_>, _>>()?;
+        // What scales others goes first, and they are what they mean by it.
+        let named =
+            self.values.iter().map(|(name, given)| Ok((self.axis.find(name)?, name, given)));
+        let mut named = named.collect::<Result<Vec<_>, Refused>>()?;
+        named.sort_by_key(|(id, ..)| !self.axis.scales(*id));
+        let (mut all, mut pending) = (Vec::new(), Pending::default());
+        for (id, name, given) in named {
+            let wanted = self.wanted((id, name), given, &pending)?;
+            pending.add(id, wanted.raw);
+            all.push(wanted);
+        }
         let (mut changes, mut writes) = (Vec::new(), Vec::new());
-        for wanted in wanted {
-            let change = self.change(&wanted)?;
+        for wanted in all {
+            let change = self.change(&wanted, &pending)?;
             if change.changed || self.keep {
                 writes.push(wanted);
             }
@@ -145,8 +155,13 @@ impl Writer {
         Ok((changes, writes))
     }
 
-    fn wanted(&self, name: &str, given: &Given) -> Result<Wanted, Refused> {
-        let id = self.axis.find(name)?;
+    fn wanted(
+        &self,
+        (id, name): (ParameterId, &str),
+        given: &Given,
+        pending: &Pending,
+    ) -> Result<Wanted, Refused> {
+        let meant = |amount: &Amount| self.axis.raw_of_after(id, amount, pending);
         let missing = || Refused::new("E213", format!("there is no parameter `{name}`"));
         let parameter = self.axis.profile().parameter(id).ok_or_else(missing)?;
         if parameter.moves {
@@ -158,8 +173,8 @@ impl Writer {
         }
         let raw = match given {
             Given::Number(number) if self.raw => whole(*number)?,
-            Given::Number(number) => self.axis.raw_of(id, &Amount::Number(*number))?,
-            Given::Text(text) => self.axis.raw_of(id, &Amount::Text(text.clone()))?,
+            Given::Number(number) => meant(&Amount::Number(*number))?,
+            Given::Text(text) => meant(&Amount::Text(text.clone()))?,
         };
         if !(parameter.min..=parameter.max).contains(&raw) {
             let (min, max) =
@@ -170,10 +185,10 @@ impl Writer {
         Ok(Wanted { id, parameter, raw })
     }
 
-    fn change(&self, wanted: &Wanted) -> Result<Change, Refused> {
+    fn change(&self, wanted: &Wanted, pending: &Pending) -> Result<Change, Refused> {
         let readable = wanted.parameter.access != Access::Write;
         let now = readable.then(|| self.axis.read(wanted.id)).transpose()?;
-        let to = self.axis.value(wanted.id, wanted.raw)?;
+        let to = self.axis.value_after(wanted.id, wanted.raw, pending)?;
         let from = now.map(|raw| self.axis.value(wanted.id, raw)).transpose()?;
         Ok(Change {
             name: wanted.parameter.name.to_owned(),
@@ -209,23 +224,33 @@ impl Writer {
 
     fn carry_out(&self, writes: &[Wanted]) -> Result<(), Refused> {
         let written = writes.iter().try_for_each(|wanted| {
-            self.still_holds()?;
-            Ok(self.axis.write(wanted.id, wanted.raw, self.keep)?)
+            still_holds(&self.wire, self.place, self.epoch, &self.session)?;
+            self.axis.write(wanted.id, wanted.raw, self.keep)?;
+            // The others were converted by it.
+            let scales = self.axis.scales(wanted.id) && wanted.parameter.access != Access::Write;
+            if scales && self.axis.read(wanted.id)? != wanted.raw {
+                let what = format!("the drive did not keep `{}`", wanted.parameter.name);
+                return Err(Refused::new("E111", what).hint(
+                    "others are scaled by it: see what was written, and write the rest again",
+                ));
+            }
+            Ok(())
         });
         let detail = json!({ "error": written.as_ref().err() });
         self.shared.noted(&self.session, Deed::Outcome, Some(self.id), detail);
         written
     }
+}
 
-    /// A lease that ended meanwhile ends the writing as well.
-    fn still_holds(&self) -> Result<(), Refused> {
-        let lease = self.wire.lease(self.place);
-        let its = lease.is_some_and(|l| l.epoch == self.epoch && *l.owner == *self.session);
-        let ended = || Refused::new("gateway.lease", "the lease ended while this was written");
-        if its {
-            Ok(())
-        } else {
-            Err(ended().hint("see what was written, and write the rest again"))
-        }
-    }
+/// A lease that ended meanwhile ends the writing as well.
+pub(super) fn still_holds(
+    wire: &Wire,
+    place: usize,
+    epoch: u64,
+    session: &Session,
+) -> Result<(), Refused> {
+    let lease = wire.lease(place);
+    let its = lease.is_some_and(|lease| lease.epoch == epoch && *lease.owner == **session);
+    let ended = || Refused::new("gateway.lease", "the lease ended while this was written");
+    if its { Ok(()) } else { Err(ended().hint("see what was written, and write the rest again")) }
 }

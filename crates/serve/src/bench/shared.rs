@@ -70,6 +70,8 @@ pub enum Event {
     },
     /// A stop came further.
     Stopped(AxisStopped),
+    /// An axis is owed a stop, or none any more: its state has it.
+    Owed(u16),
     /// Motion is locked.
     Locked(LockTold),
     /// Motion is let again.
@@ -85,6 +87,8 @@ pub(super) struct Shared {
     pub clock: Clock,
     pub lease: Duration,
     pub last_epoch: u64,
+    /// Axes that the server before this one owed a stop: connection string and number.
+    owed_before: Vec<(String, u32)>,
     pub notes: Arc<Notes>,
     pub events: broadcast::Sender<Event>,
     /// Somebody looks for drives: one at a time.
@@ -94,6 +98,8 @@ pub(super) struct Shared {
     /// How often motion was locked; changed with the lock in hand.
     locks: AtomicU64,
     closing: AtomicBool,
+    /// Who was not seen standing when the bench was closed.
+    left: Mutex<Vec<String>>,
 }
 
 impl std::fmt::Debug for Shared {
@@ -108,6 +114,7 @@ impl Shared {
             clock,
             lease: options.lease,
             last_epoch: options.last_epoch,
+            owed_before: options.owed_before.clone(),
             notes: Arc::default(),
             events: broadcast::Sender::new(EVENTS_MAX),
             looking: AtomicBool::new(false),
@@ -115,11 +122,22 @@ impl Shared {
             lock: Mutex::default(),
             locks: AtomicU64::new(0),
             closing: AtomicBool::new(false),
+            left: Mutex::default(),
         }
     }
 
     pub fn now(&self) -> Instant {
         self.clock.now()
+    }
+
+    /// Whether the server before this one owed that axis of a link a stop.
+    pub fn is_owed_before(&self, url: &str, number: u32) -> bool {
+        self.owed_before.iter().any(|(link, axis)| link == url && *axis == number)
+    }
+
+    /// The numbers of those that it owed one on a link.
+    pub fn owed_before_on<'a>(&'a self, url: &'a str) -> impl Iterator<Item = u32> + 'a {
+        self.owed_before.iter().filter(move |(link, _)| link == url).map(|(_, number)| *number)
     }
 
     pub fn once(&self) -> MutexGuard<'_, Once> {
@@ -196,6 +214,16 @@ impl Shared {
             false => Some(Box::new(told)),
         };
         self.notes.done((who, Deed::Outcome, Some(axis)), detail, self.now(), then);
+    }
+
+    /// An axis is left that was not seen standing.
+    pub fn leaves(&self, who: String) {
+        held(&self.left).push(who);
+    }
+
+    /// All of these.
+    pub fn left(&self) -> Vec<String> {
+        std::mem::take(&mut *held(&self.left))
     }
 
     pub fn close(&self) {

@@ -21,10 +21,11 @@ pub(super) fn axis_state(id: u16, axis: &Axis) -> AxisState {
         mode: axis.mode(&state),
         enabled: flag(Signal::Enabled),
         armed: state.armed,
-        moving: flag(Signal::Moving).or_else(|| axis.turns()),
+        moving: axis.moving(&state),
         signals: axis.profile().signals.iter().filter_map(known).collect(),
         faults: faults(axis, &state),
         lease: None,
+        owed: None,
         panel: None,
     }
 }

@@ -74,15 +74,22 @@ impl Bench {
     ) -> Result<(), Refused> {
         let mut by_hand = held(&self.0.by_hand);
         by_hand.scribe = Some(scribe);
-        by_hand.hands.extend(self.0.links.iter().map(|link| self.hand(link)));
-        by_hand.eyes.extend(self.0.links.iter().map(|link| self.eyes(link)));
-        by_hand.reader = Some(self.reader());
+        for link in &self.0.links {
+            let hand = Arc::new(Mutex::new(self.hand(link)));
+            link.wire.looked_after_by(std::thread::current(), Arc::downgrade(&hand));
+            by_hand.hands.push(hand);
+        }
         drop(by_hand);
+        let mut waiting = held(&self.0.waiting);
+        waiting.eyes.extend(self.0.links.iter().map(|link| self.eyes(link)));
+        waiting.reader = Some(self.reader());
+        drop(waiting);
         roots.iter().try_for_each(|(base, link)| self.hear(*base, 0, link))
     }
 
     fn hand(&self, link: &Link) -> Hand {
-        Hand::new(Arc::clone(&link.wire), Arc::clone(&link.desk), Arc::clone(&self.0.shared))
+        let (wire, desk) = (Arc::clone(&link.wire), Arc::clone(&link.desk));
+        Hand::new(wire, desk, Arc::clone(&self.0.shared), link.url.clone())
     }
 
     fn eyes(&self, link: &Link) -> Eyes {
@@ -93,9 +100,9 @@ impl Bench {
     fn reader(&self) -> Reader {
         let Inner { links, traffic, shared, .. } = &*self.0;
         let decoders = links.iter().map(Link::decoder).collect();
-        let zeros = links.iter().map(|link| link.wire.time().1).collect();
+        let wires = links.iter().map(|link| Arc::clone(&link.wire)).collect();
         let (traffic, shared) = (Arc::clone(traffic), Arc::clone(shared));
-        Reader { traffic, shared, decoders, zeros, count: 0 }
+        Reader { traffic, shared, decoders, wires, count: 0 }
     }
 
     /// What hears axes of an opened connection string, once it has their events.
@@ -108,12 +115,12 @@ impl Bench {
         let count = link.axes().len() - first;
         let seats = self.0.axes.iter().skip(usize::from(base)).take(count);
         let wires: Vec<_> = seats.map(|seat| self.0.links[seat.link].wire.clone()).collect();
-        let zeros = wires.iter().map(|wire| wire.time().1).collect();
+        let zeros = wires.iter().map(|wire| wire.zero()).collect();
         let (telemetry, shared) = (self.0.telemetry.clone(), self.0.shared.clone());
         move |events| Ears { events, base, first, zeros, wires, telemetry, shared, lost: 0 }
     }
 }
 
-fn no_thread(error: &std::io::Error) -> Refused {
+pub(super) fn no_thread(error: &std::io::Error) -> Refused {
     Refused::new("gateway.busy", format!("no thread can be started: {error}"))
 }

@@ -1,6 +1,6 @@
 //! What is asked of a wire, and what everybody may see of it: the hand takes orders from here.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::thread::Thread;
@@ -12,13 +12,13 @@ use polepair_core::time::Instant;
 use tokio::sync::oneshot;
 
 use super::grown::Grown;
-use super::halt::Report;
 use super::hand::Hand;
 use super::lease::Session;
 use super::look::Looking;
 use super::open::AXES_MAX;
+use super::owed::Report;
 use super::shared::held;
-use crate::message::{LeaseGranted, LeaseTold, Outcome, Refused};
+use crate::message::{DismissStop, LeaseGranted, LeaseTold, Outcome, Refused, StopOwed};
 
 /// Orders that wait for one wire; stops have places of their own.
 const ORDERS_MAX: usize = 1024;
@@ -38,7 +38,12 @@ pub(super) struct Wire {
     stops: Mutex<VecDeque<StopThese>>,
     hand: OnceLock<(Thread, Weak<Mutex<Hand>>)>,
     leases: Mutex<Vec<Option<LeaseTold>>>,
-    lost: Mutex<Option<String>>,
+    owed: Mutex<Vec<Option<StopOwed>>>,
+    /// Axes whose drives were had to watch this host by nobody but the server.
+    watching: Mutex<BTreeSet<usize>>,
+    /// Axes of the bench whose drives have just started.
+    restarted: Mutex<Vec<u16>>,
+    lost: Mutex<Option<(Instant, Refused)>>,
     clash: Mutex<Option<String>>,
     /// Orders came since the hand last looked.
     called: AtomicBool,
@@ -58,6 +63,8 @@ pub(super) enum Order {
     Look(Go),
     /// A client has gone: its leases end.
     Gone(Session),
+    /// An axis is to be owed its stop no more.
+    Dismiss(Dismiss),
     /// The journal did not keep that a lease was given.
     NotKept { axis: usize, epoch: u64 },
 }
@@ -76,6 +83,15 @@ pub(super) struct AskLease {
     pub act: crate::message::LeaseAct,
     pub epoch: u64,
     pub tell: Tell<Option<LeaseGranted>>,
+}
+
+/// A stop that is to be owed no more.
+#[derive(Debug)]
+pub(super) struct Dismiss {
+    pub axis: usize,
+    pub session: Session,
+    pub dismiss: DismissStop,
+    pub tell: Tell<()>,
 }
 
 /// What every command says of itself.
@@ -176,6 +192,9 @@ impl Wire {
     pub fn new(axes: Vec<(u16, Axis)>) -> Self {
         Self {
             leases: Mutex::new(vec![None; axes.len()]),
+            owed: Mutex::new(vec![None; axes.len()]),
+            watching: Mutex::default(),
+            restarted: Mutex::default(),
             axes: Grown::new(AXES_MAX, axes),
             looking: Looking::default(),
             zero: OnceLock::new(),
@@ -192,13 +211,19 @@ impl Wire {
     /// One more axis, with its number among all of the bench. Tells its place.
     pub fn join(&self, id: u16, axis: Axis) -> Option<usize> {
         held(&self.leases).push(None);
+        held(&self.owed).push(None);
         self.axes.push((id, axis))
     }
 
-    /// Its present time, and when the bench's began on it.
-    pub fn time(&self) -> (Instant, Instant) {
-        let now = self.axes.first().map_or(Instant::ZERO, |(_, axis)| axis.connection().now());
-        (now, *self.zero.get_or_init(|| now))
+    /// Its present time, and when the bench's began on it; nothing while it has no axes.
+    pub fn time(&self) -> Option<(Instant, Instant)> {
+        let now = self.axes.first()?.1.connection().now();
+        Some((now, *self.zero.get_or_init(|| now)))
+    }
+
+    /// When the bench's time began on it.
+    pub fn zero(&self) -> Instant {
+        self.zero.get().copied().unwrap_or(Instant::ZERO)
     }
 
     /// Whose thread is called when there is something to do.
@@ -309,12 +334,60 @@ impl Wire {
         }
     }
 
-    /// Why the link is lost, if it is.
-    pub fn lost(&self) -> Option<String> {
+    /// The stop that an axis is owed.
+    pub fn owed(&self, axis: usize) -> Option<StopOwed> {
+        held(&self.owed).get(axis).cloned().flatten()
+    }
+
+    pub fn show_owed(&self, axis: usize, owed: Option<StopOwed>) {
+        if let Some(shown) = held(&self.owed).get_mut(axis) {
+            *shown = owed;
+        }
+    }
+
+    /// Notes whether the drive of an axis watches this host because the server had it do so, and nobody
+    /// else said anything since.
+    pub fn note_watch(&self, axis: usize, own: bool) {
+        let mut watching = held(&self.watching);
+        if own {
+            watching.insert(axis)
+        } else {
+            watching.remove(&axis)
+        };
+    }
+
+    /// Nobody speaks from here any more: drives that were had to watch this host do so no more, those
+    /// that are owed a stop excepted.
+    pub fn end_watch(&self) {
+        let own = std::mem::take(&mut *held(&self.watching));
+        for axis in own.into_iter().filter(|axis| self.owed(*axis).is_none()) {
+            let (id, axis) = &self.axes[axis];
+            let ended = match axis.connection().trouble() {
+                Some(error) => Err(error.into()),
+                None => axis.set_watchdog(None),
+            };
+            if let Err(error) = ended {
+                tracing::warn!(axis = id, %error, "its drive will miss this server's heartbeat");
+            }
+        }
+    }
+
+    /// Notes that the drive of an axis has just started: what was set in its memory is gone.
+    pub fn has_restarted(&self, id: u16) {
+        held(&self.restarted).push(id);
+    }
+
+    /// Those that have since this was last asked.
+    pub fn restarted(&self) -> Vec<u16> {
+        std::mem::take(&mut *held(&self.restarted))
+    }
+
+    /// Why the link is not open, and since when, if it is not.
+    pub fn lost(&self) -> Option<(Instant, Refused)> {
         held(&self.lost).clone()
     }
 
-    pub fn show_lost(&self, why: Option<String>) {
+    pub fn show_lost(&self, why: Option<(Instant, Refused)>) {
         *held(&self.lost) = why;
     }
 

@@ -206,11 +206,13 @@ impl Board {
             return;
         }
         let message = match event {
-            Event::Lease { axis, .. } => match gate.bench.axis(axis) {
+            Event::Lease { axis, .. } | Event::Owed(axis) => match gate.bench.axis(axis) {
                 Ok(state) => ServerMessage::Axis(state),
                 Err(_) => return,
             },
-            Event::Stopped(axis) => ServerMessage::Stopped(Stopped { axes: vec![axis] }),
+            Event::Stopped(axis) => {
+                ServerMessage::Stopped(Stopped { axes: vec![axis], unreached: Vec::new() })
+            }
             Event::Locked(lock) => ServerMessage::Locked(lock),
             Event::Unlocked => ServerMessage::Unlocked,
             Event::Look(look) => ServerMessage::Look(look),

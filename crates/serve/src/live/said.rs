@@ -96,7 +96,10 @@ impl Waiting {
     ) {
         let concerns = |axis: &u16| axes.is_none_or(|axes| axes.contains(axis));
         let void = |message: &ClientMessage| match message {
-            ClientMessage::Command { axis, .. } => concerns(axis),
+            // A stop that is said after it is owed anew.
+            ClientMessage::Command { axis, .. } | ClientMessage::Dismiss { axis, .. } => {
+                concerns(axis)
+            }
             ClientMessage::Lease { axis, act, .. } => {
                 matches!(act, LeaseAct::Take | LeaseAct::TakeOver) && concerns(axis)
             }
@@ -121,6 +124,7 @@ impl Said {
                 ClientMessage::Command { .. }
                 | ClientMessage::Lease { .. }
                 | ClientMessage::Stop { .. }
+                | ClientMessage::Dismiss { .. }
                 | ClientMessage::Release => Place::Nowhere,
                 ClientMessage::Ping { .. } => Place::Answer,
                 ClientMessage::Subscribe { .. }

@@ -11,7 +11,7 @@ mod site;
 mod tls;
 
 use polepair::Connector;
-use polepair_serve::{Needs, ROUTES, Route, Server, TRIES_MAX};
+use polepair_serve::{Needs, Options, ROUTES, Route, Server, TRIES_MAX};
 use serde_json::{Value, json};
 use site::{Site, folder, next, now_ms, options, tell};
 
@@ -194,6 +194,34 @@ fn t06_tokens_do_not_leak() {
     let metrics = site.get("/metrics", &site.bearer("viewer"));
     assert!(metrics.status == 200 && metrics.body.contains("polepair_http_answers_total"));
     assert!(!metrics.body.contains(&once));
+    let sessions = std::fs::read_to_string(site.folder.join("sessions")).unwrap();
+    for secret in [&site.token("operator"), &once, value] {
+        assert!(!sessions.contains(secret), "digests alone");
+    }
+    site.end();
+}
+
+#[test]
+fn t06_a_browser_outlives_the_servers_restart_and_not_its_token() {
+    let site = Site::new();
+    let cookie = format!("Cookie: {}\r\n", site.cookie());
+    let (folder, bind) = (site.folder.clone(), site.address);
+    let start = || Site::with(Options { bind, ..options(folder.clone()) });
+    assert_eq!(site.get("/api/v1/bench", &cookie).status, 200);
+    drop(site);
+    let site = start();
+    assert_eq!(site.get("/api/v1/bench", &cookie).status, 200);
+    let live = [("Cookie", cookie.trim()[8..].to_owned()), ("Origin", format!("http://{bind}"))];
+    assert!(site.live(&live).is_ok(), "it watches and stops at once");
+    let asked = format!("{cookie}Content-Type: application/json\r\nX-Polepair: 1\r\n");
+    assert_eq!(site.send("POST /api/v1/stop", &asked, "{}").status, 200);
+    let foreign = format!("{asked}Origin: http://evil.test\r\n");
+    assert_eq!(site.send("POST /api/v1/stop", &foreign, "{}").code(), "gateway.origin");
+    drop(site);
+    std::fs::remove_file(folder.join("tokens")).unwrap();
+    let site = start();
+    assert_eq!(site.get("/api/v1/bench", &cookie).code(), "gateway.token");
+    assert_eq!(site.live(&live).err(), Some(401));
     site.end();
 }
 
@@ -402,7 +430,8 @@ fn t15_others_on_this_machine_read_nothing() {
     let mode =
         |path: &std::path::Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
     assert_eq!(mode(&site.folder), 0o700);
-    for name in ["tokens", "journal.jsonl"] {
+    site.cookie();
+    for name in ["tokens", "journal.jsonl", "sessions"] {
         assert_eq!(mode(&site.folder.join(name)), 0o600, "{name}");
     }
     let folder = site.folder.clone();

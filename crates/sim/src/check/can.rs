@@ -7,6 +7,9 @@
 //! came sooner than request and reply can pass the bus is no excuse: a host that knows the bit rate
 //! can tell.
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::BTreeMap;
 
 use polepair_core::station::Counters;
@@ -69,7 +72,8 @@ struct Asked {
 /// An answer that is still to come, because something else was taken for it.
 #[derive(Clone, Copy, Debug)]
 struct Owed {
-    content: u64,
+    /// Number of the request that it answers.
+    tag: u32,
     until: Instant,
     /// A stranger's frame was, or may have been.
     strange: bool,
@@ -109,8 +113,8 @@ impl CanWatch {
         let was = std::mem::replace(&mut self.known, known);
         let now = world.now();
         let heard = known.count > was.count;
-        let question = known.heard.answers.filter(|_| heard).map(|(_, question)| question);
-        let behind = question.and_then(|question| self.was_owed(now, question));
+        let answers = known.heard.answers.filter(|_| heard).map(|(tag, _)| tag);
+        let behind = answers.and_then(|tag| self.is_owed(now, tag));
         let found = match counters.answered > before.answered && heard {
             true => self.matched(now, known.heard, behind),
             false => None,
@@ -229,17 +233,17 @@ impl CanWatch {
     }
 
     fn owe(&mut self, now: Instant, asked: Asked, strange: bool) {
-        let (content, until) = (asked.mark.content, now.plus_ms(OWED_MS));
-        self.owed.push(Owed { content, until, strange });
+        let (tag, until) = (asked.mark.tag, now.plus_ms(OWED_MS));
+        self.owed.push(Owed { tag, until, strange });
         let old = self.owed.len().saturating_sub(OWED_MAX);
         self.owed.drain(..old);
     }
 
-    /// A reply to that question came, whatever was made of it. Returns what was to come, if
-    /// something else had been taken for it.
-    fn was_owed(&mut self, now: Instant, question: u64) -> Option<Owed> {
+    /// What was to come, if a reply to that request came, and something else had been taken for it.
+    /// Several may come: each copy of the request brings one, and the host may take any of them for
+    /// the answer to what it asks then.
+    fn is_owed(&mut self, now: Instant, tag: u32) -> Option<Owed> {
         self.owed.retain(|owed| now < owed.until);
-        let at = self.owed.iter().position(|owed| owed.content == question)?;
-        Some(self.owed.remove(at))
+        self.owed.iter().find(|owed| owed.tag == tag).copied()
     }
 }

@@ -336,7 +336,7 @@ impl Axis {
         match outcome {
             _ if doubtful => *possible = Possible::ANY,
             Outcome::Done(_) => possible.is(raw),
-            Outcome::Unknown(_) => possible.may_be(raw),
+            Outcome::Unknown(_) | Outcome::Partly(..) => possible.may_be(raw),
             Outcome::NotDone(_) => {}
         }
     }

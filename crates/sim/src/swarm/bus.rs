@@ -7,14 +7,13 @@ use polepair_core::drives;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
-use polepair_core::proto::tml::host::REPLY_TIMEOUT_MS;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
 
 use super::axis::Axis;
 use super::client::Client;
 use super::inert::inert;
-use super::scene::{BEGIN_MS, Calamity, LATEST_IN_TIMEOUTS, OWN_MS, Scene};
+use super::scene::{BEGIN_MS, Calamity, LATEST_IN_TIMEOUTS, OWN_MS, Scene, patience_ms};
 use super::stranger::{Deed, Stranger};
 use crate::can_bus::CanFaults;
 use crate::host::{self, Spoken};
@@ -51,10 +50,8 @@ struct Wanted {
 }
 
 impl Wanted {
-    /// How long its host waits for a reply, ms: a host of TML's less than the drives' profile says.
     fn patience_ms(&self) -> u32 {
-        let most = if self.spoken.profile == "tml" { REPLY_TIMEOUT_MS } else { u32::MAX };
-        self.spec.profile.reply_timeout_ms.min(most)
+        patience_ms(self.spec.profile)
     }
 }
 
@@ -142,7 +139,8 @@ impl Scene {
             .iter()
             .map(|(name, own)| {
                 let host = own.first().and_then(|w| w.host);
-                let options = HostOptions { host, ..HostOptions::new(bit_rate) };
+                let doubt = random.chance(Ppm(500_000)).then(|| random.word() as u32);
+                let options = HostOptions { host, doubt, ..HostOptions::new(bit_rate) };
                 (*name, options, own.iter().map(served).collect::<Vec<_>>())
             })
             .collect();

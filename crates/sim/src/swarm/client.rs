@@ -12,6 +12,8 @@ use crate::check::{CanWatch, Match, Violation, Watch};
 use crate::random::Random;
 use crate::world::{NodeId, WireId, World};
 
+/// Changed requests that some drive took as good: so many are kept.
+const MISTAKEN_MAX: usize = 16;
 /// Every question must have ended after so long; homing is the longest.
 const PATIENCE_MS: u32 = 120_000;
 
@@ -24,6 +26,12 @@ pub struct Client {
     pub axes: Vec<Axis>,
     pub next_at: Instant,
     watch: Judge,
+    /// The last requests that were changed on the way, passed every check and were answered. Where an
+    /// answer names nobody, as TML's acknowledgement, nothing tells the host that another drive gives
+    /// it, or that what was done is not what it asked.
+    mistaken: Vec<u32>,
+    /// The last transmission that the host heard.
+    heard: u32,
     /// How often the host's controller went bus-off so far.
     off: u64,
     random: Random,
@@ -77,6 +85,8 @@ impl Client {
             axes,
             next_at: Instant::ZERO,
             watch,
+            mistaken: Vec::new(),
+            heard: 0,
             off: 0,
             tickets: 0,
             think_us: random.pick(&[500, 5_000, 50_000]),
@@ -156,18 +166,18 @@ impl Client {
         let gave_up: Vec<_> = ends
             .iter()
             .filter(|(_, outcome)| {
-                matches!(
-                    outcome,
-                    Outcome::NotDone(Failure::Silent | Failure::Misbehaved)
-                        | Outcome::Unknown(Failure::Silent | Failure::Misbehaved)
-                )
+                matches!(outcome.failure(), Some(Failure::Silent | Failure::Misbehaved))
             })
             .collect();
         let copied = match &mut self.watch {
             Judge::Serial(watch) => {
                 let copies = watch.copies_taken;
                 report.violations_of(watch.after(world, !gave_up.is_empty()));
-                watch.copies_taken > copies
+                let heard = world.knowledge(self.wire, self.host).heard_others;
+                let fresh = std::mem::replace(&mut self.heard, heard.tag) != heard.tag;
+                let mistaken = fresh && self.mistaken.contains(&heard.answers);
+                report.wire_collisions += u64::from(mistaken);
+                watch.copies_taken > copies || mistaken
             }
             Judge::Can(watch) => {
                 let has = |axis: &&Axis, t| axis.open.iter().any(|open| open.ticket == t);
@@ -199,12 +209,17 @@ impl Client {
     /// A drive that answers after bytes were changed may have taken them for a request; and on CAN
     /// one may have taken a stranger's frame.
     fn notice_spoiling(&mut self, world: &World, report: &mut Report) {
+        let old = self.mistaken.len().saturating_sub(MISTAKEN_MAX);
+        self.mistaken.drain(..old);
         for axis in &mut self.axes {
             let misled = match &self.watch {
                 Judge::Serial(watch) => {
                     let sent = world.knowledge(self.wire, axis.drive).sent;
                     let fresh = std::mem::replace(&mut axis.judged, sent.tag) != sent.tag;
-                    fresh && sent.tainted && watch.misled(world, axis.drive)
+                    let misled = fresh && sent.tainted && watch.misled(world, axis.drive);
+                    let mistook = misled && watch.mistook(world, axis.drive);
+                    self.mistaken.extend(mistook.then_some(sent.answers));
+                    misled
                 }
                 Judge::Can(_) => {
                     let misled = world.standing(self.wire, axis.drive).map_or(0, |s| s.misled);
@@ -239,7 +254,7 @@ impl Client {
         match outcome {
             Outcome::Done(_) => report.done += 1,
             Outcome::NotDone(_) => report.not_done += 1,
-            Outcome::Unknown(_) => report.unknown += 1,
+            Outcome::Partly(..) | Outcome::Unknown(_) => report.unknown += 1,
         }
         let excuse = self.excuses(world);
         let owner = self.axes.iter_mut().find(|a| a.open.iter().any(|o| o.ticket == ticket));
@@ -249,18 +264,18 @@ impl Client {
             return report.violations_of([Violation { invariant: "I3", at, what }]);
         };
         let open = axis.open.iter().find(|o| o.ticket == ticket).copied();
-        if let Err((invariant, what)) = axis.ended(world, self.host, ticket, outcome) {
-            let name = axis.profile.name;
-            match excuse {
-                Some(excuse) => {
-                    report.wire_collisions += u64::from(excuse == Excuse::Collision);
-                    axis.forget();
-                }
-                None => {
-                    let what = format!("{name} {:?}: {what}", axis.index);
-                    report.violations_of([Violation { invariant, at, what }]);
-                }
+        match axis.ended(world, self.host, ticket, outcome) {
+            Err((invariant, what)) if excuse.is_none() => {
+                let what = format!("{} {:?}: {what}", axis.profile.name, axis.index);
+                report.violations_of([Violation { invariant, at, what }]);
             }
+            found if excuse.is_some() => {
+                let collided = found.is_err() && excuse == Some(Excuse::Collision);
+                report.wire_collisions += u64::from(collided);
+                // What nobody sent is no knowledge either where it contradicts nothing yet.
+                axis.forget();
+            }
+            _ => {}
         }
         let must_work = self.sound || open.is_some_and(|o| o.since >= self.calm_at);
         // A stop may end a read: that is an answer too. And a value may look like a refusal.

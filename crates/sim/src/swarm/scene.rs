@@ -4,6 +4,8 @@ use polepair_core::drives;
 use polepair_core::drives::bench::Act;
 use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
+use polepair_core::proto::HostOptions;
+use polepair_core::proto::tml::host::REPLY_TIMEOUT_MS;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
 
@@ -32,6 +34,15 @@ const CALM_MS: u32 = 500;
 pub(super) const LATEST_IN_TIMEOUTS: u32 = 3;
 /// What the drive's own pauses and the host's adapter take of that, ms.
 pub(super) const OWN_MS: u32 = 40;
+
+/// How often an adapter of FTDI's hands on what it has, ms.
+const FTDI_MS: u8 = 16;
+
+/// How long the host of such a drive waits for a reply, ms: one of TML's less than the profile says.
+pub(super) fn patience_ms(profile: &Profile) -> u32 {
+    let most = if profile.protocol == "tml" { REPLY_TIMEOUT_MS } else { u32::MAX };
+    profile.reply_timeout_ms.min(most)
+}
 
 /// A world with its users and its calamities.
 pub struct Scene {
@@ -283,7 +294,17 @@ impl Scene {
         let bus = count > 1 || random.chance(Ppm(500_000));
         let echo = bus && random.chance(Ppm(300_000));
         let duplex = if bus { Duplex::Half } else { Duplex::Full };
-        let wire = self.world.serial(Serial { duplex, timed: true, echo, baud: None });
+        // A port whose baud rate is fiction, an adapter that hands on every 16 ms, or a UART.
+        let (cdc, ftdi) = (random.chance(Ppm(125_000)), random.chance(Ppm(125_000)));
+        let latency_ms = if ftdi { FTDI_MS } else { 0 };
+        let wire = self.world.serial(Serial { duplex, timed: !cdc, echo, baud: None, latency_ms });
+        let options = host_options(spoken, bus, echo);
+        let options = HostOptions {
+            untimed: cdc && random.chance(Ppm(500_000)),
+            doubt: random.chance(Ppm(500_000)).then(|| random.word() as u32),
+            ..options
+        };
+        self.note(format!("{wire:?}: cdc {cdc}, latency {latency_ms} ms, {options:?}"));
         self.wires.push(wire);
         let (mut axes, mut served) = (Vec::new(), Vec::new());
         for n in 0..count {
@@ -294,23 +315,21 @@ impl Scene {
             // A family that knows of several standards is told which one this wire follows.
             let plain = spec.clone();
             spec.extra.extend(bus.then(|| ("wire".to_owned(), "rs485".to_owned())));
-            let spec = if spec.device(false).is_ok() { spec } else { plain };
-            let Ok(drive) = spec.build(&mut self.world, wire, false) else { continue };
+            let spec = if spec.device(cdc).is_ok() { spec } else { plain };
+            let Ok(drive) = spec.build(&mut self.world, wire, cdc) else { continue };
             let index = AxisIndex(axes.len() as u8);
             axes.push(Axis::new(index, drive, profile, spoken.name, inert(spoken, profile)));
             self.note(format!("{drive:?}: {} on {}, address {address}", profile.name, spoken.name));
             served.push((profile, address));
         }
-        let Some(lane) =
-            host::lane(spoken.name, spoken.medium, host_options(spoken, bus, echo), &served)
-        else {
+        let Some(lane) = host::lane(spoken.name, spoken.medium, options, &served) else {
             return;
         };
         let host = self.world.add(lane);
         self.world.plug_host(wire, host, 0);
         let mut client = Client::new(&self.world, host, wire, axes, random);
         client.next_at = Instant::ZERO.plus_ms(random.between(0, 300) as u32);
-        self.brew(&mut client, &served, spoken.baud, random);
+        self.brew(&mut client, &served, spoken.baud, cdc, random);
         self.clients.push(client);
     }
 
@@ -320,13 +339,20 @@ impl Scene {
         client: &mut Client,
         served: &[(&'static Profile, u32)],
         baud: u32,
+        cdc: bool,
         random: &mut Random,
     ) {
         let at = self.clients.len();
-        let patience = served.iter().map(|(p, _)| p.reply_timeout_ms).max().unwrap_or(100);
+        let patience = served.iter().map(|(p, _)| patience_ms(p)).max().unwrap_or(100);
         let begin = Instant::ZERO.plus_ms(BEGIN_MS);
         let latest = (LATEST_IN_TIMEOUTS * patience).saturating_sub(OWN_MS);
         let mut faults = Faults::random(random, patience, latest);
+        if cdc {
+            // USB checks its packets and numbers them: nothing is changed, nothing comes twice.
+            let (flip, burst, lose, insert) = (Ppm::NEVER, Ppm::NEVER, Ppm::NEVER, Ppm::NEVER);
+            let (truncate, duplicate, collide) = (Ppm::NEVER, Ppm::NEVER, Ppm::NEVER);
+            faults = Faults { flip, burst, lose, insert, truncate, duplicate, collide, ..faults };
+        }
         client.sound = random.chance(Ppm(125_000));
         if client.sound {
             let (chunk_gap_us, latency_ms) = (faults.chunk_gap_us, faults.latency_ms);

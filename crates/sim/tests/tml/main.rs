@@ -196,7 +196,8 @@ fn done(outcome: Outcome) -> bool {
 
 const fn hint(outcome: Outcome) -> Option<&'static str> {
     match outcome {
-        Outcome::NotDone(Failure::NotReady { hint }) => Some(hint),
+        Outcome::NotDone(Failure::NotReady { hint })
+        | Outcome::Partly(Failure::NotReady { hint }, _) => Some(hint),
         _ => None,
     }
 }

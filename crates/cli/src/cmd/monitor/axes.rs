@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use polepair::axis::Stopping;
 use polepair::{Axis, Error, Running, faults};
-use polepair_core::error::{Failure, Outcome};
+use polepair_core::error::Failure;
 use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
 use polepair_core::time::Instant;
 
@@ -126,7 +126,6 @@ impl Watched {
             }
         }
         self.take();
-        self.judge_stop();
         let due = self.asked.is_empty() && self.to_ask.is_empty() && now >= self.next;
         if due {
             self.begin(chosen);
@@ -156,15 +155,6 @@ impl Watched {
         self.asked.clear();
         self.stopping = Some(Stopping::begin(&self.axis));
         self.next = Instant::ZERO;
-    }
-
-    fn judge_stop(&mut self) {
-        let at = self.axis.state().reading(Signal::Velocity).at;
-        if let (Some(at), false) = (at, self.turns())
-            && let Some(stopping) = &mut self.stopping
-        {
-            stopping.stands(at);
-        }
     }
 
     fn begin(&mut self, chosen: bool) {
@@ -220,7 +210,7 @@ impl Watched {
 
     fn failed(&mut self, id: ParameterId, error: &Error) {
         let failure = match error {
-            Error::Failed { outcome: Outcome::NotDone(why) | Outcome::Unknown(why), .. } => *why,
+            Error::Failed { outcome, .. } => outcome.failure().unwrap_or(Failure::Cancelled),
             _ => Failure::Cancelled,
         };
         match failure {

@@ -42,6 +42,9 @@ pub fn draw(monitor: &dyn Shows, view: &View, theme: Theme, buffer: &mut Buffer)
     if let Some(lock) = monitor.lock() {
         page.line(Line::from(theme.span(lock, Role::Bad)));
     }
+    for wanting in monitor.wanting() {
+        page.line(Line::from(theme.span(wanting, Role::Bad)));
+    }
     if let Some(line) = stop(monitor, &axes, view, theme) {
         page.line(line);
     }
@@ -151,6 +154,7 @@ fn stop(monitor: &dyn Shows, axes: &[Seen], view: &View, theme: Theme) -> Option
     let classes = [
         (Came::Sent, "sent", Role::Warn),
         (Came::Acknowledged, "acknowledged", Role::Plain),
+        (Came::Unseen, "acknowledged, standing not known", Role::Warn),
         (Came::Still, "standing still", Role::Good),
     ];
     for (class, word, role) in classes {

@@ -4,7 +4,8 @@
 use std::time::Duration;
 
 use polepair_client::message::{
-    AxisInfo, AxisState, AxisStopped, FrameDirection, FrameItem, StopClass, StopOrder, Stopped,
+    AxisInfo, AxisState, AxisStopped, FrameDirection, FrameItem, StopClass, StopOrder, StopOwed,
+    Stopped,
 };
 use polepair_client::{Frames, Gateway, Live, Pending, Refused};
 use polepair_core::explain::Direction;
@@ -24,6 +25,8 @@ use crate::problem::Result;
 const LOST_MAX: Duration = Duration::from_secs(10);
 /// How long a stop that has succeeded is told of.
 const TOLD_MAX: Duration = Duration::from_secs(10);
+/// A stop that was said less long ago is under way; one that is owed for longer is an alarm.
+const FRESH: Duration = Duration::from_secs(1);
 /// How long leaving waits for a stop that is under way.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
@@ -85,6 +88,15 @@ impl Remote {
     fn hear(&mut self) -> std::result::Result<(), Refused> {
         let (items, lost) = self.frames.drain()?;
         self.traffic.lost = lost;
+        if self.all {
+            // Axes whose link was opened later, or that were taken in, join.
+            let mut joined = self.live.axes_from(self.axes.len());
+            if self.links.len() > 1 {
+                joined.iter_mut().for_each(joined::label_with_link);
+            }
+            self.axes.extend(joined);
+            self.states.resize(self.axes.len(), None);
+        }
         for item in items {
             self.take(item);
         }
@@ -156,7 +168,7 @@ impl Remote {
             StopClass::Standing => Came::Still,
             StopClass::Acknowledged => Came::Acknowledged,
             StopClass::Sent if stopped.error.is_none() => Came::Sent,
-            StopClass::Sent | StopClass::Failed => Came::Failed(why()),
+            StopClass::Sent | StopClass::Owed | StopClass::Failed => Came::Failed(why()),
         };
         let over = class == Came::Still && now.since(at) > TOLD_MAX;
         let took = Duration::from_secs_f64(stopped.ms.clamp(0.0, 1e9) / 1e3);
@@ -209,6 +221,9 @@ impl Shows for Remote {
         if let Some(state) = self.state(n) {
             tell(&state, &mut seen);
         }
+        if let Some(state) = self.state(n).filter(|_| self.lost.is_none()) {
+            seen.stop = shown_stop(seen.stop, state.owed.as_ref());
+        }
         if let (None, Err(gone)) = (&self.lost, self.live.linked(axis.id)) {
             seen.doing = Doing::Silent;
             seen.troubles.insert(0, (gone.message, true));
@@ -240,6 +255,11 @@ impl Shows for Remote {
         let why =
             if lock.reason.is_empty() { String::new() } else { format!(" ({})", lock.reason) };
         Some(format!("LOCKED: {} stopped everything{why}; the server's page releases it", lock.by))
+    }
+
+    fn wanting(&self) -> Vec<String> {
+        let links = if self.lost.is_none() { self.live.links() } else { Vec::new() };
+        links.iter().flat_map(joined::wanting).collect()
     }
 
     fn flaws(&self) -> Vec<(u64, &'static str)> {
@@ -310,6 +330,27 @@ impl Shows for Remote {
     }
 }
 
+/// What is shown of the stop that was asked for here, and of the one that the axis is owed, whoever
+/// said that: it is told for as long as it is owed.
+fn shown_stop(own: Option<Stop>, owed: Option<&StopOwed>) -> Option<Stop> {
+    match (own, owed) {
+        (Some(own), Some(_)) if own.took < FRESH && !own.class.failed() => Some(own),
+        (_, Some(owed)) => Some(owed_stop(owed)),
+        (Some(own), None) if own.class.failed() => None,
+        (own, None) => own,
+    }
+}
+
+/// A stop that is owed.
+fn owed_stop(owed: &StopOwed) -> Stop {
+    let since_ms = clock::wall_ns(clock::now()) as f64 / 1e6 - owed.since_ms;
+    let why = match &owed.error {
+        Some(error) => error.message.clone(),
+        None => "it was not seen standing yet".to_owned(),
+    };
+    Stop { class: Came::Failed(why), took: ms(since_ms) }
+}
+
 fn tell(state: &AxisState, seen: &mut Seen) {
     let value = |signal: Signal| {
         let told = state.signals.iter().find(|told| told.signal == signal.name())?;
@@ -355,4 +396,32 @@ fn parsed(raw: &str) -> (Option<(u32, bool)>, Vec<u8>) {
     };
     let byte = |at| u8::from_str_radix(data.get(at..at + 2)?, 16).ok();
     (id, (0..data.len()).step_by(2).map_while(byte).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use polepair_client::message::OwedWhy;
+
+    use super::*;
+
+    #[test]
+    fn a_stop_is_an_alarm_for_exactly_as_long_as_it_is_owed() {
+        let owed = StopOwed {
+            since_ms: clock::wall_ns(clock::now()) as f64 / 1e6 - 5000.0,
+            why: OwedWhy::LinkLost,
+            by: "server".into(),
+            class: StopClass::Failed,
+            said: 0,
+            error: None,
+        };
+        let own = |class, ms| Some(Stop { class, took: Duration::from_millis(ms) });
+        let class = |own, owed| shown_stop(own, owed).map(|stop| stop.class);
+        let alarm = |shown: Option<Came>| shown.is_some_and(|class| class.failed());
+        assert!(alarm(class(None, Some(&owed))) && class(None, None).is_none());
+        assert_eq!(class(own(Came::Sent, 100), Some(&owed)), Some(Came::Sent));
+        assert!(alarm(class(own(Came::Sent, 3000), Some(&owed))));
+        assert!(alarm(class(own(Came::Failed("silent".into()), 10), Some(&owed))));
+        assert_eq!(class(own(Came::Failed("silent".into()), 10), None), None, "dismissed");
+        assert_eq!(class(own(Came::Still, 3000), None), Some(Came::Still));
+    }
 }

@@ -37,6 +37,8 @@ pub trait Shows {
     fn trouble(&self) -> Option<String>;
     /// Why nothing may move, in a line.
     fn lock(&self) -> Option<String>;
+    /// Links that are not open, and what is missing of them, a line each.
+    fn wanting(&self) -> Vec<String>;
     /// What was not as it should be with the frames, by its word.
     fn flaws(&self) -> Vec<(u64, &'static str)>;
     /// The same where all was.
@@ -100,10 +102,23 @@ pub enum Came {
     Sent,
     Acknowledged,
     Still,
+    /// The drive answered all of it, and tells nothing by which it could be seen to stand.
+    Unseen,
     Failed(String),
 }
 
+impl Came {
+    /// Whether it is an alarm.
+    pub const fn failed(&self) -> bool {
+        matches!(self, Self::Failed(_))
+    }
+}
+
 impl Shows for Monitor {
+    fn wanting(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     fn url(&self) -> &str {
         &self.url
     }
@@ -211,6 +226,7 @@ fn came(stopping: &Stopping) -> Stop {
         Class::Sent => Came::Sent,
         Class::Acknowledged => Came::Acknowledged,
         Class::Still => Came::Still,
+        Class::Unseen => Came::Unseen,
         Class::Failed(why) => Came::Failed(why.to_string()),
     };
     Stop { class, took: stopping.took() }

@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use polepair_capture::jsonl;
-use polepair_client::message::{AxisInfo, AxisState, FrameDirection, FrameItem};
+use polepair_client::message::{
+    AxisInfo, AxisState, FrameDirection, FrameItem, LinkState, LinkView, StopClass, StopOwed,
+};
 use polepair_client::{Frames, Live};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
@@ -36,8 +38,8 @@ pub fn run(
     let live = server.gateway.live().map_err(joined::refused)?;
     let frames = (!style.once).then(|| live.frames(None)).transpose().map_err(joined::refused)?;
     interrupt::listen(|| {});
-    let mut lines =
-        Lines { out: Output::stdout(), jsonl: style.jsonl, did: Vec::new(), seen: (0, 0, 0) };
+    let (out, jsonl) = (Output::stdout(), style.jsonl);
+    let mut lines = Lines { out, jsonl, did: Vec::new(), wanting: Vec::new(), seen: (0, 0, 0) };
     let ended = lines.print(&live, frames.as_ref(), &axes, style, period, span);
     if !matches!(&ended, Err(problem) if problem.exit != Exit::Interrupted) {
         lines.close(server.gateway.url(), &live, &axes)?;
@@ -50,6 +52,8 @@ struct Lines {
     jsonl: bool,
     /// What each axis did when its table was printed.
     did: Vec<(Doing, usize)>,
+    /// What was missing of links when it was printed: their numbers, states and errors' codes.
+    wanting: Vec<(u16, LinkState, String)>,
     /// Frames, those that break their protocol, those that were lost.
     seen: (u64, u64, u64),
 }
@@ -75,6 +79,7 @@ impl Lines {
             let states = states(live, axes)?;
             let all_there = states.len() == axes.len() || now.since(begun) > FIRST_MAX;
             let due = now >= next && all_there;
+            self.links(&live.links());
             if due {
                 // What was too slow is not caught up with.
                 next = (next + period).max(now);
@@ -109,12 +114,37 @@ impl Lines {
         self.out.line(&line);
     }
 
+    /// What is missing of links, when it is something else than before.
+    fn links(&mut self, links: &[LinkView]) {
+        let brief = |link: &LinkView| {
+            let code = link.error.as_ref().map_or("", |error| &error.code);
+            (link.id, link.state, code.to_owned())
+        };
+        let now: Vec<_> = links.iter().map(brief).collect();
+        if now == self.wanting {
+            return;
+        }
+        for link in links.iter().filter(|link| !self.wanting.contains(&brief(link))) {
+            let lines = joined::wanting(link);
+            if self.jsonl && (!lines.is_empty() || !self.wanting.is_empty()) {
+                link_object(link, &lines, self.out.buffer());
+            } else if !self.jsonl {
+                let is_back = lines.is_empty() && !self.wanting.is_empty();
+                let back = is_back.then(|| format!("link {} is open", link.id));
+                lines.into_iter().chain(back).for_each(|line| self.out.line(&line));
+            }
+        }
+        self.wanting = now;
+    }
+
     /// A table when an axis does something else than in the last one; as JSON each time.
     fn axes(&mut self, states: &[(&AxisInfo, AxisState)]) {
         if self.jsonl {
             return states.iter().for_each(|(axis, state)| object(axis, state, self.out.buffer()));
         }
-        let do_now = |(_, state): &(&AxisInfo, AxisState)| (doing(state), state.faults.len());
+        let do_now = |(_, state): &(&AxisInfo, AxisState)| {
+            (doing(state), state.faults.len() + usize::from(state.owed.is_some()))
+        };
         let did: Vec<_> = states.iter().map(do_now).collect();
         if did != self.did {
             self.did = did;
@@ -235,8 +265,26 @@ fn table(states: &[(&AxisInfo, AxisState)]) -> String {
     text
 }
 
+/// What to say of an axis that is owed a stop.
+fn owed(owed: &StopOwed) -> String {
+    let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
+    let seconds = ((now_ms - owed.since_ms) / 1e3).max(0.0);
+    let word = match owed.class {
+        StopClass::Acknowledged => "taken, not seen standing",
+        StopClass::Sent => "not confirmed",
+        _ => "not sent yet",
+    };
+    format!("MAY BE TURNING, CUT ITS SUPPLY: told to stop {seconds:.0} s ago, {word}")
+}
+
 pub fn troubles(state: &AxisState) -> Vec<String> {
     let mut lines = Vec::new();
+    if let Some(stop) = &state.owed {
+        lines.push(owed(stop));
+        if let Some(error) = &stop.error {
+            lines.push(format!("  why: {}", error.message));
+        }
+    }
     for fault in &state.faults {
         lines.push(format!("FAULT {}", fault.name));
         for (word, sentence) in [("cause", &fault.cause), ("remedy", &fault.remedy)] {
@@ -255,6 +303,23 @@ fn add(out: &mut Vec<u8>, text: &str) {
 fn pair(out: &mut Vec<u8>, key: &str, text: &str) {
     add(out, &format!(",\"{key}\":"));
     jsonl::string(out, text);
+}
+
+fn link_object(link: &LinkView, lines: &[String], out: &mut Vec<u8>) {
+    let state = match link.state {
+        LinkState::Open => "open",
+        LinkState::Lost => "lost",
+        LinkState::NotOpen => "not_open",
+    };
+    add(out, &format!("{{\"link\":{}", link.id));
+    pair(out, "url", &link.url);
+    pair(out, "state", state);
+    add(out, ",\"troubles\":[");
+    for (n, line) in lines.iter().enumerate() {
+        add(out, if n > 0 { "," } else { "" });
+        jsonl::string(out, line);
+    }
+    add(out, "]}\n");
 }
 
 fn object(axis: &AxisInfo, state: &AxisState, out: &mut Vec<u8>) {
@@ -317,6 +382,7 @@ mod tests {
             signals: vec![velocity],
             faults: Vec::new(),
             lease: None,
+            owed: None,
             panel: None,
         };
         let told = |state: &AxisState| left("http://127.0.0.1:7365", "axis 3", "0#3", state);
@@ -331,5 +397,18 @@ mod tests {
         assert_eq!((doing(&state), told(&state).as_deref()), (Doing::Fault, Some(whole)));
         state.moving = Some(false);
         assert_eq!(told(&state), None);
+        let alarm = |state: &AxisState| {
+            troubles(state).iter().filter(|line| line.contains("CUT ITS SUPPLY")).count()
+        };
+        assert_eq!(alarm(&state), 0);
+        state.owed = Some(StopOwed {
+            since_ms: 0.0,
+            why: polepair_client::message::OwedWhy::Stop,
+            by: "ann".into(),
+            class: StopClass::Sent,
+            said: 3,
+            error: None,
+        });
+        assert_eq!(alarm(&state), 1);
     }
 }

@@ -14,7 +14,7 @@ use super::{address, only};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::target::Target;
-use crate::terminal::{Output, say};
+use crate::terminal::{self, Output, say};
 
 /// Words that are read at a time while the end of a program is looked for.
 const CHUNK: usize = 64;
@@ -342,7 +342,7 @@ impl Meter {
 
     fn show(&mut self, progress: Progress) {
         if self.shown {
-            eprint!("\r\x1b[K{} of {} words", progress.done, progress.total);
+            terminal::draw(&format!("\r\x1b[K{} of {} words", progress.done, progress.total));
         }
     }
 }
@@ -350,7 +350,7 @@ impl Meter {
 impl Drop for Meter {
     fn drop(&mut self) {
         if self.shown {
-            eprint!("\r\x1b[K");
+            terminal::draw("\r\x1b[K");
         }
     }
 }

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::Axis;
+use polepair::axis::OWED_MAX;
 use polepair::program::Program;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
-use polepair_link::clock;
 
 use super::{address, only};
 use crate::interrupt;
@@ -22,7 +22,7 @@ use crate::terminal::say;
 use crate::value;
 
 /// How often a routine is looked at.
-const LOOK_MS: u32 = 50;
+const LOOK: Duration = Duration::from_millis(50);
 /// How long a routine may take unless the user says otherwise, s.
 const CALL_MAX_S: f64 = 600.0;
 
@@ -132,7 +132,7 @@ impl Run {
             axis,
             self.detach,
             || axis.go_to(start),
-            || motion::hold(&[(axis.clone(), Command::new(Verb::Reached))], seconds),
+            || motion::hold(&session, &[(axis.clone(), Command::new(Verb::Reached))], seconds),
         )
     }
 }
@@ -144,7 +144,7 @@ impl Call {
         let start = self.place.address(axis, &self.start)?;
         let within = Duration::from_secs_f64(self.timeout.unwrap_or(CALL_MAX_S));
         let returned = || {
-            let end = clock::now() + within;
+            let end = axis.connection().now() + within;
             while axis.is_calling().map_err(outcome::error)? {
                 wait(axis, end)?;
             }
@@ -160,12 +160,12 @@ fn wait(axis: &Axis, end: Instant) -> Result<()> {
     if interrupt::came() {
         return Err(Problem::interrupted());
     }
-    if clock::now() >= end {
+    if axis.connection().now() >= end {
         let what = "the routine did not return in time; it was ended.";
         return Err(Problem::new(Exit::Negative, "E101", what));
     }
     motion::check_fault(axis)?;
-    clock::sleep_until(clock::now().plus_ms(LOOK_MS).min(end));
+    axis.sleep(LOOK);
     Ok(())
 }
 
@@ -180,6 +180,7 @@ fn started(
     motion::caution(session);
     session.listen();
     let powered = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
+    let _holding = interrupt::hold(&session.url);
     axis.arm(true);
     let begun = start().map_err(outcome::error);
     if detach && begun.is_ok() {
@@ -189,21 +190,19 @@ fn started(
     let ended = begun.and_then(|()| wait());
     let quiet = finish(axis, powered);
     axis.arm(false);
-    match ended {
-        Err(problem) if problem.exit == Exit::Interrupted => {
-            quiet?;
-            say("interrupted: the program was ended and the motor stopped");
-            Err(problem)
-        }
-        ended => ended.and(quiet).map(|()| Exit::Ok),
-    }
+    motion::over(ended, quiet, "the program was ended and the motor stopped")
 }
 
 /// Ends the program and the motion, and takes the power off that was put on.
 fn finish(axis: &Axis, powered: bool) -> Result<()> {
-    let ended = axis.abort().map_err(outcome::error);
-    let rested = motion::rest(axis);
+    let mut owed = motion::Owed::new();
+    let ended = axis.abort_owed(OWED_MAX, |axis, _| owed.again(axis, "still turn"));
+    let ended = owed.told(axis, ended);
+    let rested = if ended.is_ok() { motion::rest(axis) } else { Ok(()) };
     let off = if powered { Ok(None) } else { verb_if_any(axis, Verb::Disable) };
+    if ended.is_err() && (powered || off.is_err()) {
+        say(&format!("{} may still turn: cut its supply", axis.label()));
+    }
     ended.and(rested).and(off.map(drop))
 }
 

@@ -7,6 +7,7 @@ use polepair_core::explain::Act;
 
 use super::choose::{Item, Left, Route, word};
 use crate::cmd::record::plural;
+use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::terminal::say;
 
@@ -95,14 +96,14 @@ impl Survey {
         if let Some((first, count)) = self.moves.as_ref().filter(|_| !arm) {
             let what = format!("{} may move motors.", plural(*count, "frame"));
             return Err(Problem::usage("E219", what)
-                .why(format!("{first}\nNothing was sent."))
+                .why(format!("{first}\n{}", outcome::unsent()))
                 .hint("--dry-run shows all of them; --filter leaves some out")
                 .hint("--arm sends them: stand clear of what they move"));
         }
         if let Some((first, count)) = self.keeps.as_ref().filter(|_| !store) {
             let what = format!("permanent memory would be written: {}.", plural(*count, "frame"));
             return Err(Problem::usage("E251", what)
-                .why(format!("{first}\nFlash wears. Nothing was sent."))
+                .why(format!("{first}\nFlash wears. {}", outcome::unsent()))
                 .hint("--dry-run shows all of them; --filter leaves some out")
                 .hint("--store sends them"));
         }

@@ -13,7 +13,7 @@ use crate::interrupt;
 use crate::joined::{Joined, refused};
 use crate::problem::{Exit, Problem, Result};
 use crate::target::Format;
-use crate::terminal::{Output, Table, colour_out, csv, say};
+use crate::terminal::{self, Output, Table, colour_out, csv, say};
 
 /// Between two questions how far it is.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -81,13 +81,17 @@ fn look(server: &Joined, link: u16, order: &LookOrder) -> Result<LookView> {
             let _ = server.gateway.break_look_off(link);
         }
         if let Some(number) = view.number.filter(|_| live) {
-            eprint!("\r\x1b[Kasking address {number} ({} of {})", view.done + 1, view.of);
+            terminal::draw(&format!(
+                "\r\x1b[Kasking address {number} ({} of {})",
+                view.done + 1,
+                view.of
+            ));
         }
         clock::sleep_until(clock::now() + LOOK_EVERY);
         view = server.gateway.look_told(link).map_err(refused)?;
     }
     if live {
-        eprint!("\r\x1b[K");
+        terminal::draw("\r\x1b[K");
     }
     Ok(view)
 }

@@ -1,18 +1,19 @@
 //! Set-points of several axes on one SYNC, from a file.
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::IsTerminal as _;
 use std::time::Duration;
 
 use polepair::{Axis, Error, Following};
 use polepair_core::stream::cyclic::{Account, Setpoint};
 use polepair_core::units::Quantity;
 
-use crate::motion::caution;
+use crate::interrupt;
+use crate::motion::{self, caution};
 use crate::outcome;
-use crate::problem::{Exit, Problem, Result};
+use crate::problem::{Problem, Result};
 use crate::session::Session;
 use crate::target::Target;
-use crate::terminal::say;
+use crate::terminal::{self, say};
 
 /// Times of a file that are apart by less than this are no other times, s.
 const SAME_S: f64 = 1e-6;
@@ -57,15 +58,15 @@ pub fn run(
 }
 
 fn follow(session: &Session, setpoint: Setpoint, period: Duration, setpoints: &[f64]) -> Result {
-    let following = Following::begin(session.axes(), setpoint, period).map_err(outcome::error)?;
-    let ended = following.check(setpoints).map_err(outcome::error).and_then(|()| {
-        let cycles = setpoints.len() / session.axes().len();
-        let live = Live { shown: std::io::stderr().is_terminal(), cycles };
-        let streamed = following.stream(setpoints.iter().copied(), |account| live.show(account));
-        streamed.map_err(|error| match error {
-            Error::Interrupted { .. } => Problem::interrupted(),
-            other => outcome::error(other),
-        })
+    let _holding = interrupt::hold(&session.url);
+    let following = Following::begin_along(session.axes(), setpoint, period, setpoints);
+    let following = following.map_err(outcome::error)?;
+    let cycles = setpoints.len() / session.axes().len();
+    let live = Live { shown: std::io::stderr().is_terminal(), cycles };
+    let streamed = following.stream(setpoints.iter().copied(), |account| live.show(account));
+    let ended = streamed.map_err(|error| match error {
+        Error::Interrupted { .. } => Problem::interrupted(),
+        other => outcome::error(other),
     });
     let (load, last) = (following.load(), following.account());
     let released = following.release().map_err(outcome::error);
@@ -75,15 +76,11 @@ fn follow(session: &Session, setpoint: Setpoint, period: Duration, setpoints: &[
         say(&format!("{} cycles of {} ms, axes: {axes}{bus}", account.cycles, ms(period)));
         tell(&account, setpoint);
     }
-    match ended {
-        Err(problem) => {
-            if problem.exit == Exit::Interrupted {
-                say("interrupted: the motion was stopped");
-            }
-            Err(problem)
-        }
-        Ok(_) => released.map(|()| Exit::Ok),
+    if released.is_err() {
+        let axes: Vec<String> = session.axes().iter().map(Axis::label).collect();
+        say(&format!("{} may still turn: cut their supply", axes.join(", ")));
     }
+    motion::over(ended.map(drop), released, "the motion was stopped")
 }
 
 fn ms(span: Duration) -> f64 {
@@ -117,8 +114,7 @@ impl Live {
     fn show(&self, account: &Account) {
         if self.shown {
             let (done, missed) = (account.cycles, account.missed);
-            eprint!("\r\x1b[Kcycle {done} of {}  missed {missed}", self.cycles);
-            let _ = std::io::stderr().flush();
+            terminal::draw(&format!("\r\x1b[Kcycle {done} of {}  missed {missed}", self.cycles));
         }
     }
 }
@@ -126,7 +122,7 @@ impl Live {
 impl Drop for Live {
     fn drop(&mut self) {
         if self.shown {
-            eprint!("\r\x1b[K");
+            terminal::draw("\r\x1b[K");
         }
     }
 }

@@ -6392,9 +6392,10 @@ pub static TMCM_170: Profile = Profile {
         ParameterId(92),
         ParameterId(94),
     ],
-    watchdog: Watchdog::Configurable { parameter: ParameterId(83) },
+    optional: &[],
+    watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) },
     reply_timeout_ms: 100,
-    caution: "The module keeps turning when the line dies unless its heartbeat (GP 68) is set, and whether this firmware has one is not documented: have a switch in the supply within reach. Motion commands switch the power stage on by themselves. Set telegram pause time to about 20 ms on RS-485 adapters that switch direction by RTS.",
+    caution: "The module keeps turning when the line dies unless its heartbeat is set (GP 68 for a serial line, GP 82 for CAN), and whether this firmware has one is not documented: have a switch in the supply within reach. Motion commands switch the power stage on by themselves. Set telegram pause time to about 20 ms on RS-485 adapters that switch direction by RTS.",
 };
 
 static TMCM_171_PARAMETERS: [Parameter; 355] = {
@@ -6456,9 +6457,10 @@ pub static TMCM_171: Profile = Profile {
         ParameterId(92),
         ParameterId(94),
     ],
-    watchdog: Watchdog::Configurable { parameter: ParameterId(83) },
+    optional: &[],
+    watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) },
     reply_timeout_ms: 100,
-    caution: "The module keeps turning when the line dies unless its heartbeat (GP 68) is set, and whether this firmware has one is not documented: have a switch in the supply within reach. Motion commands switch the power stage on by themselves. Set telegram pause time to about 20 ms on RS-485 adapters that switch direction by RTS.",
+    caution: "The module keeps turning when the line dies unless its heartbeat is set (GP 68 for a serial line, GP 82 for CAN), and whether this firmware has one is not documented: have a switch in the supply within reach. Motion commands switch the power stage on by themselves. Set telegram pause time to about 20 ms on RS-485 adapters that switch direction by RTS.",
 };
 
 /// Every profile of this file, by name.

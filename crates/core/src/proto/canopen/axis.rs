@@ -15,10 +15,11 @@ use super::host::{HOST_ID, Host, sender};
 use super::mapped::Mapped;
 use super::nmt::{Command, Order, State};
 use super::pdo::{CobId, Field, frame_bits};
-use super::sdo::Object;
+use super::sdo::{Abort, Object};
 use super::{NODE_MAX, text};
 use crate::axis::{Driver, Presence, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
+use crate::explain::Raw;
 use crate::medium::{Can, Frame};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile, Severity, Signal};
 use crate::proto::{HostOptions, Protocol};
@@ -273,6 +274,16 @@ impl Driver for Axis {
         text::request(text, self.node).ok_or(Unsupported::BadText)
     }
 
+    fn decode(&self, frame: &Raw<'_>) -> Result<Ask, Unsupported> {
+        let id = frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8);
+        let id = id.and_then(|id| u16::try_from(id).ok()).ok_or(Unsupported::BadBytes)?;
+        let frame = Frame::standard(id, frame.bytes);
+        let said = text::Said::of(&frame, false).map_err(|_| Unsupported::BadBytes)?;
+        // What it says does not say to whom.
+        let ask = if said.frame(self.node) == frame { said.ask(self.node) } else { None };
+        ask.ok_or(Unsupported::BadBytes)
+    }
+
     fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
         let encoding = parameter.map(|parameter| width(parameter.encoding));
         match *answer {
@@ -293,6 +304,11 @@ impl Driver for Axis {
             Answer::Lss(reply) => text::outcome(reply),
             Answer::Sent | Answer::Lost | Answer::Emergency(_) | Answer::Process(..) => Ok(0),
         }
+    }
+
+    /// The aborts that a device gives for an object or a sub-index that it does not have.
+    fn lacks(&self, code: u32) -> bool {
+        matches!(Abort(code), Abort::NO_OBJECT | Abort::NO_SUB)
     }
 
     fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {

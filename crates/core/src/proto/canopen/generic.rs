@@ -52,6 +52,7 @@ pub static GENERIC: Profile = Profile {
     plans: &[],
     ram: None,
     reach: &[],
+    optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: REPLY_TIMEOUT_MS,
     identity: None,

@@ -213,7 +213,7 @@ impl Said {
 
     /// What it asks of `node`, if it is what a host asks. Orders to everybody and process data are
     /// not: they would move other axes too, or pass by what the lane knows of this one.
-    fn ask(self, node: u8) -> Option<Ask> {
+    pub(super) fn ask(self, node: u8) -> Option<Ask> {
         Some(match self {
             Self::Order(Command::Other(_), _) | Self::Order(_, true) => return None,
             Self::Order(command, false) => Ask::Order(Order { command, node }),
@@ -221,6 +221,10 @@ impl Said {
             Self::Time(time) => Ask::Time(time),
             Self::Guard => Ask::Guard { node },
             Self::Request(Request::Read(object), 8) => Ask::Read { node, object },
+            Self::Request(Request::Write(object, short @ Short { len: len @ 1.., .. }), 8) => {
+                let bits = short.bits.into();
+                Ask::Write { node, object, bits, len, class: Class::Never }
+            }
             Self::Write(object, bits, len @ 1..) => {
                 Ask::Write { node, object, bits, len, class: Class::Never }
             }

@@ -7,9 +7,11 @@
 use super::encoding::{decode, encode, registers};
 use super::request::{Answer, Ask, COILS_MAX, Request, WORDS_MAX};
 use super::text::{self, Said};
-use super::wire::{BROADCAST, Function, Space};
+use super::wire::{BROADCAST, Function, RequestPdu, Space};
+use super::{ascii, rtu};
 use crate::axis::Driver;
 use crate::error::{Failure, Unsupported};
+use crate::explain::Raw;
 use crate::profile::{AxisKind, Parameter, Profile, Watchdog};
 use crate::station::Class;
 
@@ -28,6 +30,7 @@ pub static GENERIC: Profile = Profile {
     identity: None,
     ram: None,
     reach: &[],
+    optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
     caution: "Nothing is known of this drive: registers can be read and written by number only.",
@@ -127,6 +130,21 @@ impl Driver for Axis {
         self.request(ask, if reads { Class::Idempotent } else { Class::Never })
     }
 
+    /// A frame of RTU, or of ASCII where it begins with a colon.
+    fn decode(&self, frame: &Raw<'_>) -> Result<Request, Unsupported> {
+        let mut plain = [0; ADU_MAX];
+        let (_, pdu) = match frame.bytes {
+            [b':', characters @ ..] => unpacked(characters, &mut plain),
+            bytes => rtu::open(bytes).ok(),
+        }
+        .filter(|(unit, _)| frame.id.is_none() && *unit == self.unit)
+        .ok_or(Unsupported::BadBytes)?;
+        let ask = RequestPdu::parse(pdu).ok().and_then(|pdu| ask_of_pdu(&pdu));
+        let ask = ask.ok_or(Unsupported::BadBytes)?;
+        let reads = ask.function().reads().is_some();
+        self.request(ask, if reads { Class::Idempotent } else { Class::Never })
+    }
+
     fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
         let reads = answer.function.reads();
         match (parameter, reads) {
@@ -152,6 +170,42 @@ fn two(start: u16, pair: [u16; 2]) -> Ask {
 }
 
 /// The request of a text; `None` when it carries more than a request holds.
+/// Bytes of a frame at most, LRC or CRC included.
+const ADU_MAX: usize = 256;
+
+/// The unit and the PDU of an ASCII frame behind its colon, whose LRC agrees.
+fn unpacked<'a>(characters: &[u8], plain: &'a mut [u8; ADU_MAX]) -> Option<(u8, &'a [u8])> {
+    let digits = characters.strip_suffix(b"\r\n")?;
+    let (pairs, []) = digits.as_chunks::<2>() else { return None };
+    let bytes = plain.get_mut(..pairs.len())?;
+    for (byte, [high, low]) in bytes.iter_mut().zip(pairs) {
+        *byte = ascii::nibble(*high)? << 4 | ascii::nibble(*low)?;
+    }
+    ascii::open(&plain[..pairs.len()]).ok()
+}
+
+/// What a request on the wire asks, as far as a host asks such things.
+fn ask_of_pdu(pdu: &RequestPdu<'_>) -> Option<Ask> {
+    Some(match *pdu {
+        RequestPdu::Read { space, start, count } => Ask::Read { space, start, count },
+        RequestPdu::WriteCoil { address, on } => Ask::WriteCoil { address, on },
+        RequestPdu::WriteRegister { address, value } => Ask::WriteRegister { address, value },
+        RequestPdu::WriteCoils { start, count, bits: given } => {
+            let mut bits = [0; COILS_MAX as usize / 8];
+            bits.get_mut(..given.len())?.copy_from_slice(given);
+            Ask::WriteCoils { start, count, bits }
+        }
+        RequestPdu::WriteRegisters { start, words: given } => {
+            let (pairs, _) = given.as_chunks::<2>();
+            let mut words = [0; WORDS_MAX];
+            let its = words.get_mut(..pairs.len())?;
+            its.iter_mut().zip(pairs).for_each(|(word, pair)| *word = u16::from_be_bytes(*pair));
+            Ask::WriteRegisters { start, count: pairs.len() as u8, words }
+        }
+        RequestPdu::Unknown { .. } => return None,
+    })
+}
+
 fn ask_of(said: &Said) -> Option<Ask> {
     let (start, count) = (said.start, said.count);
     if let Some(space) = said.function.reads() {

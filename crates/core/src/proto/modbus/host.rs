@@ -7,7 +7,12 @@
 //! answer the quarantine lasts three times the timeout. A late reply that arrives meanwhile can only
 //! be the one waited for, and is taken as such. Only what is harmless to repeat is sent again, and
 //! only after the quarantine.
+//!
+//! Where an earlier program may have spoken, each station begins *unproven*: before the first request to
+//! it, stops excepted, probes drawn at random must be answered one after another. What an older
+//! request is owed takes the place of one only if it has that function code and length.
 
+mod proof;
 mod receive;
 
 use super::ascii::{self, Collector};
@@ -21,6 +26,7 @@ use crate::proto::events::Events;
 use crate::proto::pace::{Pace, tolerated};
 use crate::station::{self, Class, Counters, Event, LineEvent, Station, Ticket, Timed, To};
 use crate::time::Instant;
+use proof::{Proof, Proven};
 
 /// Times that one request is put on the wire at most.
 pub const ATTEMPTS_MAX: u8 = 3;
@@ -64,6 +70,8 @@ pub struct Host {
     echo: Echo,
     /// Cleared when replies come faster than the baud rate allows: the wire is none.
     timed: bool,
+    /// It never is.
+    untimed: bool,
     pace: Pace,
     /// The frame in hand began before the request had left.
     soon: bool,
@@ -106,6 +114,11 @@ pub struct Host {
     held: Option<Instant>,
     events: Events<Answer, EVENTS_MAX>,
     counters: Counters,
+
+    /// Stations of which it is known that nothing older can come.
+    proven: Proven,
+    /// While the present request waits for its station to be proven.
+    proof: Option<Proof>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -205,8 +218,9 @@ impl Host {
                 Format::Ascii => 0,
             },
             echo: if options.echo { Echo::Always } else { Echo::Unknown },
-            timed: options.baud != 0,
-            pace: Pace::new(&line),
+            timed: options.pace() != 0,
+            untimed: options.untimed,
+            pace: Pace::new(&SerialLine::n81(options.pace())),
             soon: false,
             early_streak: 0,
             timely: 0,
@@ -236,6 +250,8 @@ impl Host {
             held: None,
             events: Events::new(),
             counters: Counters::default(),
+            proven: Proven::new(options.doubt),
+            proof: None,
         }
     }
 
@@ -280,6 +296,7 @@ impl Host {
     #[inline]
     fn close(&mut self) {
         self.current = None;
+        self.proof = None;
         if self.sending == Some(Sending::Request) {
             self.sending = None;
         }
@@ -309,6 +326,7 @@ impl Host {
         let Some(active) = self.active_at else { return Instant::ZERO };
         let unit = match (self.sending, &self.current) {
             (Some(Sending::Request), Some(current)) => Some(current.request.unit),
+            (_, Some(current)) if self.proof.is_some() => Some(current.request.unit),
             _ => self.sent_unit,
         };
         let gap = self.gap_ns.unwrap_or(if self.timed { self.silence_ns } else { 0 });
@@ -333,6 +351,7 @@ impl Host {
         let patience = self.timeout_ns.max(2 * u64::from(STATION_GAP_US) * 1000);
         match (self.sending, &self.current) {
             (Some(Sending::Request), Some(current)) => current.since.plus_ns(patience),
+            (_, Some(current)) if self.proof.is_some() => current.since.plus_ns(patience),
             _ => self.deadline.unwrap_or(Instant::FAR),
         }
     }
@@ -374,7 +393,7 @@ impl Host {
             return self.settle();
         }
         // A probe may be answered as late as any request.
-        let timeouts = if self.quarantine { QUARANTINE_TIMEOUTS } else { 1 };
+        let timeouts = self.timeouts();
         let reply = self.line.characters_ns(self.characters_of(owed.pdu_len()) as u32);
         self.deadline = Some(now.plus_ns(gone + reply + timeouts * self.timeout_ns));
         self.owe(owed);
@@ -398,6 +417,9 @@ impl Host {
     }
 
     fn late(&mut self, now: Instant) {
+        if self.proof.is_some() {
+            return self.not_proved();
+        }
         if self.quarantine {
             return self.give_up(now);
         }
@@ -451,8 +473,13 @@ impl Host {
     ) -> Result<(), Request> {
         let full = self.events.room() < ROOM_MIN;
         let busy = self.current.is_some() || self.quarantine;
-        if full || (busy && !(station::Request::is_stop(&request) && self.quarantine)) {
+        let stop = station::Request::is_stop(&request);
+        if full || (busy && !(stop && self.quarantine && self.proof.is_none())) {
             return Err(request);
+        }
+        if !busy && !stop && request.unit != BROADCAST {
+            self.prove(now, ticket, request);
+            return Ok(());
         }
         self.fail(Failure::Silent);
         for owed in &mut self.owed[..self.owed_len] {
@@ -540,10 +567,10 @@ impl Station<Stream> for Host {
     }
 
     fn handle_line(&mut self, _now: Instant, event: LineEvent) {
-        if matches!(event, LineEvent::Down) {
+        if matches!(event, LineEvent::Down | LineEvent::BusOff) {
             self.fail(Failure::LinkDown);
         }
-        if matches!(event, LineEvent::Down | LineEvent::Up) && self.current.is_none() {
+        if !matches!(event, LineEvent::Break) && self.current.is_none() {
             self.abandon();
         }
     }
@@ -556,7 +583,7 @@ impl Station<Stream> for Host {
         }
         let (request, role) = match sending {
             Sending::Request => (&self.current.as_ref()?.request, Role::Request),
-            Sending::Probe => (&self.probe()?, Role::Probe),
+            Sending::Probe => (&self.next_probe()?, Role::Probe),
         };
         self.sent_len = request.emit(self.format, &mut self.sent);
         let owed = Owed::of(request, role);
@@ -581,7 +608,8 @@ impl station::Host<Stream> for Host {
     #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Request) -> Result<(), Request> {
         let busy = self.current.is_some() || self.quarantine;
-        if busy || self.events.room() < ROOM_MIN || request.unit == BROADCAST {
+        let unit = request.unit;
+        if busy || self.events.room() < ROOM_MIN || unit == BROADCAST || !self.proven.holds(unit) {
             return self.submit_in_doubt(now, ticket, request);
         }
         self.begin(now, ticket, request);
@@ -590,13 +618,23 @@ impl station::Host<Stream> for Host {
 
     /// A request that waits for the line to be silent, for the first time or once more.
     fn recall(&mut self, _stop: &Request) -> Option<Ticket> {
-        let current = self.current.as_ref().filter(|_| self.sending == Some(Sending::Request))?;
+        let unsent = self.sending == Some(Sending::Request) || self.proof.is_some();
+        let current = self.current.as_ref().filter(|_| unsent)?;
         if station::Request::is_stop(&current.request) {
             return None;
         }
         let ticket = current.ticket;
         self.close();
+        if self.owed_len == 0 {
+            self.settle();
+        }
         Some(ticket)
+    }
+
+    fn send_once(&mut self, ticket: Ticket) {
+        if let Some(current) = self.current.as_mut().filter(|current| current.ticket == ticket) {
+            current.attempts = ATTEMPTS_MAX;
+        }
     }
 
     #[inline]
@@ -616,5 +654,9 @@ impl station::Host<Stream> for Host {
 
     fn counters(&self) -> Counters {
         self.counters
+    }
+
+    fn unread(&self) -> usize {
+        self.received_len + self.characters.pending()
     }
 }

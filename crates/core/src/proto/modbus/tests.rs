@@ -4,6 +4,7 @@ mod axis;
 mod back;
 mod checks;
 mod codec;
+mod doubt;
 mod pair;
 mod world;
 

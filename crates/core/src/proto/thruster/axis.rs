@@ -16,6 +16,7 @@ use super::text::{self, Said};
 use super::wire::{Command, Heard, Reply, Report, Request, Width, node};
 use crate::axis::{self, Driver, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
+use crate::explain::Raw;
 use crate::medium::{Can, Frame};
 use crate::plan::Argument;
 use crate::profile::{Encoding, Parameter, ParameterId, Profile};
@@ -192,6 +193,17 @@ impl Driver for Axis {
             Ok(Said::Request(request)) => self.ask(request, None),
             Err(EncodeError::Forbidden(rule)) => Err(Unsupported::Forbidden(rule)),
             _ => Err(Unsupported::BadText),
+        }
+    }
+
+    fn decode(&self, frame: &Raw<'_>) -> Result<Ask, Unsupported> {
+        let request = Request::parse(frame.bytes).map_err(|_| Unsupported::BadBytes)?;
+        let its = request.frame(self.id);
+        match (frame.id, frame.extended) {
+            (Some(id), false) if id == its.id && frame.bytes == its.bytes() => {
+                self.ask(request, None)
+            }
+            _ => Err(Unsupported::BadBytes),
         }
     }
 

@@ -40,6 +40,7 @@ pub static GENERIC: Profile = Profile {
     }],
     ram: None,
     reach: &[],
+    optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
     identity: None,

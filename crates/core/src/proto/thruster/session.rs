@@ -474,11 +474,18 @@ impl Session {
         }
         self.pending[n] = None;
         self.doubt(now, &pending);
+        // Who asked hears why it was not asked again; of what changes the drive only that it is
+        // unknown.
+        let given_up = pending.cut_short
+            && pending.attempts < attempts
+            && pending.ask.class == Class::Idempotent;
         if user {
-            self.counters.silent += 1;
-            let refused = pending.stage == Stage::Reason;
-            let failure =
-                if refused { Failure::Refused { code: REFUSED } } else { Failure::Silent };
+            self.counters.silent += u64::from(!given_up);
+            let failure = match pending.stage {
+                Stage::Reason => Failure::Refused { code: REFUSED },
+                _ if given_up => Failure::Cancelled,
+                _ => Failure::Silent,
+            };
             self.end(pending.ticket, Err(failure));
         }
     }

@@ -12,8 +12,10 @@ use super::text;
 use super::wire::Request;
 use crate::axis::{Driver, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
+use crate::explain::Raw;
 use crate::medium::{Can, Frame, Stream};
-use crate::profile::{Parameter, Profile, Signal};
+use crate::profile::{Parameter, Profile, Readdress, Signal};
+use crate::program::Order;
 use crate::proto::{HostOptions, Protocol};
 use crate::station::Class;
 
@@ -25,13 +27,28 @@ pub const AXIS_BITS: u8 = 4;
 pub struct Axis {
     profile: &'static Profile,
     module: u8,
+    /// Numbers of the global parameters that hold the module's address and its host's.
+    addresses: [u16; 2],
 }
 
+/// Serial address and serial host address (TMCL reference, global parameters of bank 0).
+const SERIAL: [u16; 2] = [66, 76];
+/// CAN id of requests and of replies (the same).
+const CAN: [u16; 2] = [71, 70];
+/// The space of bank 0.
+const BANK_0: u8 = 1;
+
 impl Axis {
-    /// The first axis of the module at `address`.
+    /// The first axis of the module at `address` of a serial line.
     #[must_use]
     pub fn new(profile: &'static Profile, address: u32) -> Self {
-        Self { profile, module: address as u8 }
+        Self { profile, module: address as u8, addresses: SERIAL }
+    }
+
+    /// The first axis of the module that has the CAN id `address`.
+    #[must_use]
+    pub fn on_can(profile: &'static Profile, address: u32) -> Self {
+        Self { addresses: CAN, ..Self::new(profile, address) }
     }
 
     /// A request on a parameter, by the opcodes for axis and for global ones.
@@ -85,8 +102,39 @@ impl Driver for Axis {
         Ok(Ask::of(Request { address: self.module, opcode, kind, motor, value }))
     }
 
+    /// MST has the motor in a byte of its own (TMCL reference).
+    fn order(&self, order: Order) -> Option<Ask> {
+        let Order::StopMotor(motor) = order else { return None };
+        let address = self.module;
+        Some(Ask::of(Request { address, opcode: Opcode::Mst, kind: 0, motor, value: 0 }))
+    }
+
+    /// A change holds from the next datagram on \[I\].
+    fn readdresses(&self, parameter: &Parameter) -> Option<Readdress> {
+        let [own, host] = self.addresses;
+        match parameter.index {
+            _ if parameter.space != BANK_0 => None,
+            index if index == own => Some(Readdress::Own),
+            index if index == host => Some(Readdress::Host),
+            _ => None,
+        }
+    }
+
     fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
         text::parse(text, self.module).map(Ask::of).map_err(|_| Unsupported::BadText)
+    }
+
+    /// Nine bytes on a serial line; on CAN seven, or eight, under the module's address.
+    fn decode(&self, frame: &Raw<'_>) -> Result<Ask, Unsupported> {
+        let request = match frame.id {
+            None => Request::parse(frame.bytes),
+            Some(id) if id == u32::from(self.module) && !frame.extended => {
+                Request::parse_can(frame.bytes, self.module)
+            }
+            Some(_) => return Err(Unsupported::BadBytes),
+        };
+        let to_it = |request: &Request| request.address == self.module;
+        request.ok().filter(to_it).map(Ask::of).ok_or(Unsupported::BadBytes)
     }
 
     fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
@@ -201,6 +249,6 @@ impl Protocol for TmclCan {
         profile: &'static Profile,
         address: u32,
     ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
-        Axis::new(profile, address)
+        Axis::on_can(profile, address)
     }
 }

@@ -33,6 +33,7 @@ pub static GENERIC: Profile = Profile {
     }],
     ram: None,
     reach: &[],
+    optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     identity: None,

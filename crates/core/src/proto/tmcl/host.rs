@@ -5,6 +5,7 @@
 //! whole before request and reply were on the wire. Manuals call the value of a reply to a write
 //! "don't care", so it is not compared.
 
+use super::ascii;
 use super::opcode::Opcode;
 use super::session::{Answer, Ask, Session};
 use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
@@ -39,6 +40,8 @@ pub struct SerialHost {
     len: usize,
     sent: [u8; DATAGRAM],
     echo_due: bool,
+    /// What was thrown away since the end of a line: a module in ASCII mode answers in text.
+    text: ascii::Line,
     /// Until when the line has to be silent.
     quiet: Instant,
     shifted: bool,
@@ -51,6 +54,8 @@ impl SerialHost {
         let host = options.host.and_then(|host| u8::try_from(host).ok()).unwrap_or(HOST);
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
         let line = SerialLine::n81(options.baud);
+        let paced = SerialLine::n81(options.pace());
+        let soonest_ns = tolerated(paced.characters_ns(2 * DATAGRAM as u32));
         let on_wire_ns = line.characters_ns(2 * DATAGRAM as u32);
         let quiet_ns = line.characters_ns(QUIET_CHARACTERS);
         let gap_ns = match options.gap_us {
@@ -58,10 +63,10 @@ impl SerialHost {
             gap => u64::from(gap.unwrap_or(0)) * 1_000,
         };
         Self {
-            session: Session::new(host.into(), timeout),
+            session: Session::new(host.into(), timeout, options.doubt),
             line,
-            on_wire_ns: (tolerated(on_wire_ns), on_wire_ns),
-            pace: Pace::new(&line),
+            on_wire_ns: (soonest_ns, on_wire_ns),
+            pace: Pace::new(&paced),
             quiet_ns,
             host,
             gap_ns,
@@ -69,6 +74,7 @@ impl SerialHost {
             len: 0,
             sent: [0; DATAGRAM],
             echo_due: false,
+            text: ascii::Line::EMPTY,
             quiet: Instant(quiet_ns.max(gap_ns)),
             shifted: false,
         }
@@ -119,9 +125,25 @@ impl SerialHost {
             return DATAGRAM;
         }
         self.session.counters.corrupt += u64::from(window[0] == self.host);
-        self.session.counters.skipped += 1;
+        self.skip(window[0]);
         self.quiet = self.quiet.max(now.plus_ns(self.quiet_ns));
         1
+    }
+
+    /// Throws a byte away.
+    fn skip(&mut self, byte: u8) {
+        self.session.counters.skipped += 1;
+        if byte != b'\r' {
+            return self.text.push(byte);
+        }
+        let line = core::mem::replace(&mut self.text, ascii::Line::EMPTY);
+        self.session.counters.texts += u64::from(ascii::Answer::parse(line.bytes()).is_some());
+    }
+
+    /// Throws away what is held.
+    fn skip_held(&mut self) {
+        let (held, len) = (self.buffer, core::mem::take(&mut self.len));
+        held[..len].iter().for_each(|&byte| self.skip(byte));
     }
 
     /// Takes nine bytes that came at once and are something else.
@@ -187,8 +209,7 @@ impl Station<Stream> for SerialHost {
     }
 
     fn handle_line(&mut self, now: Instant, event: LineEvent) {
-        self.session.counters.skipped += self.len as u64;
-        self.len = 0;
+        self.skip_held();
         self.session.handle_line(now, event);
     }
 
@@ -209,8 +230,7 @@ impl Station<Stream> for SerialHost {
         let request = self.session.transmit(now, self.on_wire_ns)?;
         self.shifted = false;
         if self.len > 0 {
-            self.session.counters.skipped += self.len as u64;
-            self.len = 0;
+            self.skip_held();
         }
         self.pace.sent(now, self.on_wire_ns.0 / 2);
         let bytes = request.emit();
@@ -238,6 +258,14 @@ impl Host<Stream> for SerialHost {
         self.session.recall()
     }
 
+    fn send_once(&mut self, ticket: Ticket) {
+        self.session.send_once(ticket);
+    }
+
+    fn own_address(&self) -> Option<u32> {
+        Some(self.host.into())
+    }
+
     #[inline]
     fn poll_event(&mut self) -> Option<&Event<Answer>> {
         self.session.poll_event()
@@ -256,6 +284,10 @@ impl Host<Stream> for SerialHost {
 
     fn counters(&self) -> Counters {
         self.session.counters
+    }
+
+    fn unread(&self) -> usize {
+        self.len
     }
 }
 
@@ -281,7 +313,7 @@ impl CanHost {
     pub fn new(options: &HostOptions) -> Self {
         let reply_id = reply_id(options);
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
-        let session = Session::new(reply_id, timeout);
+        let session = Session::new(reply_id, timeout, options.doubt);
         let bit_rate = options.bit_rate;
         let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
         let soonest_ns = tolerated(exchange_ns.checked_div(bit_rate.into()).unwrap_or(0));
@@ -352,6 +384,14 @@ impl Host<Can> for CanHost {
 
     fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
         self.session.recall()
+    }
+
+    fn send_once(&mut self, ticket: Ticket) {
+        self.session.send_once(ticket);
+    }
+
+    fn own_address(&self) -> Option<u32> {
+        Some(self.reply_id.into())
     }
 
     #[inline]

@@ -5,6 +5,16 @@
 //! after an answer to something that was sent twice) a module is *suspect*: nothing but a stop is
 //! asked of it until a probe of another opcode was answered, because a module answers in order and
 //! nothing older can come after that; or until the latest possible reply is past.
+//!
+//! Where an earlier program may have spoken, every module begins *unproven*, and becomes so again when
+//! a doubt ended by time alone: nobody knows what is owed. Before the first request to it, stops
+//! excepted, several probes of different opcodes, drawn at random, must be answered one after another.
+//! What an older request is owed takes the place of one only if it has that opcode, and then the
+//! probe's own answer comes while the next one is awaited, and is not taken for that. So a value that
+//! is wrong takes as many older replies as there are probes, of just these opcodes in this order.
+
+mod proof;
+mod suspects;
 
 use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
@@ -12,6 +22,7 @@ use crate::error::Failure;
 use crate::proto::events::Events;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
+use proof::{PROBES, Waiting};
 
 /// Times an idempotent request is sent at most.
 pub const ATTEMPTS_MAX: u8 = 3;
@@ -23,6 +34,8 @@ pub const SUSPECTS_MAX: usize = 4;
 pub const EVENTS_MAX: usize = 8;
 /// Places among them kept for the ends of requests.
 const ROOM_MIN: usize = 4;
+/// Requests remembered, for whose replies one may be taken that comes too soon.
+const RECENT_MAX: usize = 8;
 /// Opcodes remembered of a suspect: three attempts and every probe.
 const TAGS_MAX: usize = 10;
 /// A reply is possible for so many times the reply timeout after its request.
@@ -98,7 +111,7 @@ struct Doubts {
     bad_sum: bool,
     bad_sum_of_module: bool,
     early: bool,
-    /// A stop waits: no further attempt.
+    /// A stop waits, or it was to be sent once: no further attempt.
     cut_short: bool,
 }
 
@@ -148,6 +161,15 @@ pub struct Session {
     stop: Option<(Ticket, Ask)>,
     suspects: [Option<Suspect>; SUSPECTS_MAX],
     suspicious: bool,
+    /// Modules of which no older reply can come but those that are known of.
+    proven: [u64; 4],
+    /// Whence probes are drawn, where modules are to be proven.
+    draw: Option<u32>,
+    /// A request that waits for its module to be proven.
+    waiting: Option<Waiting>,
+    /// The last requests: module, opcode and when.
+    recent: [(u8, u8, Instant); RECENT_MAX],
+    recent_at: usize,
     events: Events<Answer, EVENTS_MAX>,
     /// Modules that ever answered.
     heard: [u64; 4],
@@ -166,8 +188,14 @@ const EARLY_MAX: u8 = 2;
 const TIMELY_MIN: u64 = 16;
 
 impl Session {
-    pub(super) fn new(host: u16, timeout_ms: u32) -> Self {
+    pub(super) fn new(host: u16, timeout_ms: u32, doubt: Option<u32>) -> Self {
         Self {
+            proven: if doubt.is_some() { [0; 4] } else { [u64::MAX; 4] },
+            // Zero would draw itself for ever.
+            draw: doubt.map(|seed| seed.wrapping_mul(0x9E37_79B9) | 1),
+            waiting: None,
+            recent: [(0, 0, Instant::ZERO); RECENT_MAX],
+            recent_at: 0,
             host,
             timeout_ns: u64::from(timeout_ms) * 1_000_000,
             pending: None,
@@ -188,6 +216,7 @@ impl Session {
         let own = u16::from(ask.request.address) == self.host;
         if self.pending.is_some()
             || self.suspicious
+            || !self.is_proven(ask.request.address)
             || !self.up
             || own
             || self.events.room() < ROOM_MIN
@@ -200,13 +229,24 @@ impl Session {
 
     /// Takes back what was not sent yet, for a stop.
     pub(super) fn recall(&mut self) -> Option<Ticket> {
+        if let Some(waiting) = self.waiting.take() {
+            return Some(waiting.ticket);
+        }
         let unsent = |p: &&Pending| !p.sent && p.attempts == 0 && p.ask.class != Class::Stop;
         let ticket = self.pending.as_ref().filter(unsent)?.ticket?;
         self.pending = None;
         Some(ticket)
     }
 
-    /// The same, where something stands against it.
+    /// The request of that ticket, of which nothing is on the wire yet, gets one attempt.
+    pub(super) fn send_once(&mut self, ticket: Ticket) {
+        let its = |p: &&mut Pending| p.ticket == Some(ticket);
+        if let Some(pending) = self.pending.as_mut().filter(its) {
+            pending.doubts.cut_short = true;
+        }
+    }
+
+    /// Takes a request where something stands against it.
     #[cold]
     fn submit_in_doubt(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
         if self.events.room() < ROOM_MIN {
@@ -223,7 +263,12 @@ impl Session {
         if self.suspicious && !stop && !self.trusts(now, ask.request.address) {
             return Err(ask);
         }
-        self.start(now, Some(ticket), ask);
+        if stop || self.is_proven(ask.request.address) {
+            self.start(now, Some(ticket), ask);
+        } else {
+            self.waiting = Some(Waiting::new(ticket, ask));
+            self.prove(now);
+        }
         Ok(())
     }
 
@@ -246,6 +291,8 @@ impl Session {
         }
         let request = pending.ask.request;
         pending.sent = true;
+        self.recent[self.recent_at % RECENT_MAX] = (request.address, request.opcode.number(), now);
+        self.recent_at = self.recent_at.wrapping_add(1);
         pending.earliest = now.plus_ns(soonest_ns);
         pending.deadline = now.plus_ns(on_wire_ns + self.timeout_ns);
         self.counters.sent += 1;
@@ -358,7 +405,9 @@ impl Session {
             self.suspect(now, &pending, false);
             self.end(pending.ticket, Err(Failure::LinkDown));
         }
-        if let Some((ticket, _)) = self.stop.take() {
+        let waiting = self.waiting.take().map(|waiting| waiting.ticket);
+        let stop = self.stop.take().map(|(ticket, _)| ticket);
+        for ticket in stop.into_iter().chain(waiting) {
             self.end(Some(ticket), Err(Failure::LinkDown));
         }
     }
@@ -438,10 +487,25 @@ impl Session {
             return;
         }
         let soon = soon || now < pending.earliest;
-        if soon && self.early_streak < EARLY_MAX {
-            pending.doubts.early = true;
-            self.counters.late += 1;
-            return;
+        let (module, opcode, again) =
+            (request.address, request.opcode.number(), pending.attempts > 1);
+        // What comes too soon is believed where no earlier request could own it; that shows that the
+        // line has no baud rate.
+        let proof = pending.ticket.is_none() && self.waiting.is_some();
+        if soon && self.early_streak < EARLY_MAX && !proof {
+            if again || self.could_own(now, module, opcode) {
+                if let Some(pending) = &mut self.pending {
+                    pending.doubts.early = true;
+                }
+                self.counters.late += 1;
+                self.counters.early += 1;
+                return;
+            }
+            self.early_streak = EARLY_MAX;
+        }
+        let Some(pending) = self.pending.as_mut() else { return };
+        if let Some(waiting) = self.waiting.as_mut().filter(|_| proof) {
+            waiting.soon &= soon;
         }
         self.timely = if soon { 0 } else { self.timely + 1 };
         if pending.doubts.ambiguous > 0 {
@@ -486,6 +550,9 @@ impl Session {
             self.suspect(now, &pending, true);
         }
         self.pending = None;
+        if probe && self.waiting.is_some() {
+            return self.proved(now);
+        }
         self.next(now);
     }
 
@@ -507,6 +574,9 @@ impl Session {
         let resendable = matches!(pending.ask.class, Class::Idempotent | Class::Stop);
         let attempts = if self.knows(pending.ask.request.address) { ATTEMPTS_MAX } else { 2 };
         let user = pending.ticket.is_some();
+        if !user && self.waiting.is_some() {
+            return self.not_proved(now, &pending);
+        }
         if user && resendable && pending.attempts < attempts && !pending.doubts.cut_short {
             pending.sent = false;
             pending.doubts.bad_sum = false;
@@ -520,19 +590,27 @@ impl Session {
         let worth = self.knows(pending.ask.request.address) || self.heard == [0; 4];
         self.suspect(now, &pending, worth);
         if user {
-            self.counters.silent += 1;
-            let failure = match pending.doubts.bad_sum && pending.doubts.bad_sum_of_module {
+            let damaged = pending.doubts.bad_sum && pending.doubts.bad_sum_of_module;
+            // Who asked hears why it was not asked again.
+            let given_up = pending.doubts.cut_short
+                && pending.attempts < attempts
+                && pending.ask.class == Class::Idempotent;
+            self.counters.silent += u64::from(damaged || !given_up);
+            let failure = match damaged {
                 true => Failure::Refused { code: Status::WrongChecksum.number().into() },
+                false if given_up => Failure::Cancelled,
                 false => Failure::Silent,
             };
             self.end(pending.ticket, Err(failure));
         }
     }
 
-    /// What comes next when nothing is outstanding: a stop that waits, then a probe.
+    /// What comes next when nothing is outstanding: a stop that waits, then what it overtook, then a
+    /// probe.
     #[inline]
     fn next(&mut self, now: Instant) {
-        if self.pending.is_none() && (self.stop.is_some() || self.suspicious) {
+        let waits = self.stop.is_some() || self.waiting.is_some();
+        if self.pending.is_none() && (waits || self.suspicious) {
             self.stop_or_probe(now);
         }
     }
@@ -541,6 +619,9 @@ impl Session {
     fn stop_or_probe(&mut self, now: Instant) {
         if let Some((ticket, ask)) = self.stop.take() {
             self.start(now, Some(ticket), ask);
+        } else if let Some(waiting) = &mut self.waiting {
+            *waiting = Waiting::new(waiting.ticket, waiting.ask);
+            self.prove(now);
         } else if let Some(ask) = self.probe() {
             self.start(now, None, ask);
         }
@@ -556,58 +637,6 @@ impl Session {
         Some(Ask { request, class: Class::Idempotent })
     }
 
-    /// Notes that replies of `pending` may still come.
-    fn suspect(&mut self, now: Instant, pending: &Pending, probe: bool) {
-        if pending.attempts == 0 {
-            return;
-        }
-        let module = pending.ask.request.address;
-        let until = now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns);
-        let of_module = |s: &Option<Suspect>| s.is_some_and(|s| s.module == module);
-        let free = |slots: &[Option<Suspect>]| slots.iter().position(Option::is_none);
-        let place = self.suspects.iter().position(of_module).or_else(|| free(&self.suspects));
-        // A full table keeps its oldest entry longest: the line is closed until one is out.
-        let place = place.unwrap_or(SUSPECTS_MAX - 1);
-        let fresh =
-            Suspect { module, tags: [0; TAGS_MAX], count: 0, probes: 0, probe_due: false, until };
-        let suspect = self.suspects[place].get_or_insert(fresh);
-        for _ in 0..pending.attempts {
-            if let Some(tag) = suspect.tags.get_mut(usize::from(suspect.count)) {
-                *tag = pending.ask.request.opcode.number();
-                suspect.count += 1;
-            }
-        }
-        suspect.until = suspect.until.max(until);
-        // A module that says "wrong checksum" is there and quick: it is worth trying on.
-        suspect.probe_due = probe && (suspect.probes < PROBES_MAX || pending.doubts.bad_sum);
-        self.suspicious = true;
-    }
-
-    fn trust(&mut self, module: u8) {
-        for slot in &mut self.suspects {
-            if slot.is_some_and(|suspect| suspect.module == module) {
-                *slot = None;
-            }
-        }
-        self.suspicious = self.suspects.iter().any(Option::is_some);
-    }
-
-    fn expire_suspects(&mut self, now: Instant) {
-        let probed = self.pending.map(|pending| pending.ask.request.address);
-        for slot in &mut self.suspects {
-            if slot.is_some_and(|s| now >= s.until && probed != Some(s.module)) {
-                *slot = None;
-            }
-        }
-        self.suspicious = self.suspects.iter().any(Option::is_some);
-    }
-
-    fn trusts(&mut self, now: Instant, module: u8) -> bool {
-        self.expire_suspects(now);
-        let full = self.suspects.iter().all(Option::is_some);
-        !full && !self.suspects.iter().flatten().any(|suspect| suspect.module == module)
-    }
-
     fn knows(&self, module: u8) -> bool {
         self.heard[usize::from(module >> 6)] & 1 << (module & 63) != 0
     }
@@ -618,15 +647,6 @@ impl Session {
         }
     }
 }
-
-/// Reads that change nothing, each with an opcode of its own.
-const PROBES: [(Opcode, u8); 5] = [
-    (Opcode::Version, 1),
-    (Opcode::Ggp, 66),
-    (Opcode::Gap, 1),
-    (Opcode::ProgramStatus, 0),
-    (Opcode::Gio, 0),
-];
 
 fn is_event(reply: &Reply) -> bool {
     reply.status == Status::Event && reply.opcode == Opcode::PositionReached

@@ -2,6 +2,7 @@
 
 extern crate std;
 
+mod doubt;
 mod effect;
 mod garbage;
 mod pair;

@@ -5,7 +5,7 @@
 
 use super::online::Online;
 use super::rules::is_request;
-use super::wire::{Instruction, Message};
+use super::wire::{IdCode, Instruction, Message};
 use crate::station::Class;
 
 /// Where a drive keeps the ID code of whom it speaks to unasked (both firmware families).
@@ -185,4 +185,12 @@ pub(super) const fn answer(said: &Online) -> Option<Answer> {
         }
         _ => return None,
     })
+}
+
+/// A request with the sender's ID code in its place.
+pub(super) fn signed(instruction: &Instruction, own: IdCode) -> Instruction {
+    let mut words = instruction.padded();
+    words[0] = own.word();
+    let count = instruction.data().len().max(1);
+    Instruction::new(instruction.opcode, &words[..count]).unwrap_or(*instruction)
 }

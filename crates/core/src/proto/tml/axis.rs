@@ -12,8 +12,10 @@ use super::program;
 use super::session::discovery;
 use super::technocan::Class as Service;
 use super::wire::{IdCode, Instruction, Message, low_first};
+use super::{serial, technocan, tmlcan};
 use crate::axis::{Driver, TOLD_MAX, Told};
 use crate::error::{Failure, Unsupported};
+use crate::explain::Raw;
 use crate::medium::{Can, Frame, Stream};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, Order, TransferStep};
@@ -53,6 +55,18 @@ impl Axis {
             PVT_SILENCE => value == 0,
             _ => value != 0 && MASKS.contains(&symbol),
         })
+    }
+
+    /// An instruction as it is asked of this axis.
+    fn said(&self, mut instruction: Instruction) -> Result<Ask, Unsupported> {
+        if let (true, Some(Online::GiveMeData { sender, cell })) =
+            (self.to.group, Online::parse(&instruction))
+        {
+            instruction = Online::GiveMeData2 { sender, cell }.emit();
+        }
+        let loud =
+            assigned(&instruction).is_some_and(|(address, value, _)| self.is_loud(address, value));
+        Ok(self.ask(instruction).with(if loud { With::Master } else { With::Proof }))
     }
 
     const fn ask(&self, instruction: Instruction) -> Ask {
@@ -151,15 +165,33 @@ impl Driver for Axis {
     /// A question to a group asks each of its drives.
     fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
         let scope = Scope { profile: Some(self.profile), ..Scope::default() };
-        let mut instruction = assemble(text, &scope).map_err(|_| Unsupported::BadText)?;
-        if let (true, Some(Online::GiveMeData { sender, cell })) =
-            (self.to.group, Online::parse(&instruction))
-        {
-            instruction = Online::GiveMeData2 { sender, cell }.emit();
+        self.said(assemble(text, &scope).map_err(|_| Unsupported::BadText)?)
+    }
+
+    /// A message on a serial line, or a CAN frame in either encapsulation.
+    fn decode(&self, frame: &Raw<'_>) -> Result<Ask, Unsupported> {
+        let bad = |_| Unsupported::BadBytes;
+        let can = |id: u32| match (frame.extended, frame.bytes.len()) {
+            (_, 9..) => Err(Unsupported::BadBytes),
+            (true, _) => {
+                let frame = Frame { id, extended: true, ..Frame::standard(0, frame.bytes) };
+                tmlcan::decode(&frame).map_err(bad)
+            }
+            (false, _) => {
+                let id = u16::try_from(id).map_err(|_| Unsupported::BadBytes)?;
+                let heard = technocan::decode(&Frame::standard(id, frame.bytes)).map_err(bad)?;
+                let to = heard.to.ok_or(Unsupported::BadBytes)?;
+                Ok(Message { to, instruction: heard.instruction })
+            }
+        };
+        let message = match frame.id {
+            None => serial::decode(frame.bytes).map_err(bad)?,
+            Some(id) => can(id)?,
+        };
+        if message.to != self.to {
+            return Err(Unsupported::BadBytes);
         }
-        let loud =
-            assigned(&instruction).is_some_and(|(address, value, _)| self.is_loud(address, value));
-        Ok(self.ask(instruction).with(if loud { With::Master } else { With::Proof }))
+        self.said(message.instruction)
     }
 
     fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
@@ -234,7 +266,7 @@ impl Driver for Axis {
     }
 
     fn order(&self, order: Order) -> Option<Ask> {
-        let (instruction, class) = program::order(order);
+        let (instruction, class) = program::order(order)?;
         (!self.to.group).then_some(self.ask(instruction).held_to(class))
     }
 

@@ -47,6 +47,7 @@ pub struct SerialHost {
     session: Session,
     line: SerialLine,
     pace: Pace,
+    untimed: bool,
     deframer: Deframer,
     gap_ns: u64,
     /// A frame that pauses for so long inside is none.
@@ -77,7 +78,8 @@ impl SerialHost {
         Self {
             session,
             line,
-            pace: Pace::new(&line),
+            pace: pace(options.untimed, &line),
+            untimed: options.untimed,
             deframer: Deframer::new(Recovery::Search),
             gap_ns: match options.gap_us {
                 Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
@@ -151,7 +153,7 @@ impl SerialHost {
         let baud = self.rate.baud();
         if self.line.baud != baud {
             self.line.baud = baud;
-            self.pace = Pace::new(&self.line);
+            self.pace = pace(self.untimed, &self.line);
             self.deframer.clear();
         }
     }
@@ -186,6 +188,11 @@ impl SerialHost {
             }
         }
     }
+}
+
+/// On a port whose baud rate is fiction nothing comes too soon.
+const fn pace(untimed: bool, line: &SerialLine) -> Pace {
+    Pace::new(&SerialLine { baud: if untimed { 0 } else { line.baud }, ..*line })
 }
 
 impl Waits {
@@ -313,11 +320,16 @@ impl Host<Stream> for SerialHost {
 
     #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        self.session.once.take_if(|once| *once == ticket);
         self.session.submit(now, ticket, request)
     }
 
     fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
         self.session.recall()
+    }
+
+    fn send_once(&mut self, ticket: Ticket) {
+        self.session.once = Some(ticket);
     }
 
     #[inline]
@@ -335,6 +347,10 @@ impl Host<Stream> for SerialHost {
 
     fn counters(&self) -> Counters {
         self.session.counters
+    }
+
+    fn unread(&self) -> usize {
+        self.deframer.pending().len()
     }
 
     fn may_join(&self, address: u32) -> bool {
@@ -471,14 +487,21 @@ impl<E: Encapsulation> Station<Can> for CanHost<E> {
 impl<E: Encapsulation> Host<Can> for CanHost<E> {
     type Request = Ask;
     type Answer = Answer;
+    /// On CAN no message of type A is acknowledged (TML communication manual, chapter 4).
+    const CONFIRMED: bool = false;
 
     #[inline]
     fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+        self.session.once.take_if(|once| *once == ticket);
         self.session.submit(now, ticket, request)
     }
 
     fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
         self.session.recall()
+    }
+
+    fn send_once(&mut self, ticket: Ticket) {
+        self.session.once = Some(ticket);
     }
 
     #[inline]

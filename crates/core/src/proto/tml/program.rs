@@ -259,15 +259,16 @@ pub(super) fn transfer(step: TransferStep) -> (Instruction, Class) {
     }
 }
 
-/// The instruction of an order, and what it is held to.
-pub(super) fn order(order: Order) -> (Instruction, Class) {
-    match order {
+/// The instruction of an order, and what it is held to; `None` for motors, of which an axis ID is one.
+pub(super) fn order(order: Order) -> Option<(Instruction, Class)> {
+    Some(match order {
+        Order::StopMotor(_) => return None,
         Order::Go(address) => (Instruction::of(0x7400, [address]), Class::Never),
         Order::Call(address) => (Instruction::of(0x1C01, [address]), Class::Never),
         Order::Abort => (Instruction::of(0x1C02, []), Class::Stop),
         Order::End => (Instruction::of(END, []), Class::Stop),
         Order::Calling => (give_me_data(RULES.calling.0, false), Class::Idempotent),
-    }
+    })
 }
 
 /// Program memory holds RAM, SPI memory is the EEPROM.

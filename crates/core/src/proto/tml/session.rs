@@ -15,7 +15,9 @@ mod gather;
 mod overtake;
 mod recovery;
 
-use super::ask::{self, Answer, Ask, MASTERID, SRL, With, assigned, assignment, give_me_data};
+use super::ask::{
+    self, Answer, Ask, MASTERID, SRL, With, assigned, assignment, give_me_data, signed,
+};
 use super::online::Online;
 use super::rules::{Rule, Wire, leaves};
 use super::serial::FRAME_MIN;
@@ -159,6 +161,8 @@ pub struct Session {
     place: Place,
     waits: Waits,
     pending: Option<Pending>,
+    /// Is sent once, however silent its drive.
+    pub(super) once: Option<Ticket>,
     /// A stop that waits for the line.
     stop: Option<(Ticket, Ask)>,
     /// A question that a stop overtook.
@@ -188,6 +192,7 @@ impl Session {
             place,
             waits,
             pending: None,
+            once: None,
             stop: None,
             aside: None,
             doubts: Doubts::new(),
@@ -317,8 +322,12 @@ impl Session {
         if early && self.fiction < FICTION_MIN {
             pending.early = true;
             self.counters.late += 1;
+            self.counters.early += 1;
             return;
         }
+        let relayed = self.place.relay.is_some_and(|relay| pending.ask.message.to.id != relay);
+        self.counters.acknowledged += u64::from(!relayed);
+        self.counters.relayed += u64::from(relayed);
         self.fiction = if early { self.fiction } else { self.fiction.saturating_sub(1) };
         self.taken(now);
     }
@@ -685,12 +694,4 @@ const TWINS: Failure = Failure::NotReady {
 fn is_for_many(pending: &Pending) -> bool {
     let to = pending.ask.message.to;
     to.group || to.id == 0
-}
-
-/// A request with the sender's ID code in its place.
-fn signed(instruction: &Instruction, own: IdCode) -> Instruction {
-    let mut words = instruction.padded();
-    words[0] = own.word();
-    let count = instruction.data().len().max(1);
-    Instruction::new(instruction.opcode, &words[..count]).unwrap_or(*instruction)
 }

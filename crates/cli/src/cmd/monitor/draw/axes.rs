@@ -116,6 +116,7 @@ fn state(axis: &Seen) -> (String, Role) {
         Some(Came::Sent) => return ("stop sent".to_owned(), Role::Warn),
         Some(Came::Acknowledged) => return ("stop taken".to_owned(), Role::Warn),
         Some(Came::Failed(_)) => return ("STOP FAILED".to_owned(), Role::Bad),
+        Some(Came::Unseen) => return ("stop taken, standing not known".to_owned(), Role::Warn),
         Some(Came::Still) | None => {}
     }
     let doing = axis.doing;

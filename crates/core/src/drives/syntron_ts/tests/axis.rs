@@ -32,6 +32,15 @@ impl Pair {
     }
 
     fn run(&mut self, command: Command) -> Outcome {
+        self.run_while(command, |_, _| ())
+    }
+
+    /// The same; `meanwhile` is done to the drive after each request that it heard.
+    fn run_while(
+        &mut self,
+        command: Command,
+        mut meanwhile: impl FnMut(&mut Desk, &[u8]),
+    ) -> Outcome {
         self.lane.command(self.desk.now, Ticket(1), AXIS, command).unwrap();
         for _ in 0..100_000 {
             let mut bytes = [0; STREAM_UNIT_MAX];
@@ -41,6 +50,7 @@ impl Pair {
                     self.desk.now,
                     &bytes[..len],
                 );
+                meanwhile(&mut self.desk, &bytes[..len]);
             }
             while let Some(len) =
                 Station::<Stream>::poll_transmit(&mut self.desk.device, self.desk.now, &mut bytes)
@@ -136,6 +146,24 @@ fn moves_reach_degrees_of_the_shaft() {
         assert!((found - end).abs() < 0.3, "{verb:?} {degrees}: at {found}");
     }
     assert_eq!(pair.desk.truth().unrepeatable, 3, "each move ran once");
+}
+
+/// Swarm serial:10219: an overload from the move before came while path 32 was written. The drive
+/// took the trigger, as every register, and did not move.
+#[test]
+fn an_alarm_between_the_first_look_and_the_trigger_is_told() {
+    let mut pair = Pair::new(usual());
+    pair.desk.write(fns::MODE, 14);
+    let command = Command { target: Some(radians(90.0)), ..Command::new(Verb::MoveBy) };
+    let [high, low] = fns::ENABLE.to_be_bytes();
+    let outcome = pair.run_while(command, |desk, request| {
+        if request[1..4] == [3, high, low] {
+            desk.act(Act::Fault(0x1614));
+        }
+    });
+    let faulted = Failure::Faulted { code: 0x1614 };
+    assert!(matches!(outcome, Outcome::Partly(failure, _) if failure == faulted), "{outcome:?}");
+    assert_eq!(pair.desk.truth().unrepeatable, 0);
 }
 
 #[test]

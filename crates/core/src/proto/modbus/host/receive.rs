@@ -51,6 +51,7 @@ impl Host {
         self.pace.took(adu_len);
         if self.too_early(now, adu_len) {
             self.counters.late += 1;
+            self.counters.early += 1;
             return;
         }
         self.owed_len = 0;
@@ -261,6 +262,7 @@ impl Host {
             && self.too_early(now, self.characters_of(pdu.len()))
         {
             self.counters.late += 1;
+            self.counters.early += 1;
             return;
         }
         let role = self.owed[at].role;
@@ -272,6 +274,7 @@ impl Host {
         }
         if self.owed_len == 0 && self.held.is_none() {
             self.settle();
+            self.proved(now);
         } else if self.quarantine {
             // A drive answers in order: what it still owes may be as late again.
             self.deadline = Some(now.plus_ns(QUARANTINE_TIMEOUTS * self.timeout_ns));
@@ -305,7 +308,7 @@ impl Host {
     /// alone, and shows the same if nothing else comes.
     fn too_early(&mut self, now: Instant, len: usize) -> bool {
         let soon = self.soon || now < self.earliest(len);
-        if self.line.baud != 0 {
+        if self.line.baud != 0 && !self.untimed {
             self.timely = if soon { 0 } else { self.timely.saturating_add(1) };
             self.timed |= self.timely >= TIMELY_MIN;
         }

@@ -409,6 +409,21 @@ fn a_stop_is_let_in_at_any_time() {
     assert_eq!(value(wire.ask(query)), 480);
 }
 
+/// Swarm can:11986: on a full bus the reply to a query came late, and a stop had taken its second
+/// chance from it.
+#[test]
+fn a_query_that_a_stop_cuts_short_ends_as_that() {
+    let mut wire = Wire::new();
+    assert_eq!(value(wire.ask(plain(Command::QP))), 480);
+    wire.replies = on(2, &[]);
+    let query = wire.submit(plain(Command::QP));
+    wire.rest(1);
+    let stop = wire.submit(with(Command::TC, 0));
+    assert!(wire.end(stop).is_ok());
+    assert_eq!(wire.end(query), Err(Failure::Cancelled));
+    assert_eq!(wire.done(Command::QP), 2, "not asked again");
+}
+
 #[test]
 fn the_late_echo_of_a_start_is_not_the_answer_to_a_stop() {
     let mut wire = Wire::new();

@@ -100,9 +100,9 @@ impl Firmware for Bench {
 }
 
 /// What becomes of a run of bytes: later by so many ms, these bytes.
-type Fault = Box<dyn FnMut(u32, &[u8]) -> Option<Vec<(u32, Vec<u8>)>>>;
+pub type Fault = Box<dyn FnMut(u32, &[u8]) -> Option<Vec<(u32, Vec<u8>)>>>;
 
-fn sound() -> Fault {
+pub fn sound() -> Fault {
     Box::new(|_, _| None)
 }
 
@@ -111,12 +111,12 @@ pub struct Wire {
     pub host: SerialHost,
     pub end: SerialEnd,
     pub firmware: Bench,
-    baud: u32,
+    pub baud: u32,
     echo: bool,
-    to_host: Vec<(Instant, Vec<u8>)>,
+    pub to_host: Vec<(Instant, Vec<u8>)>,
     to_drive: Vec<(Instant, Vec<u8>)>,
-    replies: Fault,
-    requests: Fault,
+    pub replies: Fault,
+    pub requests: Fault,
     counts: [u32; 2],
     tickets: u32,
 }
@@ -227,7 +227,7 @@ impl Wire {
         }
     }
 
-    fn read(&mut self, parameter: u8) -> Result<i32, Failure> {
+    pub fn read(&mut self, parameter: u8) -> Result<i32, Failure> {
         match self.ask(Ask::of(request(Opcode::Gap, parameter, 0)))? {
             Answer::Reply(reply) => Ok(reply.value),
             other => panic!("{other:?}"),
@@ -240,7 +240,7 @@ pub fn request(opcode: Opcode, kind: u8, value: i32) -> Request {
 }
 
 /// Sixty reads of six parameters, as the peers are measured: wrong values and errors.
-fn sixty(wire: &mut Wire, rest_ms: u32) -> (u32, u32) {
+pub fn sixty(wire: &mut Wire, rest_ms: u32) -> (u32, u32) {
     let (mut wrong, mut errors) = (0, 0);
     let mut random = Random(7);
     for _ in 0..60 {
@@ -312,6 +312,24 @@ fn the_same_on_a_wire_without_timing_and_with_echo() {
             }
         }
     }
+}
+
+#[test]
+fn a_read_that_a_stop_cuts_short_ends_as_that() {
+    let mut wire = Wire::new(9600, Quirks::default());
+    assert_eq!(wire.read(1), Ok(1007));
+    wire.replies = on(2, |_| Vec::new());
+    let (read, stop) = (Ticket(98), Ticket(99));
+    let ask = Ask::of(request(Opcode::Gap, 1, 0));
+    assert_eq!(wire.host.submit(wire.now, read, ask), Ok(()));
+    wire.rest(1);
+    let halt = Ask::of(request(Opcode::Mst, 0, 0));
+    assert_eq!(wire.host.submit(wire.now, stop, halt), Ok(()));
+    wire.rest(500);
+    let ends: Vec<_> = std::iter::from_fn(|| wire.host.poll_event().copied()).collect();
+    let of = |ticket| ends.iter().find(|(to, _)| *to == To::Ticket(ticket)).map(|(_, end)| *end);
+    assert_eq!(of(read), Some(Err(Failure::Cancelled)));
+    assert!(matches!(of(stop), Some(Ok(_))), "{ends:?}");
 }
 
 #[test]

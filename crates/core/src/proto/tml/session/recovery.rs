@@ -118,6 +118,7 @@ impl Session {
             (false, false) => ATTEMPTS_MAX - 1,
         };
         let probe = pending.ticket.is_none();
+        let most = if self.once == pending.ticket { 1 } else { most };
         harmless && !probe && pending.attempts < most
     }
 

@@ -1,0 +1,114 @@
+//! A drive that gets another address: it is written last, and read back where the drive then is.
+
+use polepair::url::Target;
+use polepair::{Axis, Connector};
+use polepair_core::profile::{ParameterId, Readdress};
+
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::session::{Session, read};
+use crate::target::Target as Drive;
+use crate::terminal::{Output, say};
+
+/// A setting that changes how its drive is reached.
+#[derive(Clone, Copy)]
+pub struct Readdressing {
+    id: ParameterId,
+    raw: i64,
+    what: Readdress,
+}
+
+impl Readdressing {
+    /// Of one setting; `None` for one with which the drive is reached as before.
+    pub fn of(axis: &Axis, id: ParameterId, raw: i64) -> Result<Option<Self>> {
+        let what = axis.readdresses(id, raw).map_err(outcome::error)?;
+        Ok(what.map(|what| Self { id, raw, what }))
+    }
+
+    /// Refuses what could not be read back: nothing was sent.
+    pub fn check(session: &Session, changes: &[Self]) -> Result<()> {
+        match (changes, session.axes().len()) {
+            ([], _) | ([_], 1) => Ok(()),
+            _ => Err(Problem::usage("E242", "One address of one drive at a time.")
+                .why("The drive is looked for where it then is; nothing was sent.")
+                .hint("name one axis in the connection string: URL#1")),
+        }
+    }
+
+    /// Writes it, and reads it back at its new place.
+    pub fn make(self, drive: &Drive, session: Session, keep: bool, out: &mut Output) -> Result<()> {
+        let Self { id, raw, what } = self;
+        let axis = &session.axes()[0];
+        let name = axis.profile().parameter(id).map_or("?", |parameter| parameter.name);
+        let (old, number, label) = (session.link.url().clone(), axis.number(), axis.label());
+        if axis.read(id).map_err(outcome::error)? == raw {
+            out.line(&format!("{name} = {raw}"));
+            return Ok(());
+        }
+        if session.link.simulation().is_some() {
+            axis.write(id, raw, keep).map_err(outcome::error)?;
+            say(&format!(
+                "{label} took {name} = {raw}; it ends with this command, so nobody looked"
+            ));
+            return Ok(());
+        }
+        let address = u32::try_from(raw).unwrap_or(u32::MAX);
+        let new = old.readdressed(number, what, address).to_string();
+        let connector = drive.connector()?;
+        let session = match what {
+            // A port is opened once at a time.
+            Readdress::Own => {
+                drop(session);
+                free(&connector, &new, address)?;
+                drive.open_by(&connector, &old.to_string())?
+            }
+            Readdress::Host => session,
+        };
+        let written = session.axes()[0].write(id, raw, keep);
+        drop(session);
+        match (written, drive.open_by(&connector, &new)) {
+            (_, Ok(session)) => {
+                let axis = &session.axes()[0];
+                let found = read(axis, id)?;
+                out.line(&format!("{name} = {found}"));
+                if found.raw != raw {
+                    let what = format!("{name:?} did not keep what was written.");
+                    return Err(Problem::new(Exit::Negative, "E111", what));
+                }
+                let now = match what {
+                    Readdress::Own => format!("{label} is {} from now on", axis.label()),
+                    Readdress::Host => format!("{label} answers host {raw} from now on"),
+                };
+                match old.target {
+                    Target::Rack { .. } => say(&format!("{now}: change its rack file")),
+                    _ => say(&format!("{now}: {new}")),
+                }
+                Ok(())
+            }
+            (Ok(()), Err(_)) => {
+                let what = format!("{label} took {name} = {raw}, and does not answer there.");
+                Err(Problem::new(Exit::NoReply, "E401", what)
+                    .hint(format!("polepair info {new}"))
+                    .hint(format!("polepair info {old}, if it was not executed")))
+            }
+            (Err(error), Err(_)) => {
+                Err(outcome::error(error).hint(format!("if it was executed it is at {new}")))
+            }
+        }
+    }
+}
+
+/// Refuses an address at which somebody answers.
+fn free(connector: &Connector, url: &str, address: u32) -> Result<()> {
+    match connector.connect(url) {
+        Err(error) if error.exit() == Exit::NoReply => Ok(()),
+        Err(error) => Err(outcome::error(error)
+            .hint("the address that was asked for has to be free: nothing was written")),
+        Ok(_) => {
+            let what = format!("A drive answers at address {address} already.");
+            Err(Problem::usage("E222", what)
+                .why("Two drives of one address answer at once; nothing was written.")
+                .hint(format!("polepair info {url}")))
+        }
+    }
+}

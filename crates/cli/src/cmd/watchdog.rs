@@ -1,0 +1,114 @@
+//! `polepair watchdog URL [TIME|off]`
+
+use std::time::Duration;
+
+use clap::Args;
+use polepair::Axis;
+use polepair::axis::WatchdogState;
+use polepair_client::message::{SetWatchdog, WatchdogTold};
+use polepair_core::units::Unit;
+
+use crate::joined::{self, Joined};
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::target::Target;
+use crate::terminal::{Output, say};
+
+/// Shows what drives do by themselves when their host falls silent, or sets it.
+///
+/// Nothing moves by it; a motor that turns is stopped by it once nobody speaks. A drive that watches a
+/// heartbeat (CANopen) needs one: open it with heartbeat=100.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair watchdog tmcl+serial:///dev/ttyUSB0#1
+  polepair watchdog sim:tmcl 500ms
+  polepair watchdog sim:tmcl off")]
+pub struct Watchdog {
+    #[command(flatten)]
+    target: Target,
+    /// Stop after so long without a word of the host, with its unit; `off` is never
+    #[arg(value_name = "TIME|off")]
+    time: Option<String>,
+}
+
+impl Watchdog {
+    pub fn run(self) -> Result {
+        let wanted = self.time.as_deref().map(span).transpose()?;
+        let session = self.target.open()?;
+        session.listen();
+        let mut out = Output::stdout();
+        for axis in session.axes() {
+            let state = match wanted {
+                None => axis.watchdog(),
+                Some(after) => {
+                    if let Some(caution) = axis.watchdog_caution() {
+                        say(&format!("{}: {caution}", axis.label()));
+                    }
+                    axis.set_watchdog(after)
+                }
+            };
+            let state = state.map_err(outcome::error)?;
+            out.line(&format!("{}: {}", axis.label(), shown(axis, state)));
+        }
+        out.flush()?;
+        Ok(Exit::Ok)
+    }
+
+    /// By a server.
+    pub fn joined(self, server: &Joined) -> Result {
+        let wanted = self.time.as_deref().map(span).transpose()?;
+        let mut out = Output::stdout();
+        for axis in server.pick(&self.target)? {
+            let told = server.gateway.watchdog(axis.id).map_err(joined::refused)?;
+            let told = match wanted {
+                None => told,
+                Some(after) => {
+                    if !told.caution.is_empty() {
+                        say(&format!("{}: {}", axis.label, told.caution));
+                    }
+                    set(server, axis.id, after)?
+                }
+            };
+            let parameter = told.parameter.map_or_else(String::new, |name| format!(" ({name})"));
+            out.line(&format!("{}: {}{parameter}", axis.label, told.text));
+        }
+        out.flush()?;
+        Ok(Exit::Ok)
+    }
+}
+
+/// Sets it under a lease of its own.
+fn set(server: &Joined, axis: u16, after: Option<Duration>) -> Result<WatchdogTold> {
+    let live = server.gateway.live().map_err(joined::refused)?;
+    let lease = live.take(axis).map_err(joined::refused)?;
+    let after_ms = after.map(|after| after.as_secs_f64() * 1e3);
+    let set = SetWatchdog { after_ms, epoch: lease.epoch() };
+    let told = server.gateway.set_watchdog(axis, &set).map_err(joined::refused)?;
+    lease.give_back().map_err(joined::refused)?;
+    Ok(told)
+}
+
+/// A time with its unit; nothing for `off`.
+pub fn span(text: &str) -> Result<Option<Duration>> {
+    if text == "off" {
+        return Ok(None);
+    }
+    let wrong =
+        || Problem::usage("E217", format!("{text:?} is no time.")).hint("500ms, 2s, or off");
+    let measure = polepair::quantity::parse(text).map_err(|_| wrong())?;
+    if measure.quantity.is_none() {
+        return Err(wrong().why("A number needs its unit here."));
+    }
+    let seconds = measure.in_unit(Unit::Second).map_err(|_| wrong())?;
+    let span = Duration::try_from_secs_f64(seconds).map_err(|_| wrong())?;
+    Ok(Some(span).filter(|span| !span.is_zero()))
+}
+
+fn shown(axis: &Axis, state: WatchdogState) -> String {
+    let id = axis.watchdog_parameter();
+    match id.and_then(|id| axis.profile().parameter(id)) {
+        Some(parameter) => format!("{state} ({})", parameter.name),
+        None => state.to_string(),
+    }
+}

@@ -1,0 +1,362 @@
+//! Every verb, every frame: each motion verb on a drive of each family, whose wire is cut or silent at
+//! the n-th frame, for good or for a moment, in virtual time. What a verb says and how it exits is held
+//! against the drive itself and against the frames that passed.
+//!
+//! `POLEPAIR_FRAMES=all` tries every n; otherwise a few of each verb are tried.
+
+mod wire;
+
+use std::cell::RefCell;
+use std::time::Duration;
+
+use clap::Parser as _;
+use polepair::Connector;
+use polepair_core::axis::{Command, Verb};
+
+use crate::cmd::{self, Arguments};
+use crate::problem::Exit;
+use crate::terminal::tried;
+use wire::{Fault, How, Wire, Witness};
+
+/// Slower than this a motor stands, rad/s.
+const STANDS: f64 = 0.5;
+/// How long is looked whether a motor stands, when the verb has ended.
+const LOOK: Duration = Duration::from_secs(3);
+/// Frames of each verb that are tried where not all are.
+const SOME: usize = 4;
+
+/// A family on a medium.
+struct Family {
+    /// What is simulated: in the order of the drives' addresses.
+    sim: &'static str,
+    /// How a second host of the same wire, which prepares it, asks for the axes.
+    protocol: &'static str,
+    axes: &'static [u32],
+    /// What is set before it moves.
+    prepare: &'static [(&'static str, i64)],
+    verbs: &'static [Tried],
+}
+
+/// A verb as it is tried.
+struct Tried {
+    words: &'static [&'static str],
+    /// What the motor does before: it turns.
+    turning: bool,
+    /// What is so when it is done.
+    done: Done,
+}
+
+/// What is so when a verb is done.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Done {
+    /// It has turned, and stands without power.
+    Turned,
+    /// It was left turning.
+    Turning,
+    /// It is so far from where it was, rad.
+    Moved(f64),
+    /// It has power and stands.
+    Powered,
+    /// It has no power.
+    Off,
+    /// It stands.
+    Standing,
+}
+
+const fn tried(words: &'static [&'static str], done: Done) -> Tried {
+    Tried { words, turning: false, done }
+}
+
+const fn ended(words: &'static [&'static str], done: Done) -> Tried {
+    Tried { words, turning: true, done }
+}
+
+const SPIN: Tried = tried(&["spin", "60rpm", "--for", "600ms"], Done::Turned);
+const JOG: Tried = tried(&["jog", "30rpm", "--for", "600ms"], Done::Turned);
+const SPIN_ON: Tried = tried(&["spin", "60rpm", "--detach"], Done::Turning);
+const MOVE: Tried = tried(&["move", "1rad", "--timeout", "5s"], Done::Moved(1.0));
+const MOVE_BY: Tried = tried(&["move", "1rad", "--rel", "--timeout", "5s"], Done::Moved(1.0));
+const ENABLE: Tried = tried(&["enable"], Done::Powered);
+const STOP: Tried = ended(&["stop"], Done::Standing);
+const QUICK: Tried = ended(&["stop", "--quick"], Done::Standing);
+const DISABLE: Tried = ended(&["disable"], Done::Off);
+
+const FAMILIES: [Family; 8] = [
+    Family {
+        sim: "tmcl:1",
+        protocol: "tmcl",
+        axes: &[1],
+        prepare: &[],
+        verbs: &[
+            SPIN,
+            JOG,
+            SPIN_ON,
+            MOVE,
+            MOVE_BY,
+            ENABLE,
+            STOP,
+            QUICK,
+            DISABLE,
+            tried(&["torque", "0.5A", "--for", "600ms"], Done::Turned),
+            tried(&["home", "--timeout", "20s"], Done::Turned),
+        ],
+    },
+    Family {
+        sim: "tmcl+can:1",
+        protocol: "tmcl",
+        axes: &[1],
+        prepare: &[],
+        verbs: &[SPIN, SPIN_ON, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
+    },
+    Family {
+        sim: "tml:1",
+        protocol: "tml",
+        axes: &[1],
+        prepare: &[],
+        verbs: &[SPIN, SPIN_ON, MOVE, MOVE_BY, ENABLE, STOP, QUICK, DISABLE],
+    },
+    Family {
+        sim: "tmlcan:1",
+        protocol: "tmlcan",
+        axes: &[1],
+        prepare: &[],
+        verbs: &[SPIN, SPIN_ON, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
+    },
+    Family {
+        sim: "modbus-rtu:1",
+        protocol: "modbus-rtu",
+        axes: &[1],
+        prepare: &[("control mode", 1)],
+        verbs: &[SPIN, JOG, SPIN_ON, ENABLE, STOP, QUICK, DISABLE],
+    },
+    Family {
+        sim: "syntron-ts-canopen:1",
+        protocol: "canopen",
+        axes: &[1],
+        prepare: &[("control mode", 20)],
+        verbs: &[SPIN, SPIN_ON, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
+    },
+    Family {
+        sim: "cia402:1,2",
+        protocol: "canopen",
+        axes: &[1, 2],
+        prepare: &[],
+        verbs: &[
+            SPIN,
+            SPIN_ON,
+            MOVE,
+            MOVE_BY,
+            tried(&["move", "1rad", "--sync", "--timeout", "5s"], Done::Moved(1.0)),
+            ENABLE,
+            STOP,
+            QUICK,
+            DISABLE,
+        ],
+    },
+    Family {
+        sim: "thruster:11",
+        protocol: "thruster",
+        axes: &[11],
+        prepare: &[],
+        verbs: &[tried(&["spin", "300rpm", "--for", "600ms"], Done::Turned), STOP, DISABLE],
+    },
+];
+
+thread_local! {
+    static WIRE: RefCell<Option<Wire>> = const { RefCell::new(None) };
+}
+
+/// Puts the wire of the verb that this thread tries between it and its drives.
+pub fn wired(connector: Connector) -> Connector {
+    match WIRE.with_borrow(Clone::clone) {
+        Some(wire) => connector.with_links(move |_, end, simulation| match simulation {
+            Some(simulation) => wire.between(end, simulation),
+            None => end,
+        }),
+        None => connector,
+    }
+}
+
+/// How a verb ended.
+struct Ran {
+    exit: Exit,
+    said: String,
+    witness: Witness,
+}
+
+/// Carries a verb out in this thread, as the command line does.
+fn run(family: &'static Family, tried: &Tried, fault: Option<Fault>) -> Ran {
+    let wire = Wire::new((family.protocol, family.axes), fault, prepared(family, tried));
+    WIRE.set(Some(wire.clone()));
+    let (verb, rest) = tried.words.split_first().expect("a verb");
+    let url = format!("sim:{}?time=virtual&seed=7", family.sim);
+    let words = [&["polepair", verb, &url][..], rest].concat();
+    let arguments = Arguments::try_parse_from(words).expect("a command line");
+    let exit = match cmd::run(arguments) {
+        Ok(exit) => exit,
+        Err(problem) => {
+            tried::hear(&problem.render(false));
+            problem.exit
+        }
+    };
+    WIRE.set(None);
+    Ran { exit, said: tried::said(), witness: wire.witness(LOOK) }
+}
+
+/// What is done with the drives before the verb.
+fn prepared(
+    family: &'static Family,
+    tried: &Tried,
+) -> impl Fn(&[polepair::Axis]) + Send + Sync + use<> {
+    let turning = tried.turning;
+    move |axes| {
+        for axis in axes {
+            for (name, raw) in family.prepare {
+                axis.set_raw(name, *raw).expect(name);
+            }
+            if turning {
+                axis.arm(true);
+                axis.enable().expect("power");
+                let speed = Command { velocity: Some(12.0), ..Command::new(Verb::Velocity) };
+                axis.run(speed).expect("a speed");
+            }
+        }
+    }
+}
+
+/// What is wrong with how a verb ended.
+fn judged(family: &Family, tried: &Tried, fault: Option<Fault>, ran: &Ran) -> Vec<String> {
+    let Ran { exit, said, witness } = ran;
+    let mut wrong = Vec::new();
+    let mut hold = |is_so: bool, what: &str| {
+        if !is_so {
+            wrong.push(what.to_owned());
+        }
+    };
+    let turns: Vec<bool> =
+        witness.drives.iter().map(|drive| drive.after.velocity.abs() > STANDS).collect();
+    let anybody = turns.contains(&true);
+    let stands = !anybody;
+    let left = said.contains("left running");
+
+    if *exit == Exit::Ok {
+        for (n, drive) in witness.drives.iter().enumerate() {
+            let far = drive.after.position - drive.before.position;
+            let done = match tried.done {
+                Done::Turned => drive.greatest > STANDS && !turns[n] && !drive.after.enabled,
+                Done::Turning => turns[n] && left,
+                Done::Moved(by) => (far.abs() - by).abs() < 0.1 && !turns[n],
+                Done::Powered => drive.after.enabled && !turns[n],
+                Done::Off => !drive.after.enabled,
+                Done::Standing => !turns[n],
+            };
+            hold(done, &format!("exit 0, and drive {n} has not done it"));
+        }
+    } else {
+        hold(fault.is_some(), "it failed on a wire that is well");
+    }
+    for (n, axis) in family.axes.iter().enumerate().filter(|(n, _)| turns[*n] && !left) {
+        let may = format!("axis {axis} may still turn");
+        let off = format!("axis {axis} may still be powered, and turn");
+        let cut = tried.turning && said.contains("cut the power if something turns");
+        let told = said.contains(&may) || said.contains(&off) || cut;
+        hold(told, &format!("drive {n} turns, and nobody says so"));
+    }
+    for quiet in ["the motion was stopped", "is stopped", "has no power now"] {
+        hold(
+            stands || !said.contains(quiet) || turns.len() > 1,
+            &format!("`{quiet}`, and it turns"),
+        );
+    }
+    if said.to_lowercase().contains("nothing was sent") {
+        let started = witness.drives.iter().any(|drive| drive.starts > 0);
+        hold(!started, "`Nothing was sent`, and a drive has executed something");
+    }
+    for (what, happened) in [
+        ("velocity", witness.drives.iter().any(|drive| drive.greatest > STANDS)),
+        ("enable", witness.drives.iter().any(|drive| drive.was_enabled)),
+    ] {
+        let not = said.lines().any(|line| {
+            line.contains(&format!(": {what}: ")) && line.contains("it was not executed")
+        });
+        hold(!(not && happened && turns.len() == 1), &format!("`{what}` is called not executed"));
+    }
+    if let Some(fault) = fault {
+        if fault.back.is_some() && !matches!(tried.done, Done::Standing | Done::Off) {
+            hold(stands || left, "the wire came back, and the motor turns on");
+        }
+        let code = *exit as u8;
+        let fits = match fault.how {
+            How::CutBefore | How::CutBehind => matches!(code, 0 | 1 | 3 | 4 | 7),
+            How::Mute | How::Deaf => matches!(code, 0 | 1 | 4 | 5 | 6 | 7),
+        };
+        hold(fits, &format!("exit {code} for that fault"));
+    }
+    wrong
+}
+
+fn some(frames: usize) -> Vec<usize> {
+    if std::env::var("POLEPAIR_FRAMES").is_ok_and(|all| all == "all") {
+        return (1..=frames).collect();
+    }
+    let mut few: Vec<usize> =
+        (0..SOME).map(|k| 1 + k * frames.saturating_sub(1) / (SOME - 1)).collect();
+    few.dedup();
+    few
+}
+
+fn try_family(family: &'static Family) -> (usize, Vec<String>) {
+    let (mut count, mut wrong) = (0, Vec::new());
+    let only = std::env::var("POLEPAIR_VERB").ok();
+    for tried in family.verbs {
+        let name = tried.words.join(" ");
+        if only.as_ref().is_some_and(|only| !name.contains(only.as_str())) {
+            continue;
+        }
+        let well = run(family, tried, None);
+        let mut judge = |fault: Option<Fault>, ran: &Ran| {
+            for what in judged(family, tried, fault, ran) {
+                wrong.push(format!(
+                    "{} {name}, {fault:?}, exit {}: {what}\n{}",
+                    family.sim, ran.exit as u8, ran.said
+                ));
+            }
+        };
+        judge(None, &well);
+        for at in some(well.witness.frames) {
+            for fault in Fault::each(at) {
+                count += 1;
+                judge(Some(fault), &run(family, tried, Some(fault)));
+            }
+        }
+    }
+    (count, wrong)
+}
+
+fn holds(sim: &str) {
+    let family = FAMILIES.iter().find(|family| family.sim == sim).expect("a family");
+    let (count, wrong) = try_family(family);
+    let shown: Vec<&str> = wrong.iter().take(12).map(String::as_str).collect();
+    assert!(wrong.is_empty(), "{} of {count}:\n{}", wrong.len(), shown.join("\n"));
+    assert!(count > 0);
+}
+
+macro_rules! families {
+    ($($test:ident $sim:literal,)+) => {$(
+        #[test]
+        fn $test() {
+            holds($sim);
+        }
+    )+};
+}
+
+families! {
+    tmcl "tmcl:1",
+    tmcl_on_can "tmcl+can:1",
+    tml "tml:1",
+    tml_on_can "tmlcan:1",
+    ts_on_modbus "modbus-rtu:1",
+    ts_on_canopen "syntron-ts-canopen:1",
+    cia402_drives_together "cia402:1,2",
+    thrusters "thruster:11",
+}

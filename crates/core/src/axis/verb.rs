@@ -1,0 +1,183 @@
+//! What an axis can be told to do.
+
+use crate::plan::Argument;
+
+/// What an axis can be told to do. A profile has a plan for each verb that its drive can do.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+#[non_exhaustive]
+pub enum Verb {
+    /// Power the motor, holding where it stands.
+    Enable,
+    /// Take power off the motor.
+    Disable,
+    /// Come to rest along the ramp and stay powered where the drive can.
+    Stop,
+    /// Come to rest as fast as the drive can.
+    QuickStop,
+    /// Clear faults.
+    Clear,
+    /// Turn at a speed.
+    Velocity,
+    /// Turn with a torque.
+    Torque,
+    /// Go to a position.
+    MoveTo,
+    /// Go so far.
+    MoveBy,
+    /// Go so far from the last target, reached or not.
+    MoveOn,
+    /// Go to a position along an S-curve, where acceleration has no steps.
+    CurveTo,
+    /// Go so far along an S-curve.
+    CurveBy,
+    /// Find the reference position.
+    Home,
+    /// Wait until the last move or homing is done. Moves nothing.
+    Reached,
+    /// Give its time to the other drives of its bus, again and again.
+    GiveTime,
+    /// Give its time no more.
+    WithholdTime,
+    /// Put the settings into permanent memory.
+    Store,
+    /// Power the motor where it stands, ready to follow positions cycle by cycle.
+    FollowPosition,
+    /// The same for speeds.
+    FollowVelocity,
+    /// The same for torques.
+    FollowTorque,
+    /// Take back what following needed of the drive. Moves nothing.
+    Unfollow,
+    /// Make ready to go to a position, and wait for [`Begin`](Self::Begin).
+    PrepareTo,
+    /// Make ready to go so far, and wait for [`Begin`](Self::Begin).
+    PrepareBy,
+    /// Let every drive of the bus that was made ready begin at once.
+    Begin,
+    /// Make sure that the drive has begun what it was made ready for.
+    Begun,
+}
+
+impl Verb {
+    /// Every verb.
+    pub const ALL: [Self; 25] = [
+        Self::Enable,
+        Self::Disable,
+        Self::Stop,
+        Self::QuickStop,
+        Self::Clear,
+        Self::Velocity,
+        Self::Torque,
+        Self::MoveTo,
+        Self::MoveBy,
+        Self::MoveOn,
+        Self::CurveTo,
+        Self::CurveBy,
+        Self::Home,
+        Self::Reached,
+        Self::GiveTime,
+        Self::WithholdTime,
+        Self::Store,
+        Self::FollowPosition,
+        Self::FollowVelocity,
+        Self::FollowTorque,
+        Self::Unfollow,
+        Self::PrepareTo,
+        Self::PrepareBy,
+        Self::Begin,
+        Self::Begun,
+    ];
+
+    /// The word in profiles and messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Enable => "enable",
+            Self::Disable => "disable",
+            Self::Stop => "stop",
+            Self::QuickStop => "quick-stop",
+            Self::Clear => "clear",
+            Self::Velocity => "velocity",
+            Self::Torque => "torque",
+            Self::MoveTo => "move-to",
+            Self::MoveBy => "move-by",
+            Self::MoveOn => "move-on",
+            Self::CurveTo => "curve-to",
+            Self::CurveBy => "curve-by",
+            Self::Home => "home",
+            Self::Reached => "reached",
+            Self::GiveTime => "give-time",
+            Self::WithholdTime => "withhold-time",
+            Self::Store => "store",
+            Self::FollowPosition => "follow-position",
+            Self::FollowVelocity => "follow-velocity",
+            Self::FollowTorque => "follow-torque",
+            Self::Unfollow => "unfollow",
+            Self::PrepareTo => "prepare-to",
+            Self::PrepareBy => "prepare-by",
+            Self::Begin => "begin",
+            Self::Begun => "begun",
+        }
+    }
+
+    /// True for what sets an axis in motion or powers it: it needs an armed axis.
+    #[must_use]
+    pub const fn needs_arming(self) -> bool {
+        use Verb::{Begin, Enable, Home, PrepareBy, PrepareTo, Torque, Velocity};
+        matches!(self, Enable | Velocity | Torque | Home | PrepareTo | PrepareBy | Begin)
+            || self.is_move()
+            || self.follows()
+    }
+
+    /// True for what sets a motor going, or makes it ready to go at a signal.
+    #[must_use]
+    pub const fn sets_going(self) -> bool {
+        self.needs_arming() && !self.follows() && !matches!(self, Self::Enable)
+    }
+
+    /// True for what is over only when the axis stands, or has no power.
+    #[must_use]
+    pub const fn ends_going(self) -> bool {
+        self.is_stop() || matches!(self, Self::Home | Self::Reached)
+    }
+
+    /// True for what makes a drive follow set-points cycle by cycle.
+    #[must_use]
+    pub const fn follows(self) -> bool {
+        matches!(self, Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque)
+    }
+
+    /// True for what goes to a position, or so far, and tells when it is there.
+    #[must_use]
+    pub const fn is_move(self) -> bool {
+        use Verb::{CurveBy, CurveTo, MoveBy, MoveOn, MoveTo};
+        matches!(self, MoveTo | MoveBy | MoveOn | CurveTo | CurveBy)
+    }
+
+    /// Whether a caller can give it such an argument. All others are never there.
+    #[must_use]
+    pub const fn takes(self, argument: Argument) -> bool {
+        use Argument::{Acceleration, JerkTime, Period, Target, Torque, Velocity};
+        match self {
+            Self::Velocity => matches!(argument, Velocity | Acceleration),
+            Self::Torque => matches!(argument, Torque),
+            Self::MoveTo | Self::MoveBy | Self::MoveOn | Self::PrepareTo | Self::PrepareBy => {
+                matches!(argument, Target | Velocity | Acceleration)
+            }
+            Self::CurveTo | Self::CurveBy => {
+                matches!(argument, Target | Velocity | Acceleration | JerkTime)
+            }
+            Self::Home => matches!(argument, Velocity),
+            Self::GiveTime | Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque => {
+                matches!(argument, Period)
+            }
+            _ => false,
+        }
+    }
+
+    /// True for what takes motion out: it overtakes all else and ends what runs on the axis.
+    #[must_use]
+    pub const fn is_stop(self) -> bool {
+        matches!(self, Self::Stop | Self::QuickStop | Self::Disable)
+    }
+}

@@ -1,0 +1,62 @@
+//! Modules of which an answer to an earlier request may still come.
+
+use super::{LATEST_TIMEOUTS, PROBES_MAX, Pending, SUSPECTS_MAX, Session, Suspect, TAGS_MAX};
+use crate::time::Instant;
+
+impl Session {
+    /// Notes that replies of `pending` may still come.
+    pub(super) fn suspect(&mut self, now: Instant, pending: &Pending, probe: bool) {
+        if pending.attempts == 0 {
+            return;
+        }
+        let module = pending.ask.request.address;
+        let until = now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns);
+        let of_module = |s: &Option<Suspect>| s.is_some_and(|s| s.module == module);
+        let free = |slots: &[Option<Suspect>]| slots.iter().position(Option::is_none);
+        let place = self.suspects.iter().position(of_module).or_else(|| free(&self.suspects));
+        // A full table keeps its oldest entry longest: the line is closed until one is out.
+        let place = place.unwrap_or(SUSPECTS_MAX - 1);
+        let fresh =
+            Suspect { module, tags: [0; TAGS_MAX], count: 0, probes: 0, probe_due: false, until };
+        let suspect = self.suspects[place].get_or_insert(fresh);
+        for _ in 0..pending.attempts {
+            if let Some(tag) = suspect.tags.get_mut(usize::from(suspect.count)) {
+                *tag = pending.ask.request.opcode.number();
+                suspect.count += 1;
+            }
+        }
+        suspect.until = suspect.until.max(until);
+        // A module that says "wrong checksum" is there and quick: it is worth trying on.
+        suspect.probe_due = probe && (suspect.probes < PROBES_MAX || pending.doubts.bad_sum);
+        self.suspicious = true;
+    }
+
+    pub(super) fn trust(&mut self, module: u8) {
+        for slot in &mut self.suspects {
+            if slot.is_some_and(|suspect| suspect.module == module) {
+                *slot = None;
+            }
+        }
+        self.suspicious = self.suspects.iter().any(Option::is_some);
+    }
+
+    pub(super) fn expire_suspects(&mut self, now: Instant) {
+        let probed = self.pending.map(|pending| pending.ask.request.address);
+        for slot in &mut self.suspects {
+            let over = |s: &Suspect| now >= s.until && probed != Some(s.module);
+            let Some(Suspect { module, .. }) = slot.filter(over) else { continue };
+            *slot = None;
+            if self.draw.is_some() {
+                // Time has passed, and proves nothing.
+                self.proven[usize::from(module >> 6)] &= !(1 << (module & 63));
+            }
+        }
+        self.suspicious = self.suspects.iter().any(Option::is_some);
+    }
+
+    pub(super) fn trusts(&mut self, now: Instant, module: u8) -> bool {
+        self.expire_suspects(now);
+        let full = self.suspects.iter().all(Option::is_some);
+        !full && !self.suspects.iter().flatten().any(|suspect| suspect.module == module)
+    }
+}

@@ -1,0 +1,98 @@
+//! What a verb is given: units, numbers of the drive's own, and where a plan puts them.
+
+use super::Axis;
+use crate::amount::Amount;
+use crate::error::Error;
+use crate::mounting;
+use polepair_core::axis::Verb;
+use polepair_core::plan::Argument;
+use polepair_core::profile::{AxisKind, Parameter};
+use polepair_core::units::Unit;
+
+impl Axis {
+    /// The SI value of a verb's argument: text must have a unit that fits the drive's parameter.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217`, also for text where the profile does not tell the parameter's unit.
+    pub fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
+        let value = amount.in_si(self.unit_of(verb, which))?;
+        match amount {
+            Amount::Text(text) if value != 0.0 => self.check_unit(verb, which, text)?,
+            _ => {}
+        }
+        Ok(value)
+    }
+
+    /// Refuses a value for an argument whose unit the profile does not tell: nobody knows then how far
+    /// or how fast that is.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217`.
+    pub fn check_unit(&self, verb: Verb, which: Argument, text: &str) -> Result<(), Error> {
+        let Some(parameter) = self.destination(verb, which).flatten() else { return Ok(()) };
+        let known = self.unit_here(verb, which, parameter.unit) != Unit::None;
+        if known || matches!(which, Argument::JerkTime | Argument::Period) {
+            return Ok(());
+        }
+        let (name, profile) = (parameter.name, self.profile.name);
+        let what =
+            format!("the profile {profile} does not tell the unit of `{name}`: what is {text}?");
+        let hint = "give the drive's own number (--raw), or state unit and scale in the profile";
+        Err(Error::usage("E217", what, hint))
+    }
+
+    /// The SI value of a verb's argument that is given as the drive's own number.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` where the verb has no parameter for it, or its scale is not known; what
+    /// reading the parameters brings that the scale depends on.
+    pub fn raw_argument(&self, verb: Verb, which: Argument, raw: i64) -> Result<f64, Error> {
+        let id = mounting::destination(self.profile, verb, which).flatten();
+        let no = |why: &str| {
+            let what = format!("{}: {} {why}", self.label(), verb.name());
+            Error::usage("E217", what, "give it with a unit")
+        };
+        let id = id.ok_or_else(|| no("takes no number of the drive's own there"))?;
+        let value = self.value(id, raw)?;
+        let si = value.value * value.unit.si();
+        if si.is_finite() { Ok(si) } else { Err(no("has a value whose scale is not known")) }
+    }
+
+    /// The unit in which an argument of a verb is shown and, where none is given, meant: that of the
+    /// parameter which the plan writes, or the machine's where a file mounts the axis. `None` when
+    /// the verb has no use for it.
+    #[must_use]
+    pub fn unit_of(&self, verb: Verb, which: Argument) -> Option<Unit> {
+        let id = mounting::destination(self.profile, verb, which)?;
+        if id.is_some_and(|id| self.is_unscaled(id)) {
+            return Some(Unit::None);
+        }
+        let parameter = id.and_then(|id| self.profile.parameter(id));
+        let unit = parameter.map_or(Unit::None, |parameter| parameter.unit);
+        let unit = self.unit_here(verb, which, unit);
+        Some(if unit == Unit::None { customary(self.profile.axis, which) } else { unit })
+    }
+
+    /// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
+    /// `None` when it has no use for it.
+    #[must_use]
+    pub fn destination(&self, verb: Verb, which: Argument) -> Option<Option<&'static Parameter>> {
+        let id = mounting::destination(self.profile, verb, which)?;
+        Some(id.and_then(|id| self.profile.parameter(id)))
+    }
+}
+
+/// What people say for an axis of that kind.
+const fn customary(kind: AxisKind, argument: Argument) -> Unit {
+    match (kind, argument) {
+        (AxisKind::Rotary, Argument::Target) => Unit::Degree,
+        (AxisKind::Rotary, Argument::Velocity) => Unit::Rpm,
+        (AxisKind::Rotary, Argument::Acceleration) => Unit::RpmPerSecond,
+        (AxisKind::Linear, Argument::Target) => Unit::Millimetre,
+        (AxisKind::Linear, Argument::Velocity) => Unit::MillimetrePerSecond,
+        (AxisKind::Linear, Argument::Acceleration) => Unit::MillimetrePerSecondSquared,
+        (AxisKind::Ratio, Argument::Target) => Unit::Percent,
+        (_, Argument::JerkTime | Argument::Period) => Unit::Second,
+        _ => Unit::None,
+    }
+}

@@ -1,0 +1,289 @@
+//! The drive's own watchdog: what it does by itself when its host falls silent.
+
+use super::Axis;
+use crate::amount::Amount;
+use crate::error::Error;
+use polepair_core::error::{Outcome, Unsupported};
+use polepair_core::profile::{Access, ParameterId, Persistence, Signal, Watchdog};
+use std::fmt;
+use std::time::Duration;
+
+/// What 6007h is to be where it is nothing: quick stop (CiA 402-2).
+const QUICK_STOP: i64 = 3;
+/// Bits of a time in 1016h (CiA 301), behind which its node-ID lies.
+const TIME_BITS: u32 = 16;
+
+/// Periods of a heartbeat after which it has stayed out.
+const PERIODS: u32 = 3;
+
+/// How a drive's own watchdog is set now.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum WatchdogState {
+    /// The drive has none: it keeps doing what it was last told.
+    None,
+    /// It has one that is off.
+    Off,
+    /// It stops after so long without a word of its host.
+    On(Duration),
+    /// It watches a heartbeat that is not this host's.
+    Other {
+        /// Whose.
+        node: u8,
+    },
+    /// It notices so long a silence, and does nothing then.
+    NoReaction(Duration),
+    /// It can be set, and the drive does not tell how it is set.
+    Untold,
+}
+
+impl WatchdogState {
+    /// The time after which the drive stops, where that is known.
+    #[must_use]
+    pub const fn after(self) -> Option<Duration> {
+        match self {
+            Self::On(after) => Some(after),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for WatchdogState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => f.write_str("none: the motor keeps doing what it was last told"),
+            Self::Off => f.write_str("off: the motor keeps doing what it was last told"),
+            Self::On(after) => write!(f, "on, the drive stops after {} of silence", said(*after)),
+            Self::Other { node } => {
+                write!(f, "on, but it watches node {node} and not this host")
+            }
+            Self::NoReaction(after) => {
+                write!(
+                    f,
+                    "without effect: {} of silence are noticed, and nothing is done",
+                    said(*after)
+                )
+            }
+            Self::Untold => f.write_str("whether it is on cannot be read"),
+        }
+    }
+}
+
+/// A time as people say it.
+fn said(time: Duration) -> String {
+    match time.as_millis() {
+        ms if ms % 1000 == 0 => format!("{} s", ms / 1000),
+        ms => format!("{ms} ms"),
+    }
+}
+
+impl Axis {
+    /// The parameter that [`set_watchdog`](Self::set_watchdog) writes, for requests of this axis'
+    /// medium: a TMCL module has one for its serial lines and one for CAN. `None` where the drive has
+    /// no watchdog that can be set.
+    #[must_use]
+    pub fn watchdog_parameter(&self) -> Option<ParameterId> {
+        match self.profile.watchdog {
+            Watchdog::Heartbeat { consumer, .. } => Some(consumer),
+            watchdog => watchdog.time(self.medium),
+        }
+    }
+
+    /// What the drive does when its host falls silent, as its profile has it. Nothing is asked.
+    #[must_use]
+    pub fn watchdog_rule(&self) -> String {
+        let name = |id| self.profile.parameter(id).map_or("?", |parameter| parameter.name);
+        match self.profile.watchdog {
+            Watchdog::None => "none: the motor keeps doing what it was last told".to_owned(),
+            Watchdog::Fixed { after_ms } => {
+                format!("the drive stops {after_ms} ms after its host falls silent")
+            }
+            Watchdog::Configurable { .. } => {
+                let name = self.watchdog_parameter().map_or("?", name);
+                format!("the drive stops after the time in `{name}` without requests, 0 is never")
+            }
+            Watchdog::Heartbeat { consumer, reaction } => format!(
+                "the drive does what `{}` says when the heartbeat in `{}` stays out; with 0 in \
+                 either it goes on",
+                name(reaction),
+                name(consumer)
+            ),
+        }
+    }
+
+    /// What to know before [`set_watchdog`](Self::set_watchdog): that the drive keeps it over power-off
+    /// by itself, that the host has to send a heartbeat. Nothing is asked.
+    #[must_use]
+    pub fn watchdog_caution(&self) -> Option<String> {
+        if let Watchdog::Heartbeat { .. } = self.profile.watchdog {
+            return Some(
+                "it holds for connections that send a heartbeat: heartbeat=100".to_owned(),
+            );
+        }
+        let parameter = self.watchdog_parameter().and_then(|id| self.profile.parameter(id))?;
+        let kept = parameter.persistence == Persistence::Always;
+        kept.then(|| format!("{:?} is kept in its permanent memory if it differs", parameter.name))
+    }
+
+    /// How the drive's own watchdog is set now, by reads.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn watchdog(&self) -> Result<WatchdogState, Error> {
+        match self.profile.watchdog {
+            Watchdog::None => Ok(WatchdogState::None),
+            Watchdog::Fixed { after_ms } => Ok(on(after_ms.into())),
+            Watchdog::Configurable { .. } => {
+                let Some(id) = self.watchdog_parameter() else { return Ok(WatchdogState::None) };
+                if self.profile.parameter(id).is_some_and(|p| p.access == Access::Write) {
+                    return Ok(WatchdogState::Untold);
+                }
+                let Some(raw) = self.read_if_any(id)? else { return Ok(WatchdogState::None) };
+                if raw == 0 {
+                    return Ok(WatchdogState::Off);
+                }
+                let value = self.value(id, raw)?;
+                let seconds = value.value * value.unit.si();
+                let after = Duration::try_from_secs_f64(seconds).unwrap_or_default();
+                Ok(WatchdogState::On(after))
+            }
+            Watchdog::Heartbeat { consumer, reaction } => {
+                let watched = self.read_if_any(consumer)?;
+                let reaction = self.read_if_any(reaction)?;
+                let (Some(watched), Some(reaction)) = (watched, reaction) else {
+                    return Ok(WatchdogState::None);
+                };
+                let ms = watched & ((1 << TIME_BITS) - 1);
+                let node = u8::try_from(watched >> TIME_BITS & 0x7F).unwrap_or(0);
+                Ok(match (node, ms) {
+                    (0, _) | (_, 0) => WatchdogState::Off,
+                    (node, _) if self.host != Some(node.into()) => WatchdogState::Other { node },
+                    (_, ms) if reaction == 0 => {
+                        WatchdogState::NoReaction(Duration::from_millis(ms.unsigned_abs()))
+                    }
+                    (_, ms) => on(ms),
+                })
+            }
+        }
+    }
+
+    /// Has the drive stop by itself after so long without a word of its host; with none, no more. It
+    /// is written where the drive has something else, and kept over power-off only where the drive
+    /// keeps it whatever is said: see [`Persistence`]. Nothing
+    /// moves, but a motor that turns is stopped by it if nobody speaks. A drive that watches a
+    /// heartbeat needs one: a connection with `heartbeat=` sends it.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] `E218` for a drive that has none; `E216` for a time that it does not
+    /// take; others by blame.
+    pub fn set_watchdog(&self, after: Option<Duration>) -> Result<WatchdogState, Error> {
+        const WHAT: &str = "setting its watchdog";
+        match self.profile.watchdog {
+            Watchdog::None | Watchdog::Fixed { .. } => {
+                return Err(self.refuse(WHAT, Unsupported::NoPlan));
+            }
+            Watchdog::Configurable { .. } => {
+                let id = self.watchdog_parameter();
+                let id = id.ok_or_else(|| self.refuse(WHAT, Unsupported::NoPlan))?;
+                let after = after.unwrap_or_default();
+                let raw = self.raw_of(id, &Amount::Text(format!("{} s", after.as_secs_f64())))?;
+                // What is more than nothing must not be rounded to never.
+                let raw = if after.is_zero() { 0 } else { raw.max(1) };
+                if self.profile.parameter(id).is_some_and(|p| p.access == Access::Write) {
+                    self.write(id, raw, false)?;
+                    return Ok(if after.is_zero() {
+                        WatchdogState::Off
+                    } else {
+                        WatchdogState::On(after)
+                    });
+                }
+                self.write_if_other(id, raw)?;
+            }
+            Watchdog::Heartbeat { consumer, reaction } => {
+                let host = self.host.filter(|host| (1..=127).contains(host));
+                let host = host.ok_or_else(|| self.refuse(WHAT, Unsupported::NoPlan))?;
+                let ms = after.unwrap_or_default().as_millis();
+                let limit = (1_u32 << TIME_BITS) - 1;
+                let ms = u32::try_from(ms).ok().filter(|ms| *ms <= limit).ok_or_else(|| {
+                    let (parameter, min, max) = (consumer, 0, i64::from(limit));
+                    let value = i64::try_from(ms).unwrap_or(i64::MAX);
+                    self.refuse(WHAT, Unsupported::OutOfRange { parameter, value, min, max })
+                })?;
+                let ms = if after.is_some_and(|after| !after.is_zero()) { ms.max(1) } else { ms };
+                // The reaction goes first: a watch without one is none.
+                if ms > 0 && self.read(reaction)? == 0 {
+                    self.write(reaction, QUICK_STOP, false)?;
+                }
+                let raw = if ms == 0 { 0 } else { i64::from(host << TIME_BITS | ms) };
+                self.write_if_other(consumer, raw)?;
+            }
+        }
+        self.watchdog()
+    }
+
+    /// Has a drive that watches heartbeats watch this host's, where the connection was told to send one
+    /// (`heartbeat=`) and the drive watches nobody: 1016h is set to this host and three of its periods,
+    /// 6007h to quick stop where it is 0. What watches this host already with a reaction, and what
+    /// watches another node, stays as it is. Written to working memory alone; nothing moves, but the
+    /// motor stops if the host falls silent. Returns what was found and what it is now; `None` where no
+    /// heartbeat is sent, or the drive watches none.
+    ///
+    /// # Errors
+    /// As [`set_watchdog`](Self::set_watchdog).
+    pub fn watch_host(&self) -> Result<Option<[WatchdogState; 2]>, Error> {
+        let (Some(period), Watchdog::Heartbeat { .. }) = (self.heartbeat, self.profile.watchdog)
+        else {
+            return Ok(None);
+        };
+        let found = self.watchdog()?;
+        let now = match found {
+            WatchdogState::Off => self.set_watchdog(Some(period * PERIODS))?,
+            WatchdogState::NoReaction(after) => self.set_watchdog(Some(after))?,
+            other => other,
+        };
+        Ok(Some([found, now]))
+    }
+
+    /// Whether the drive tells a signal: its profile has a source for it, and the drive does not lack
+    /// that. It is asked where that is not known yet.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn tells(&self, signal: Signal) -> Result<bool, Error> {
+        let Some(source) = self.profile.signal(signal) else { return Ok(false) };
+        let sure = !self.profile.optional.contains(&source.parameter);
+        if sure || self.state().reading(signal).at.is_some() {
+            return Ok(!self.lacks(source.parameter));
+        }
+        self.read_if_any(source.parameter).map(|raw| raw.is_some())
+    }
+
+    fn write_if_other(&self, id: ParameterId, raw: i64) -> Result<(), Error> {
+        if self.read(id)? == raw { Ok(()) } else { self.write(id, raw, false) }
+    }
+
+    /// Reads a parameter, raw; `None` where the drive [lacks](Self::lacks) it.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn read_if_any(&self, id: ParameterId) -> Result<Option<i64>, Error> {
+        if self.lacks(id) {
+            return Ok(None);
+        }
+        match self.read(id) {
+            Ok(raw) => Ok(Some(raw)),
+            Err(Error::Failed { outcome: Outcome::NotDone(_), .. }) if self.lacks(id) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Whether the drive was asked for a parameter and said that it has none such. Only what the
+    /// profile calls optional can be missing so; it is not asked for again.
+    #[must_use]
+    pub fn lacks(&self, id: ParameterId) -> bool {
+        self.connection.with(|axes, _| axes.lacks(self.index, id))
+    }
+}
+
+const fn on(ms: i64) -> WatchdogState {
+    WatchdogState::On(Duration::from_millis(ms.unsigned_abs()))
+}

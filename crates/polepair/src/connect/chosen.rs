@@ -1,0 +1,79 @@
+//! The profile that a connection string chooses, and what of the user's files can be done without.
+
+use super::Connector;
+use crate::error::Error;
+use crate::file::FileError;
+use crate::registry::Spoken;
+use crate::url::Url;
+use crate::words;
+use polepair_core::profile::Profile;
+use std::path::Path;
+use std::sync::PoisonError;
+
+impl Connector {
+    /// For those who bring motors to rest: a drive's profile, set-up or data sheet that the connection
+    /// string names and that is wrong is [passed over](Self::passed_over), and the drive is taken for
+    /// what it answers.
+    #[must_use]
+    pub fn for_stop(mut self) -> Self {
+        self.stops = true;
+        self
+    }
+
+    /// Files that were wrong and done without: those of the configuration, and what was passed over.
+    #[must_use]
+    pub fn passed_over(&self) -> Vec<FileError> {
+        let more = self.passed_over.lock().unwrap_or_else(PoisonError::into_inner);
+        self.config.broken.iter().chain(more.iter()).cloned().collect()
+    }
+
+    /// The profile that a connection string chooses: by name, or a drive's set-up archive.
+    pub(crate) fn chosen_profile(
+        &self,
+        url: &Url,
+        spoken: &Spoken,
+    ) -> Result<Option<&'static Profile>, Error> {
+        match self.read_chosen(url, spoken) {
+            Err(Error::File(error)) if self.stops => {
+                let mut over = self.passed_over.lock().unwrap_or_else(PoisonError::into_inner);
+                if !over.contains(&error) {
+                    over.push(error);
+                }
+                Ok(None)
+            }
+            chosen => chosen,
+        }
+    }
+
+    fn read_chosen(&self, url: &Url, spoken: &Spoken) -> Result<Option<&'static Profile>, Error> {
+        if let Some((key, file)) =
+            ["setup", "eds"].iter().find_map(|key| Some((key, url.key(key)?)))
+        {
+            let profile = crate::profile::load(Path::new(file))?;
+            if profile.protocol == spoken.profile {
+                return Ok(Some(profile));
+            }
+            let what = format!("{file} is not of a {} drive", spoken.name);
+            let hint = format!("choose another file, or leave {key}= out");
+            return Err(Error::usage("E213", what, hint));
+        }
+        url.key("profile").map(|name| self.named_profile(name, spoken)).transpose()
+    }
+
+    fn named_profile(&self, name: &str, spoken: &Spoken) -> Result<&'static Profile, Error> {
+        let speaks = |p: &&'static Profile| p.protocol == spoken.profile;
+        let mut fitting = self.config.all_profiles().filter(speaks);
+        let generic = spoken.generic;
+        let found = fitting.find(|p| p.name == name || p.family == name);
+        if let Some(profile) = found.or((name == generic.name).then_some(generic)) {
+            return Ok(profile);
+        }
+        if let Some(error) = self.config.broken_profile(name) {
+            return Err(error.clone().into());
+        }
+        let known: Vec<&str> = self.config.all_profiles().filter(speaks).map(|p| p.name).collect();
+        let near = words::hint(name, known.iter().copied());
+        let what = format!("no profile `{name}` speaks {}{near}", spoken.name);
+        Err(Error::usage("E213", what, format!("known are {}", known.join(", "))))
+    }
+}

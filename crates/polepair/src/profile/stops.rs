@@ -1,0 +1,63 @@
+//! No motion without a stop: a profile that tells none has that of its family, and where the family
+//! has none either, no verb that sets a motor in motion is offered.
+
+use super::draft::{Draft, DraftPlan};
+use super::missing::{There, named_mut};
+use crate::words::folded;
+use polepair_core::axis::Verb;
+use polepair_core::profile::Profile;
+
+/// The draft with a stop, or without motion.
+pub(super) fn with_stop(mut draft: Draft) -> Draft {
+    let has = |draft: &Draft, verb| draft.plans.iter().any(|plan| plan.verb == verb);
+    for verb in [Verb::Stop, Verb::QuickStop, Verb::Disable] {
+        if !has(&draft, verb) {
+            let plan = of_family(&draft, verb);
+            draft.plans.extend(plan);
+        }
+    }
+    if !has(&draft, Verb::Stop) {
+        let off = has(&draft, Verb::Disable);
+        let stays = |verb: Verb| !verb.needs_arming() || (verb == Verb::Enable && off);
+        draft.plans.retain(|plan| stays(plan.verb));
+    }
+    draft
+}
+
+/// The family's plan for a verb, by this draft's names for what lies at the same places. Of several
+/// products it is that which can do most of what this one can.
+fn of_family(draft: &Draft, verb: Verb) -> Option<DraftPlan> {
+    let family = |profile: &&'static Profile| {
+        profile.family == draft.family && profile.protocol == draft.protocol
+    };
+    let generic = crate::registry::protocols().into_iter().map(|spoken| spoken.generic);
+    let generic = generic.filter(|profile| profile.protocol == draft.protocol);
+    let alike = |profile: &&'static Profile| {
+        draft.plans.iter().filter(|plan| profile.plan(plan.verb).is_some()).count()
+    };
+    let mut products: Vec<&'static Profile> =
+        polepair_core::drives::profiles().iter().copied().filter(family).collect();
+    products.sort_by_key(|profile| std::cmp::Reverse(alike(profile)));
+    let there = There::of(draft);
+    products.into_iter().chain(generic).find_map(|profile| {
+        let base = Draft::of(profile);
+        let plan = base.plans.iter().find(|plan| plan.verb == verb)?;
+        there.plan(renamed(plan.clone(), &base, draft))
+    })
+}
+
+/// The plan with the draft's names for what the base's plan names.
+fn renamed(mut plan: DraftPlan, base: &Draft, draft: &Draft) -> DraftPlan {
+    for name in plan.steps.iter_mut().chain(&mut plan.undo).flat_map(named_mut) {
+        let known = base.parameters.iter().find(|p| folded(&p.name) == folded(&name.value));
+        let same = known.and_then(|known| {
+            draft.parameters.iter().find(|p| (p.space, p.index) == (known.space, known.index))
+        });
+        match same {
+            Some(parameter) => name.value.clone_from(&parameter.name),
+            // Nothing lies there: the name must not mean something else.
+            None => name.value.clear(),
+        }
+    }
+    plan
+}

@@ -1,0 +1,82 @@
+//! Values that are written together with what scales them, and whether a motor is shown as moving.
+
+use polepair::axis::Pending;
+use polepair::settings::Settings;
+use polepair::{Amount, Link};
+use polepair_core::profile::Signal;
+use std::time::Duration;
+
+fn ts() -> Link {
+    polepair::connect("sim:modbus-rtu?fn00=1&time=virtual").unwrap()
+}
+
+#[test]
+fn a_way_is_converted_by_the_gear_that_goes_with_it() {
+    let link = ts();
+    let axis = &link.axes()[0];
+    let id = |name: &str| axis.find(name).unwrap();
+    let (gear, way) = (id("Fn_206"), id("path 1 position"));
+    assert!(axis.scales(gear) && !axis.scales(way));
+    let turn = Amount::Text("360 deg".to_owned());
+    let before = axis.raw_of(way, &turn).unwrap();
+    let was = axis.read(gear).unwrap();
+    let mut pending = Pending::default();
+    pending.add(gear, was * 10);
+    let planned = axis.raw_of_after(way, &turn, &pending).unwrap();
+    assert_ne!(planned, before);
+    assert_eq!(axis.read(gear).unwrap(), was, "nothing is written by it");
+    axis.write(gear, was * 10, false).unwrap();
+    assert_eq!(axis.raw_of(way, &turn).unwrap(), planned, "as it is once the gear is written");
+}
+
+#[test]
+fn settings_are_what_they_mean_by_the_scales_of_their_file() {
+    let link = ts();
+    let axis = &link.axes()[0];
+    let gear = axis.find("Fn_206").unwrap();
+    let way = axis.find("path 1 position").unwrap();
+    let name = |id| axis.profile().parameter(id).unwrap().name;
+    let was = axis.read(gear).unwrap();
+    axis.write(gear, was * 10, false).unwrap();
+    let wanted = axis.raw_of(way, &Amount::Text("360 deg".to_owned())).unwrap();
+    axis.write(gear, was, false).unwrap();
+    let text = format!(
+        "[axis.1]\nprofile = \"{}\"\n[axis.1.settings]\n\"{}\" = \"360 deg\"\n\"{}\" = {{ raw = {} }}\n",
+        axis.profile().name,
+        name(way),
+        name(gear),
+        was * 10
+    );
+    let settings = Settings::parse("file.toml", &text).unwrap();
+    let changes = settings.axes[0].changes(axis, &mut |_, _| {}).unwrap();
+    let found: Vec<_> = changes.iter().map(|change| (change.id, change.wanted.raw)).collect();
+    assert_eq!(found, [(gear, was * 10), (way, wanted)], "the gear first, the way by it");
+    let shown = changes[1].wanted.value;
+    assert!((shown - 360.0).abs() < 1.0, "{shown}");
+    for change in &changes {
+        axis.write(change.id, change.wanted.raw, false).unwrap();
+    }
+    assert!(settings.axes[0].changes(axis, &mut |_, _| {}).unwrap().is_empty());
+}
+
+#[test]
+fn a_motor_that_turns_at_a_speed_is_shown_as_moving() {
+    for url in ["sim:modbus-rtu?fn00=1&", "sim:tml?", "sim:cia402:5?", "sim:tmcl?", "sim:thruster?"]
+    {
+        let link = polepair::connect(&format!("{url}time=virtual")).unwrap();
+        let axis = &link.axes()[0];
+        let all: Vec<Signal> = axis.profile().signals.iter().map(|s| s.signal).collect();
+        let moving = || {
+            axis.signals(&all).unwrap_or_else(|e| panic!("{url}: {e}"));
+            axis.moving(&axis.state())
+        };
+        let armed = axis.armed().unwrap_or_else(|e| panic!("{url}: {e}"));
+        axis.velocity("120 rpm").unwrap_or_else(|e| panic!("{url}: {e}"));
+        link.sleep(Duration::from_secs(5));
+        assert_eq!(moving(), Some(true), "{url}: it turns");
+        axis.stop().unwrap();
+        link.sleep(Duration::from_secs(3));
+        assert_eq!(moving(), Some(false), "{url}: it stands");
+        armed.release().unwrap();
+    }
+}

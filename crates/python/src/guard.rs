@@ -1,0 +1,162 @@
+//! Axes that are armed here, and what stops them when the process ends without ending their blocks:
+//! a signal that nobody hears, or an interpreter that leaves daemon threads behind.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use polepair::Axis;
+use polepair::axis::{OWED_MAX, stop_owed};
+use polepair_core::axis::Verb;
+use pyo3::prelude::*;
+
+use crate::errors::raised;
+
+/// What is armed, in the order of the arming.
+static ARMED: Mutex<Vec<Axis>> = Mutex::new(Vec::new());
+
+fn armed() -> MutexGuard<'static, Vec<Axis>> {
+    ARMED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn is_same(one: &Axis, other: &Axis) -> bool {
+    one.number() == other.number() && one.connection().is(other.connection())
+}
+
+/// Has an axis stopped when the process ends while it is armed.
+pub fn watch(py: Python<'_>, axis: &Axis) {
+    armed().push(axis.clone());
+    system::hear(py);
+}
+
+/// Leaves an axis alone that its block has stopped.
+pub fn leave(axis: &Axis) {
+    let mut armed = armed();
+    let at = armed.iter().position(|one| is_same(one, axis));
+    let left = at.map(|at| armed.swap_remove(at));
+    system::set_idle(armed.is_empty());
+    drop(armed);
+    drop(left);
+}
+
+/// Forgets in a fork's child what is armed by its parent.
+pub fn forked() {
+    // Whoever held the lock is not in the child.
+    if let Ok(mut armed) = ARMED.try_lock() {
+        std::mem::forget(std::mem::take(&mut *armed));
+    }
+    system::forked();
+}
+
+/// Stops, disables and disarms whatever is armed, and says on stderr who may turn: for who ends at once.
+#[pyfunction]
+pub fn stop_armed(py: Python<'_>) {
+    py.detach(end_all);
+}
+
+/// Stops axes, and says it again to those that did not confirm it; the first error, after all were
+/// tried. Ctrl-C ends that.
+#[pyfunction]
+#[pyo3(name = "stop_owed")]
+pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::Axis>>) -> PyResult<()> {
+    let axes = axes.iter().map(|axis| axis.get().inner(py).cloned());
+    let axes: Vec<Axis> = axes.collect::<PyResult<_>>()?;
+    let mut interrupted = None;
+    let again = |_: &Axis, _: &polepair::Error| {
+        interrupted = Python::attach(|py| py.check_signals().err());
+        interrupted.is_none()
+    };
+    let ended = py.detach(move || stop_owed(&axes, OWED_MAX, again));
+    match interrupted {
+        Some(error) => Err(error),
+        None => ended.into_iter().try_for_each(|one| one.map_err(|error| raised(py, &error))),
+    }
+}
+
+fn end_all() {
+    let axes = std::mem::take(&mut *armed());
+    // What other threads still ask for is refused.
+    axes.iter().for_each(|axis| axis.arm(false));
+    for (axis, ended) in axes.iter().zip(stop_owed(&axes, OWED_MAX, |_, _| true)) {
+        let off = axis.profile().plan(Verb::Disable).map_or(Ok(()), |_| axis.disable());
+        match (ended, off) {
+            (Ok(()), Ok(())) => {}
+            (Err(error), _) => tell(&format!("{error}. It may still turn: cut its supply.")),
+            (Ok(()), Err(error)) => tell(&format!("{error}. It may still be powered.")),
+        }
+    }
+    // The last handle of a connection waits for its keeper, and nobody need wait for that now.
+    std::mem::forget(axes);
+}
+
+fn tell(what: &str) {
+    use std::io::Write as _;
+    // A terminal that is gone must not keep the next axis turning.
+    let _ = writeln!(std::io::stderr(), "polepair: {what}");
+}
+
+#[cfg(unix)]
+mod system {
+    use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+    use std::sync::{Arc, LazyLock};
+
+    use pyo3::prelude::*;
+    use signal_hook::consts::signal::{
+        SIGALRM, SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2,
+    };
+    use signal_hook::iterator::Signals;
+
+    /// Signals that end a process that has not said otherwise.
+    const ENDING: [i32; 7] = [SIGTERM, SIGHUP, SIGQUIT, SIGINT, SIGALRM, SIGUSR1, SIGUSR2];
+
+    /// Nothing is armed: signals do what they always do.
+    static IDLE: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| Arc::new(AtomicBool::new(true)));
+    /// The process whose thread hears signals.
+    static HEARS: AtomicU32 = AtomicU32::new(0);
+
+    pub fn set_idle(idle: bool) {
+        IDLE.store(idle, Ordering::SeqCst);
+    }
+
+    pub fn forked() {
+        set_idle(true);
+    }
+
+    /// Hears from now on, on a thread of its own, the signals that the program left as they are.
+    pub fn hear(py: Python<'_>) {
+        set_idle(false);
+        let process = std::process::id();
+        if HEARS.swap(process, Ordering::SeqCst) == process {
+            return;
+        }
+        let unheard: Vec<i32> =
+            ENDING.into_iter().filter(|signal| is_default(py, *signal).unwrap_or(false)).collect();
+        for signal in &unheard {
+            // Where nothing is armed this ends the process before anything else is done.
+            let _ = signal_hook::flag::register_conditional_default(*signal, Arc::clone(&IDLE));
+        }
+        let Ok(mut signals) = Signals::new(unheard) else { return };
+        let hear = move || {
+            for signal in &mut signals {
+                super::end_all();
+                let _ = signal_hook::low_level::emulate_default_handler(signal);
+            }
+        };
+        let _ = std::thread::Builder::new().name("polepair-signals".to_owned()).spawn(hear);
+    }
+
+    /// Whether a signal does what it does by default, as far as the interpreter knows.
+    fn is_default(py: Python<'_>, signal: i32) -> PyResult<bool> {
+        let known = py.import("_signal")?;
+        known.call_method1("getsignal", (signal,))?.eq(known.getattr("SIG_DFL")?)
+    }
+}
+
+#[cfg(not(unix))]
+mod system {
+    use pyo3::prelude::*;
+
+    pub fn set_idle(_idle: bool) {}
+
+    pub fn forked() {}
+
+    pub fn hear(_py: Python<'_>) {}
+}

@@ -1,0 +1,144 @@
+//! Links that could not be opened at the start: they are tried again until they open, and then their
+//! axes join as if they had been there.
+
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use polepair::{Connector, Error};
+use polepair_link::clock;
+use serde_json::json;
+
+use super::open::{AXES_MAX, Link, tapped};
+use super::shared::{Event, SERVER, held};
+use super::threads::no_thread;
+use super::wire::StopThese;
+use super::{Bench, Inner};
+use crate::message::{Deed, LinkView, Refused, Unreached};
+
+/// Between two tries, at first and at last.
+const AGAIN_AFTER: Duration = Duration::from_millis(100);
+const AGAIN_AFTER_MAX: Duration = Duration::from_secs(2);
+
+impl Bench {
+    /// Tries a link again until it opens. Nobody waits for the thread that does: a host that does not
+    /// answer keeps it for seconds, and it holds nothing of the bench meanwhile.
+    pub(super) fn open_later(
+        &self,
+        id: u16,
+        error: Refused,
+        connector: &Connector,
+    ) -> Result<(), Refused> {
+        let n = usize::from(id);
+        let url = self.0.links[n].url.clone();
+        let detail = json!({ "link": id, "url": url, "open": false, "error": error });
+        self.0.shared.noted(&SERVER.into(), Deed::Link, None, detail);
+        tracing::debug!(link = id, %url, %error, "a link is not open, and is tried again");
+        let connector = tapped(connector, &self.0.traffic, n);
+        let bench = Arc::downgrade(&self.0);
+        let named = std::thread::Builder::new().name("bench-opens".to_owned());
+        let opens = named.spawn(move || keep_trying(&bench, n, &connector, &url));
+        opens.map(drop).map_err(|error| no_thread(&error))
+    }
+
+    /// What is told of a link, with what the server before owed drives that are not there.
+    pub(super) fn link_view(&self, link: &Link) -> LinkView {
+        let owed = self.0.shared.owed_before_on(&link.url);
+        let there = |number: &u32| link.wire.axes.iter().any(|(_, axis)| axis.number() == *number);
+        LinkView { owed: owed.filter(|number| !there(number)).collect(), ..link.told() }
+    }
+
+    /// Names the drives of a link that the server before owed a stop and that are not there still, and
+    /// ends what was set in the others for as long as this server speaks.
+    pub(super) fn leave_link(&self, link: &Link) {
+        let owed = self.link_view(link).owed.into_iter();
+        owed.for_each(|n| self.0.shared.leaves(format!("axis {n} of {}", link.url)));
+        link.wire.end_watch();
+    }
+
+    /// Links that are not open, whose axes nobody knows.
+    pub(super) fn unreached(&self) -> Vec<Unreached> {
+        let dead = self.0.links.iter().filter(|link| !link.was_opened());
+        let told = |link: &Link| {
+            let (_, error) = link.wire.lost()?;
+            Some(Unreached { link: link.id, url: link.url.clone(), error })
+        };
+        dead.filter_map(told).collect()
+    }
+
+    /// Shows why a link is not open, when that is another reason than before.
+    fn show_why(&self, n: usize, error: Refused) {
+        let wire = &self.0.links[n].wire;
+        let before = wire.lost();
+        if before.as_ref().is_some_and(|(_, before)| *before == error) {
+            return;
+        }
+        let since = before.map_or_else(|| self.0.shared.now(), |(since, _)| since);
+        wire.show_lost(Some((since, error)));
+        self.0.shared.tell(Event::Bench);
+    }
+
+    /// Takes in a link that was opened, with its axes behind all others.
+    fn take_link(
+        &self,
+        n: usize,
+        opened: &polepair::Link,
+        absent: Vec<(u32, Error)>,
+    ) -> Result<(), Refused> {
+        let (link, shared) = (&self.0.links[n], &self.0.shared);
+        let base = {
+            let _one_at_a_time = held(&self.0.growing);
+            let base = self.0.axes.len();
+            if base + opened.axes().len() > AXES_MAX {
+                let what = format!("its axes are too many: a bench holds {AXES_MAX}");
+                return Err(
+                    Refused::new("gateway.request", what).hint("serve it by another server")
+                );
+            }
+            // All samples count from one moment.
+            let _ = link.wire.zero.set(self.0.opened);
+            link.opened_later(opened, absent);
+            link.wire.show_lost(None);
+            for axis in opened.axes() {
+                self.add(n, axis);
+            }
+            base as u16
+        };
+        self.0.traffic.explain_by(n, link.decoder());
+        // Who stopped everything meant these as well, and could not reach them.
+        let lock = shared.lock().clone();
+        if let Some(lock) = lock {
+            let axes = (0..link.wire.axes.len()).map(|place| (place, 0)).collect();
+            let (who, reason, since) = (lock.by.as_str().into(), lock.reason, shared.now());
+            link.wire.stop(StopThese { axes, who, reason, since, report: None });
+        }
+        let axes: Vec<u16> = link.wire.axes.iter().map(|(id, _)| *id).collect();
+        let detail = json!({ "link": link.id, "url": link.url, "open": true, "axes": axes });
+        shared.noted(&SERVER.into(), Deed::Link, None, detail);
+        tracing::info!(link = link.id, url = %link.url, ?axes, "a link is open after all");
+        shared.tell(Event::Bench);
+        self.hear(base, 0, opened)
+    }
+}
+
+fn keep_trying(bench: &Weak<Inner>, n: usize, connector: &Connector, url: &str) {
+    let mut pause = AGAIN_AFTER;
+    let here = || bench.upgrade().map(Bench).filter(|bench| !bench.0.shared.is_closing());
+    while here().is_some() {
+        clock::sleep_until(clock::now() + pause);
+        pause = (pause * 2).min(AGAIN_AFTER_MAX);
+        let opened = connector.connect_present(url);
+        let Some(bench) = here() else { return };
+        let taken = match opened {
+            Ok((opened, absent)) => bench.take_link(n, &opened, absent),
+            Err(error) => Err(error.into()),
+        };
+        match taken {
+            Ok(()) => return,
+            // It is open, and only what it says by itself is not heard.
+            Err(error) if bench.0.links[n].was_opened() => {
+                return tracing::warn!(%error, "what drives send unasked is not heard");
+            }
+            Err(error) => bench.show_why(n, error),
+        }
+    }
+}

@@ -1,0 +1,314 @@
+//! Whoever is to stand is owed a stop until it was seen standing: wires that are refused, dropped,
+//! silent or half deaf while a motor turns.
+
+mod proxy;
+
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use polepair::simulate::{self, DriveLine};
+use polepair_core::drives::bench::Truth;
+use polepair_core::medium::Stream;
+use polepair_link::tcp::TcpServer;
+use polepair_link::{Served, clock};
+use polepair_serve::bench::{Bench, Event, Journal, Note, Options, Session};
+use polepair_serve::message::{
+    Arguments, AxisState, CommandOrder, Deed, DismissReason, DismissStop, Ended, LeaseAct,
+    LinkState, OwedWhy, Refused, StopClass, StopOrder, StopOwed,
+};
+use proxy::{Mode, Proxy};
+use serde_json::Value;
+
+/// Longer than anything takes that works.
+const LONG: Duration = Duration::from_secs(120);
+/// A motor stands that is slower, rad/s: what the drives' own stops take for standing.
+const STANDS: f64 = 0.6;
+
+/// Keeps what it is told.
+#[derive(Default)]
+struct Kept(Mutex<Vec<(String, Deed, Value)>>);
+
+impl Journal for Kept {
+    fn note(&self, note: Note<'_>) -> Result<(), Refused> {
+        let record = (note.who.to_owned(), note.deed, note.detail.clone());
+        self.0.lock().unwrap().push(record);
+        Ok(())
+    }
+}
+
+impl Kept {
+    fn of(&self, wanted: Deed) -> Vec<Value> {
+        let records = self.0.lock().unwrap();
+        records.iter().filter(|(_, deed, _)| *deed == wanted).map(|(.., d)| d.clone()).collect()
+    }
+}
+
+/// A drive behind a proxy, and a bench of it.
+struct Site {
+    bench: Bench,
+    proxy: Proxy,
+    kept: Arc<Kept>,
+    line: DriveLine,
+    ids: u32,
+    ann: Session,
+    _served: Served,
+}
+
+impl Site {
+    fn new(word: &str, scheme: &str) -> Self {
+        Self::owing(word, scheme, |url, _| {
+            // A TS from the factory obeys pulses: mode 1 is speed.
+            if scheme == "modbus-rtu" {
+                let link = polepair::connect(url).unwrap();
+                let axis = &link.axes()[0];
+                axis.arm(true);
+                axis.set("control mode", "1").unwrap();
+            }
+            Vec::new()
+        })
+    }
+
+    /// The same where something was done to the drive before, and a stop is owed since then.
+    fn owing(
+        word: &str,
+        scheme: &str,
+        before: impl FnOnce(&str, &DriveLine) -> Vec<(String, u32)>,
+    ) -> Self {
+        let end = TcpServer::bind("127.0.0.1:0").unwrap();
+        let proxy = Proxy::to(end.address());
+        let description = simulate::rack_of_words(&[word], 1).unwrap();
+        let line = simulate::lines(&description, 1).unwrap().remove(0);
+        let served = line.clone().serve::<Stream>(Box::new(end));
+        let url = format!("{scheme}+tcp://{}#1", proxy.address);
+        let owed_before = before(&url, &line);
+        let kept = Arc::new(Kept::default());
+        let options = Options {
+            journal: kept.clone(),
+            owed_before,
+            // Nobody renews here while something else is waited for.
+            lease: LONG,
+            ..Options::default()
+        };
+        let bench = Bench::open(&[url], options).unwrap();
+        Self { bench, proxy, kept, line, ids: 0, ann: "ann".into(), _served: served }
+    }
+
+    fn truth(&self) -> Truth {
+        truth(&self.line)
+    }
+
+    fn state(&self) -> AxisState {
+        self.bench.axis(0).unwrap()
+    }
+
+    fn take(&self) -> u64 {
+        self.bench.lease(0, &self.ann, LeaseAct::Take, 0).wait().unwrap().expect("a lease").epoch
+    }
+
+    fn say(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> Result<(), Refused> {
+        self.ids += 1;
+        let order = CommandOrder {
+            id: format!("id-{}", self.ids),
+            issued_ms: self.bench.now_ms(),
+            ttl_ms: 10_000.0,
+            epoch,
+            verb: verb.into(),
+            arguments: Arguments { velocity, ..Arguments::default() },
+        };
+        let outcome = self.bench.command(0, &self.ann, order).wait().unwrap();
+        match outcome.outcome {
+            Ended::Done => Ok(()),
+            _ => Err(outcome.error.expect("why not")),
+        }
+    }
+
+    /// Turns the motor, and returns the epoch of the lease that it turns under.
+    fn spin(&mut self) -> u64 {
+        let epoch = self.take();
+        let mut verbs = vec![("arm", None), ("enable", None), ("velocity", Some(20.0))];
+        let info = &self.bench.snapshot().axes[0];
+        verbs.retain(|(verb, _)| info.verbs.iter().any(|known| known.verb == *verb));
+        for (verb, velocity) in verbs {
+            self.say(epoch, verb, velocity).unwrap();
+        }
+        until("it turns", || self.truth().velocity.abs() > 10.0);
+        epoch
+    }
+
+    /// Waits until it is owed a stop that is so.
+    fn owed(&self, what: &str, is_so: impl Fn(&StopOwed) -> bool) -> StopOwed {
+        let mut seen = None;
+        until(what, || {
+            seen = self.state().owed.filter(&is_so);
+            seen.is_some()
+        });
+        seen.unwrap()
+    }
+
+    /// Waits until it is owed none, and tells whether it stood then: the alarm ends with the debt.
+    fn paid(&self) {
+        until("the debt ends", || self.state().owed.is_none());
+        assert!(self.truth().velocity.abs() < STANDS, "{:?}", self.truth());
+    }
+
+    fn is_lost(&self) -> bool {
+        self.bench.snapshot().links[0].state == LinkState::Lost
+    }
+
+    /// Each debt that was written down was ended, so.
+    fn ended(&self, how: &str) {
+        until("the journal has it", || {
+            self.kept.of(Deed::StopEnded).len() == self.kept.of(Deed::StopOwed).len()
+        });
+        let ended = self.kept.of(Deed::StopEnded);
+        assert_eq!(ended.last().map(|detail| &detail["how"]), Some(&Value::from(how)), "{ended:?}");
+    }
+}
+
+fn truth(line: &DriveLine) -> Truth {
+    line.bench(0, |bench| bench.truth(clock::now())).expect("it has a motor")
+}
+
+fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let end = Instant::now() + LONG;
+    while !is_so() {
+        assert!(Instant::now() < end, "never: {what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+const KINDS: [(&str, &str); 2] = [("tmcl:1", "tmcl"), ("modbus-rtu:1", "modbus-rtu")];
+
+#[test]
+fn a_stop_that_is_said_while_the_port_is_refused_arrives_once_it_is_open() {
+    for (word, scheme) in KINDS {
+        let mut site = Site::new(word, scheme);
+        site.spin();
+        site.proxy.set(Mode::Refuse);
+        until("the link is lost", || site.is_lost());
+        site.owed("it is owed a stop", |owed| owed.why == OwedWhy::LinkLost);
+        let stopped = site.bench.stop(&"bob".into(), &StopOrder::default()).wait().unwrap();
+        assert_eq!(stopped.axes[0].class, StopClass::Owed, "{stopped:?}");
+        assert!(stopped.axes[0].error.is_some(), "why it did not arrive: {stopped:?}");
+        assert!(site.state().owed.is_some() && site.truth().velocity.abs() > 10.0);
+        site.proxy.set(Mode::Pass);
+        site.paid();
+        site.ended("standing");
+    }
+}
+
+#[test]
+fn a_stop_outlives_a_port_that_takes_connections_and_drops_them() {
+    for (word, scheme) in KINDS {
+        let mut site = Site::new(word, scheme);
+        site.spin();
+        let before = site.proxy.taken();
+        site.proxy.set(Mode::Drop);
+        until("it was dropped often", || site.proxy.taken() >= before + 4);
+        drop(site.bench.stop(&"bob".into(), &StopOrder::default()));
+        until("it was dropped again", || site.proxy.taken() >= before + 8);
+        site.owed("it is owed a stop", |_| true);
+        assert!(site.truth().velocity.abs() > 10.0);
+        site.proxy.set(Mode::Pass);
+        site.paid();
+        site.ended("standing");
+    }
+}
+
+#[test]
+fn a_stop_into_silence_is_said_until_the_motor_stands_and_never_called_taken_before() {
+    for (word, scheme) in KINDS {
+        let mut site = Site::new(word, scheme);
+        site.spin();
+        let mut events = site.bench.events();
+        site.proxy.set(Mode::Silent);
+        let lost = site.proxy.lost();
+        // Its client is gone: nobody says STOP.
+        site.bench.gone(&site.ann);
+        site.owed("it was said again", |owed| owed.said >= 3 && owed.error.is_some());
+        assert!(site.proxy.lost() > lost && site.truth().velocity.abs() > 10.0);
+        while let Ok(event) = events.try_recv() {
+            let Event::Stopped(stopped) = event else { continue };
+            assert!(stopped.class <= StopClass::Sent, "{stopped:?}");
+        }
+        site.proxy.set(Mode::Pass);
+        site.paid();
+        site.ended("standing");
+    }
+}
+
+/// A frame that writes nothing but the last of what a TS is told to stop it.
+fn is_first_of_a_stop(frame: &[u8]) -> bool {
+    // Fn_33, the speed: Modbus function 06 or 16.
+    matches!(frame.get(1), Some(6 | 16)) && frame.get(2..4) == Some(&[0x00, 0x33])
+}
+
+#[test]
+fn a_stop_of_which_the_last_step_alone_was_answered_is_owed() {
+    let mut site = Site::new("modbus-rtu:1", "modbus-rtu");
+    site.spin();
+    site.proxy.set(Mode::Lose(is_first_of_a_stop));
+    drop(site.bench.stop(&"bob".into(), &StopOrder::default()));
+    site.owed("it was said again", |owed| owed.said >= 2 && owed.class <= StopClass::Sent);
+    assert!(site.truth().velocity.abs() > 10.0, "what stops it in speed mode was lost");
+    site.proxy.set(Mode::Pass);
+    site.paid();
+    site.ended("standing");
+}
+
+#[test]
+fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly() {
+    let mut site = Site::new("tmcl:1", "tmcl");
+    site.spin();
+    site.proxy.set(Mode::Silent);
+    drop(site.bench.stop(&site.ann, &StopOrder { axes: Some(vec![0]), reason: String::new() }));
+    site.owed("it is owed a stop", |owed| owed.error.is_some());
+    let epoch = site.take();
+    assert_eq!(site.say(epoch, "arm", None).unwrap_err().code, "gateway.owed");
+    let dismiss = |reason, epoch| DismissStop { reason, epoch, note: "seen".into() };
+    let unheld = dismiss(DismissReason::TakenOver, epoch + 1);
+    let refused = site.bench.dismiss(0, &site.ann, unheld).wait().unwrap_err();
+    assert_eq!(refused.code, "gateway.lease");
+    assert!(site.state().owed.is_some());
+    site.bench.dismiss(0, &site.ann, dismiss(DismissReason::TakenOver, epoch)).wait().unwrap();
+    assert!(site.state().owed.is_none());
+    site.say(epoch, "arm", None).unwrap();
+    site.ended("dismissed");
+    // Anybody may know that the drive is gone.
+    drop(site.bench.stop(&site.ann, &StopOrder { axes: Some(vec![0]), reason: String::new() }));
+    site.owed("it is owed a stop", |_| true);
+    let gone = dismiss(DismissReason::DriveGone, 0);
+    site.bench.dismiss(0, &"bob".into(), gone).wait().unwrap();
+    assert!(site.state().owed.is_none());
+    let ended = site.kept.of(Deed::StopEnded);
+    assert_eq!(ended.last().unwrap()["reason"], "drive_gone", "{ended:?}");
+}
+
+#[test]
+fn what_the_server_before_owed_a_stop_is_stopped_by_the_next() {
+    let site = Site::owing("tmcl:1", "tmcl", |url, line| {
+        let link = polepair::connect(url).unwrap();
+        let axis = &link.axes()[0];
+        axis.arm(true);
+        axis.velocity("20 rad/s").unwrap();
+        until("it turns", || truth(line).velocity.abs() > 10.0);
+        vec![(url.to_owned(), 1)]
+    });
+    site.paid();
+    assert_eq!(site.kept.of(Deed::StopOwed).len(), 0, "it was written down already");
+    until("the journal has it", || site.kept.of(Deed::StopEnded).len() == 1);
+}
+
+#[test]
+fn a_server_that_ends_names_who_was_not_seen_standing() {
+    let mut site = Site::new("tmcl:1", "tmcl");
+    site.spin();
+    site.proxy.set(Mode::Silent);
+    let left = site.bench.shutdown();
+    assert!(left.len() == 1 && left[0].contains("tmcl+tcp://"), "{left:?}");
+    until("the journal has it", || {
+        let outcomes = site.kept.of(Deed::Outcome);
+        outcomes.iter().any(|detail| detail["class"] == "owed")
+    });
+    assert_eq!(site.kept.of(Deed::StopEnded).len(), 0, "the next server owes it");
+}

@@ -1,0 +1,103 @@
+//! Whole gateways from one number: a bench in virtual time, clients that vanish, hang, stop, take over
+//! and come back, drives of every family, and wires that are cut, refused, flapping, silent and slow.
+//!
+//! A seed decides everything, and running it again gives the same history. After every event it is held
+//! against the truth of each simulated motor what the bench did and what it told; see [`INVARIANTS`].
+//! First everything may fail, then all wires are well again, and all that is owed a stop must stand.
+#![forbid(unsafe_code)]
+
+mod drives;
+mod live;
+mod person;
+mod scene;
+mod schedule;
+mod watch;
+pub mod wire;
+
+use std::collections::BTreeMap;
+
+use polepair_core::time::Instant;
+pub use polepair_sim::check::Violation;
+
+/// What must hold after every event: the number that a violation names, and what it means.
+pub const INVARIANTS: [(&str, &str); 12] = [
+    ("G1", "3 s after its wire is well, and within its ramp, an axis that is owed a stop stands"),
+    ("G2", "the alarm stands while an axis turns that is owed a stop"),
+    ("G3", "the alarm ends when the axis stands and its wire is well"),
+    ("G4", "the alarm does not end while the motor turns, unless somebody dismissed it"),
+    ("G5", "`standing` is told of a motor that stands"),
+    ("G6", "`acknowledged` is told of a stop that the drive executed"),
+    ("G7", "`not done` is told of nothing that was executed"),
+    ("G8", "`failed`, nothing left, is told of no stop that was executed"),
+    ("G9", "whoever says STOP is answered within 10 s"),
+    ("G10", "nothing moves anew while it is owed a stop or motion is locked"),
+    ("G11", "`done` is told of motion that the drive executed, where it answers"),
+    ("G12", "nothing panics"),
+];
+
+/// Violations that one report holds at most.
+pub const VIOLATIONS_MAX: usize = 8;
+
+/// What came of one seed, or of many.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Report {
+    /// The seed that it replays from.
+    pub seed: u64,
+    /// Hash over all that happened.
+    pub history: u64,
+    /// How long the world lived.
+    pub lived: Instant,
+    /// What was counted, by name, in the order of the alphabet.
+    pub counts: BTreeMap<&'static str, u64>,
+    /// Violations that were excused, by what proves that no host could know better.
+    pub excused: BTreeMap<&'static str, u64>,
+    /// Invariants broken.
+    pub violations: Vec<Violation>,
+}
+
+impl Report {
+    /// Counts something.
+    pub(crate) fn count(&mut self, what: &'static str) {
+        *self.counts.entry(what).or_default() += 1;
+    }
+
+    /// Adds another report's counts and violations; seed and history stay.
+    pub fn add(&mut self, other: &Self) {
+        self.lived = self.lived.plus_ns(other.lived.0);
+        for (name, count) in &other.counts {
+            *self.counts.entry(name).or_default() += count;
+        }
+        for (name, count) in &other.excused {
+            *self.excused.entry(name).or_default() += count;
+        }
+        self.violations.extend(other.violations.iter().cloned());
+    }
+}
+
+/// Lives through the world of a seed. A panic anywhere in it breaks G12.
+#[must_use]
+pub fn run(seed: u64) -> Report {
+    guarded(seed, None)
+}
+
+/// The same, and tells everything: who says what, every frame with what it says and what became of it,
+/// what each was told, and the truth of each motor.
+pub fn replay(seed: u64, tell: impl Fn(&str) + 'static) -> Report {
+    guarded(seed, Some(Box::new(tell)))
+}
+
+/// Takes a line of the history.
+type Tell = Box<dyn Fn(&str)>;
+
+fn guarded(seed: u64, tell: Option<Tell>) -> Report {
+    let lived = std::panic::AssertUnwindSafe(move || scene::live(seed, tell));
+    let report = std::panic::catch_unwind(lived).unwrap_or_else(|reason| {
+        let text = reason.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| reason.downcast_ref::<&str>().copied());
+        let what = format!("panic: {}", text.unwrap_or("without words"));
+        let violation = Violation { invariant: "G12", at: Instant::ZERO, what };
+        Report { seed, violations: vec![violation], ..Report::default() }
+    });
+    wire::set_tick(None);
+    report
+}

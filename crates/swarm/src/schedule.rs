@@ -1,0 +1,87 @@
+//! What happens to the wires, and when.
+
+use polepair_core::time::Instant;
+use polepair_sim::random::{Ppm, Random};
+
+use crate::wire::Condition;
+
+/// Something that happens to a wire.
+#[derive(Clone, Copy, Debug)]
+pub struct Calamity {
+    /// When.
+    pub at: Instant,
+    /// To which wire.
+    pub wire: usize,
+    /// How it is from then on.
+    pub condition: Condition,
+}
+
+/// All calamities of a world, in order; from `calm` on every wire is well.
+pub fn calamities(
+    random: &mut Random,
+    wires: usize,
+    begin: Instant,
+    calm: Instant,
+) -> Vec<Calamity> {
+    let mut all = Vec::new();
+    for wire in 0..wires {
+        let mut at = begin.plus_ms(random.between(300, 2500) as u32);
+        // One world in eight has no such wire: it shows what works.
+        if random.chance(Ppm(125_000)) {
+            continue;
+        }
+        while at < calm {
+            let (condition, lasts) = one(random);
+            let ends = at.plus_ms(lasts).min(calm);
+            if random.chance(Ppm(150_000)) {
+                flap(random, wire, (at, ends), &mut all);
+            } else {
+                all.push(Calamity { at, wire, condition });
+                // A port that comes back may still drop who opens it, or be silent.
+                if random.chance(Ppm(250_000)) {
+                    let half = at.plus_ns(ends.since(at).as_nanos() as u64 / 2);
+                    let condition = one(random).0;
+                    all.push(Calamity { at: half, wire, condition });
+                }
+            }
+            all.push(Calamity { at: ends, wire, condition: Condition::Well });
+            at = ends.plus_ms(random.between(100, 4000) as u32);
+        }
+    }
+    all.sort_by_key(|calamity| calamity.at);
+    all
+}
+
+/// A calamity, and how long it lasts, ms.
+fn one(random: &mut Random) -> (Condition, u32) {
+    let condition = match random.below(10) {
+        0..3 => Condition::Gone,
+        3..5 => Condition::Drops(random.pick(&[0, 1, 5, 30, 120, 300])),
+        5..7 => Condition::Silent { to_drives: true, to_host: true },
+        7 => Condition::Silent { to_drives: true, to_host: false },
+        8 => Condition::Silent { to_drives: false, to_host: true },
+        _ => Condition::Slow(random.pick(&[5, 40, 150, 400, 900])),
+    };
+    let lasts = match random.below(3) {
+        0 => random.between(10, 300),
+        1 => random.between(300, 1500),
+        _ => random.between(1500, 7000),
+    };
+    (condition, lasts as u32)
+}
+
+/// Cut and back, again and again.
+fn flap(
+    random: &mut Random,
+    wire: usize,
+    (mut at, ends): (Instant, Instant),
+    all: &mut Vec<Calamity>,
+) {
+    while at < ends {
+        let bad = if random.chance(Ppm(700_000)) { Condition::Gone } else { one(random).0 };
+        all.push(Calamity { at, wire, condition: bad });
+        at = at.plus_ms(random.between(5, 400) as u32).min(ends);
+        all.push(Calamity { at, wire, condition: Condition::Well });
+        at = at.plus_ms(random.between(5, 600) as u32);
+    }
+}

@@ -1,0 +1,84 @@
+//! Rule 14: what a message says decides nothing. Types, fields and codes do.
+
+use syn::{BinOp, Expr};
+
+/// Fields and methods that hold what people read.
+const PROSE: [&str; 7] = ["message", "what", "why", "hint", "sentence", "brief", "went"];
+/// Names of values whose text is an error's.
+const ERRORS: [&str; 7] = ["error", "err", "e", "refused", "problem", "failure", "trouble"];
+/// Methods that pass a text on as it is.
+const PASSING: [&str; 9] = [
+    "as_str",
+    "as_ref",
+    "clone",
+    "trim",
+    "to_lowercase",
+    "to_ascii_lowercase",
+    "to_owned",
+    "lines",
+    "deref",
+];
+/// Methods that look for words in a text.
+const LOOKING: [&str; 12] = [
+    "contains",
+    "starts_with",
+    "ends_with",
+    "find",
+    "rfind",
+    "split",
+    "split_once",
+    "rsplit",
+    "rsplit_once",
+    "strip_prefix",
+    "strip_suffix",
+    "matches",
+];
+
+/// Whether an expression looks for words in a message, or compares one with words.
+pub fn decides(expression: &Expr) -> bool {
+    match expression {
+        Expr::MethodCall(call) => {
+            let looks = LOOKING.iter().any(|name| call.method == name);
+            looks && is_prose(&call.receiver)
+        }
+        Expr::Binary(binary) => {
+            let compares = matches!(binary.op, BinOp::Eq(_) | BinOp::Ne(_));
+            let words = |one: &Expr, other: &Expr| is_words(one) && is_prose(other);
+            compares && (words(&binary.left, &binary.right) || words(&binary.right, &binary.left))
+        }
+        _ => false,
+    }
+}
+
+/// Whether an expression is what people read.
+fn is_prose(expression: &Expr) -> bool {
+    let of = |name: &syn::Ident| PROSE.iter().any(|word| name == word);
+    match expression {
+        Expr::Reference(inner) => is_prose(&inner.expr),
+        Expr::Paren(inner) => is_prose(&inner.expr),
+        Expr::Unary(inner) => is_prose(&inner.expr),
+        Expr::Field(field) => matches!(&field.member, syn::Member::Named(name) if of(name)),
+        Expr::MethodCall(call) if PASSING.iter().any(|name| call.method == name) => {
+            is_prose(&call.receiver)
+        }
+        Expr::MethodCall(call) if call.method == "to_string" => is_error(&call.receiver),
+        Expr::MethodCall(call) => of(&call.method),
+        _ => false,
+    }
+}
+
+fn is_error(expression: &Expr) -> bool {
+    match expression {
+        Expr::Reference(inner) => is_error(&inner.expr),
+        Expr::Path(path) => {
+            path.path.get_ident().is_some_and(|name| ERRORS.iter().any(|word| name == word))
+        }
+        other => is_prose(other),
+    }
+}
+
+/// A text that says something: that a message is empty is no prose.
+fn is_words(expression: &Expr) -> bool {
+    matches!(expression, Expr::Lit(literal)
+        if matches!(&literal.lit, syn::Lit::Str(text) if !text.value().is_empty()))
+}
