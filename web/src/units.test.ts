@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { digits, fromShown, quantity, toShown } from "./units";
+import { digits, elapsed, fromShown, quantity, toShown } from "./units";
 
 describe("units", () => {
   it("shows degrees and rpm in a shop, and SI on request", () => {
@@ -34,5 +34,16 @@ describe("units", () => {
 
   it("shows flags and codes without decimals", () => {
     expect(quantity(3, "", "shop")).toBe("3");
+  });
+
+  it("tells for how long, as a clock does", () => {
+    expect([-5, 999, 59_999, 60_000, 185_000, 7_384_000].map(elapsed)).toEqual([
+      "0 s",
+      "0 s",
+      "59 s",
+      "1 min 0 s",
+      "3 min 5 s",
+      "2 h 3 min",
+    ]);
   });
 });

@@ -54,3 +54,12 @@ export function quantity(value: number | null, unit: string, system: System): st
   if (!as.unit) return text.replace(/\.0+$/, "");
   return as.unit === "°" ? `${text}°` : `${text} ${as.unit}`;
 }
+
+/** How long something has lasted, in whole seconds: `12 s`, `3 min 5 s`, `2 h 3 min`. */
+export function elapsed(ms: number): string {
+  const seconds = Math.max(0, Math.floor(ms / 1000));
+  if (seconds < 60) return `${seconds} s`;
+  const minutes = Math.floor(seconds / 60);
+  if (minutes < 60) return `${minutes} min ${seconds % 60} s`;
+  return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+}

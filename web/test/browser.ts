@@ -1,9 +1,9 @@
 // A browser that was let in by a real server, and how a person goes about its page.
 
 import { execFileSync } from "node:child_process";
-import { mkdirSync, readFileSync } from "node:fs";
+import { mkdirSync, readdirSync, readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { join } from "node:path";
+import { join, resolve } from "node:path";
 import { type Browser, chromium, type Locator, type Page } from "playwright-core";
 import { expect } from "vitest";
 import { Server } from "./server";
@@ -11,6 +11,10 @@ import { Server } from "./server";
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 /** Where pictures go: only where somebody asks for new ones. */
 const IMAGES = process.env.IMAGES;
+/** Shows the page that was built last (`PAGE=dist`) in place of that in the server's program. */
+const PAGE = process.env.PAGE;
+/** Where those go that are for nobody's documentation. */
+const SHOTS = process.env.SHOTS;
 /** A picture of the documentation is no larger. */
 const PICTURE_BYTES_MAX = 150_000;
 const COLOURS = "128";
@@ -20,6 +24,17 @@ interface Violation {
   id: string;
   impact: string | null;
   nodes: { html: string }[];
+}
+
+/** Scripts and styles of a folder where the server's program has older ones; the rest is its own. */
+async function instead(page: Page, folder: string): Promise<void> {
+  const files = readdirSync(join(folder, "assets"));
+  await page.route(/\/assets\/[^/]*$/, async (route) => {
+    const [, name = "", ending = ""] = /([^/-]*)-[^/]*(\.\w+)$/.exec(route.request().url()) ?? [];
+    const file = files.find((each) => each.startsWith(`${name}-`) && each.endsWith(ending));
+    if (!file) return route.continue();
+    await route.fulfill({ path: join(folder, "assets", file) });
+  });
 }
 
 /** A person before the page. */
@@ -42,13 +57,17 @@ export class Visitor {
     const server = await Server.start(...links);
     try {
       const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
-      const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
+      const browser = await chromium.launch({
+        executablePath,
+        args: ["--no-sandbox"],
+      });
       const page = await browser.newPage({
         viewport: WIDE,
         colorScheme: "light",
         locale: "en-GB",
         timezoneId: "UTC",
       });
+      if (PAGE) await instead(page, resolve(PAGE));
       return new Visitor(server, browser, page);
     } catch (problem) {
       server.stop();
@@ -136,10 +155,19 @@ export class Visitor {
     throw new Error("the axis does not get ready");
   }
 
-  /** Does something to the simulated drive. */
+  /** Gives the lease back, and waits until the server says that nobody has it: what the page asks for
+   * over HTTP may overtake what it says on its WebSocket. */
+  async giveBack(): Promise<void> {
+    await this.button("Give back").click();
+    await this.button("Take control").waitFor();
+  }
+
+  /** Does something to the simulated drive, and waits until it is done. */
   async act(act: string, value?: [label: string, text: string]): Promise<void> {
     if (value) await this.page.getByLabel(value[0], { exact: true }).fill(value[1]);
+    const done = this.page.waitForResponse((answer) => answer.url().includes("/simulation/"));
     await this.page.getByRole("form", { name: act }).getByRole("button").first().click();
+    expect((await done).ok()).toBe(true);
   }
 
   /** Serious findings of axe, by all of its rules or by some, which runs from outside the page's CSP. */
@@ -151,6 +179,13 @@ export class Visitor {
     return found.violations
       .filter((each) => each.impact === "serious" || each.impact === "critical")
       .map((each) => `${each.id}: ${each.nodes[0]?.html}`);
+  }
+
+  /** Takes a picture for whoever wants to see what a test sees: `SHOTS=folder`. */
+  async shot(name: string): Promise<void> {
+    if (!SHOTS) return;
+    mkdirSync(SHOTS, { recursive: true });
+    await this.page.screenshot({ path: join(SHOTS, `${name}.png`) });
   }
 
   /** Takes a picture for the documentation, in as few colours as a page has. */

@@ -46,7 +46,7 @@ describe("looking for drives", () => {
       () => group().getByRole("alert").innerText(),
       (text) => text.includes("commands axis 1"),
     );
-    await v.button("Give back").click();
+    await v.giveBack();
     // The refusal is an answer too, and a browser writes those of 409 down.
     v.complaints = v.complaints.filter((each) => !each.includes("409"));
   });
@@ -92,9 +92,15 @@ describe("looking for drives", () => {
   });
 
   it("names a drive that answers no longer", { timeout: LOOK_MS }, async () => {
-    // A powered drive is not looked past.
+    // A drive that is powered or armed, or that somebody commands, is not looked past. All of it ends
+    // before anybody looks.
     await v.button("Disable").click();
-    await v.button("Give back").click();
+    const card = v.page.getByRole("article").filter({ hasText: "tmcl #4" });
+    await v.until(
+      () => card.innerText(),
+      (text) => /disabled/.test(text) && !/· armed/.test(text),
+    );
+    await v.giveBack();
     await v.server.program.post("/simulation/0/1", { act: "supply", value: 0 });
     const again = group().getByRole("button", { name: "Look for drives" });
     await again.click();

@@ -2,6 +2,7 @@
 
 import { type ChildProcess, spawn } from "node:child_process";
 import { randomBytes } from "node:crypto";
+import { once } from "node:events";
 import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
@@ -14,10 +15,13 @@ const SCOPES = "read,stop,move,configure";
 
 export class Server {
   private constructor(
-    private readonly process: ChildProcess,
+    private process: ChildProcess,
     private readonly folder: string,
+    private readonly links: string[],
     /** Lets one browser in, once. */
     readonly url: string,
+    /** The operator's. */
+    readonly token: string,
     /** What a program does that may send raw requests as well. */
     readonly program: Program,
   ) {}
@@ -27,18 +31,9 @@ export class Server {
     const [operator, program] = [randomBytes(32).toString("hex"), randomBytes(32).toString("hex")];
     const tokens = `${operator} ${SCOPES} operator\n${program} ${SCOPES},raw program\n`;
     writeFileSync(join(folder, "tokens"), tokens, { mode: 0o600 });
-    const bind = ["serve", "--bind", "127.0.0.1:0", "--scopes", `${SCOPES},raw`];
-    const child = spawn(POLEPAIR, [...bind, "--state", folder, "--log", "off", ...links], {
-      cwd: ROOT,
-      stdio: ["ignore", "pipe", "inherit"],
-    });
-    try {
-      const url = await ready(child);
-      return new Server(child, folder, url, new Program(new URL(url).origin, program));
-    } catch (problem) {
-      child.kill();
-      throw problem;
-    }
+    const { child, url } = await serve("127.0.0.1:0", folder, links);
+    const asks = new Program(new URL(url).origin, program);
+    return new Server(child, folder, links, url, operator, asks);
   }
 
   /** Keeps it from doing anything, or lets it go on. */
@@ -46,10 +41,48 @@ export class Server {
     this.process.kill(frozen ? "SIGSTOP" : "SIGCONT");
   }
 
+  /** It dies, and stops nothing. */
+  async crash(): Promise<void> {
+    if (this.ended) return;
+    const gone = once(this.process, "exit");
+    this.process.kill("SIGKILL");
+    await gone;
+  }
+
+  /** It is started again, at the same place; it may know no more who is logged in. */
+  async again({ forgets = false } = {}): Promise<void> {
+    if (forgets) rmSync(join(this.folder, "sessions"), { force: true });
+    this.process = (await serve(new URL(this.url).host, this.folder, this.links)).child;
+  }
+
   stop(): void {
     this.freeze(false);
     this.process.kill("SIGINT");
-    this.process.once("exit", () => rmSync(this.folder, { recursive: true, force: true }));
+    const tidy = (): void => rmSync(this.folder, { recursive: true, force: true });
+    if (this.ended) tidy();
+    else this.process.once("exit", tidy);
+  }
+
+  private get ended(): boolean {
+    return this.process.exitCode !== null || this.process.signalCode !== null;
+  }
+}
+
+async function serve(
+  bind: string,
+  folder: string,
+  links: string[],
+): Promise<{ child: ChildProcess; url: string }> {
+  const options = ["--bind", bind, "--scopes", `${SCOPES},raw`, "--state", folder, "--log", "off"];
+  const child = spawn(POLEPAIR, ["serve", ...options, ...links], {
+    cwd: ROOT,
+    stdio: ["ignore", "pipe", "inherit"],
+  });
+  try {
+    return { child, url: await ready(child) };
+  } catch (problem) {
+    child.kill();
+    throw problem;
   }
 }
 

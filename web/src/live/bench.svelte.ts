@@ -7,6 +7,7 @@ import type {
   AxisState,
   AxisStopped,
   BenchView,
+  DismissReason,
   ExplainedField,
   FoundDrive,
   FrameItem,
@@ -16,20 +17,24 @@ import type {
   Refused,
   Scope,
   ServerMessage,
+  Stopped,
   Welcome,
 } from "./message";
 import { preferences } from "../state.svelte";
 import { quantity } from "../units";
 import { Problem, read, send } from "./rest";
 import { Socket } from "./socket";
+import { type SaidStop, Stops } from "./stops.svelte";
 import type { Block } from "./telemetry";
 
 const TTL_MS = 500;
 /** How long the page waits for a command's outcome: homing and moves answer when they have begun. */
 const OUTCOME_MS = 15_000;
 const RENEW_MS = 500;
-/** If a stop is not confirmed on the WebSocket by then, it is said over HTTP too. */
-const STOP_AGAIN_MS = 250;
+/** If a stop under the lease is not answered by then, it is said as everybody may say it. */
+const HALT_MS = 1000;
+/** How long the server's answer to a stop may take: it waits until all stand, or 10 s. */
+const STOP_MS = 15_000;
 const NOTES_MAX = 200;
 
 /** One line of what this page did, and what came of it. */
@@ -60,18 +65,28 @@ export class Bench {
   heard: Record<number, number> = {};
   /** Epochs of the leases that this page holds, by axis. */
   leases = $state.raw<Record<number, number>>({});
+  /** How far the last stop of each axis came, by whomever. */
   stopped = $state.raw<Record<number, AxisStopped>>({});
-  stopping = $state(false);
   notes = $state.raw<Note[]>([]);
   round = $state<number | null>(null);
   /** This page's clock, some times a second, for ages. */
   now = $state(Date.now());
+  /** The server's, likewise, for times that it tells. */
+  serverNow = $state(Date.now());
 
+  /** When the server was last heard of before the connection went, by this page's clock. */
+  lastHeard = $state<number | null>(null);
+
+  /** It answered a plain request since, so a stop can be said that way. */
+  answers = $state(false);
+
+  readonly stops: Stops;
   readonly channels: Channels;
   readonly framesListeners = new Set<(items: FrameItem[], lost: number) => void>();
   readonly blockListeners = new Set<(block: Block) => void>();
   private readonly socket: Socket;
   private readonly pending = new Map<string, Pending>();
+  private readonly dismissals = new Map<number, (refused: Refused | null) => void>();
   private readonly explanations = new Map<number, (fields: ExplainedField[]) => void>();
   private t0 = Number.NaN;
   private unlistened: ((error: Refused) => void) | null = null;
@@ -88,6 +103,13 @@ export class Bench {
       },
     });
     this.channels = new Channels((message) => this.socket.send(message));
+    this.stops = new Stops({
+      live: (axes, reason) => this.socket.send({ type: "stop", axes, reason }),
+      post: async (axes, reason) =>
+        (await send<Stopped>("POST", "/stop", { axes, reason }, STOP_MS)).axes,
+      reached: (axes) => this.reached(axes),
+      certain: (said) => this.stopEnded(said),
+    });
   }
 
   start(): void {
@@ -95,6 +117,7 @@ export class Bench {
     window.setInterval(() => this.renew(), RENEW_MS);
     window.setInterval(() => {
       this.now = Date.now();
+      this.serverNow = this.socket.now();
       this.round = this.socket.clock.round;
     }, 250);
   }
@@ -192,35 +215,56 @@ export class Bench {
 
   /** Brings one axis to rest whatever becomes of its command, but leaves the lease where it is. */
   async halt(axis: number): Promise<void> {
-    const outcome = await Promise.race([this.command(axis, "stop"), wait(STOP_AGAIN_MS * 4)]);
+    const outcome = await Promise.race([this.command(axis, "stop"), wait(HALT_MS)]);
     if (!outcome || outcome.outcome !== "done") this.stop([axis], "stop was not confirmed");
   }
 
-  /** Stops axes, or all of them: needs no lease, and is said twice where it is not confirmed. */
+  /** Stops axes, or all of them; needs no lease. What came of it is in `stops` and `stopped`. */
   stop(axes: number[] | null, reason: string): void {
-    if (axes === null) {
-      this.stopping = true;
-      this.stopped = {};
-    }
-    this.note(null, `stop ${axes ?? "all"}`, "info");
-    const sent = this.socket.send({ type: "stop", axes, reason });
-    const over = (): void => {
-      void send<{ axes: AxisStopped[] }>("POST", "/stop", { axes, reason })
-        .then((answer) => this.reached(answer.axes))
-        .catch((problem: unknown) => this.complain(problem));
-    };
-    if (!sent) over();
-    else {
-      window.setTimeout(() => {
-        if (axes === null && this.stopping && !this.lock) over();
-      }, STOP_AGAIN_MS);
-    }
+    if (axes === null) this.stopped = {};
+    this.note(null, stopped(axes), "info");
+    this.stops.say(axes, reason);
+    if (!this.socket.usable) this.socket.retry();
+  }
+
+  private stopEnded({ axes, certain, refused }: SaidStop): void {
+    if (certain === "taken" || certain === "said") return;
+    const error = refused ?? unreachable(certain === "not_sent" ? false : null);
+    this.note(null, stopped(axes), certain === "unanswered" ? "unknown" : "not_done", error);
   }
 
   /** Lets motion again after a stop of everything. Nothing moves by that. */
   release(): void {
     if (!this.socket.send({ type: "release" })) return;
     this.note(null, "release", "info");
+  }
+
+  /**
+   * Has an axis owed its stop no more, though nobody saw it stand; gives why not. It goes the way of
+   * stops: none that is said after it comes before it, and is dismissed with it.
+   */
+  async dismiss(axis: number, reason: DismissReason, note = ""): Promise<Refused | null> {
+    const epoch = this.leases[axis] ?? 0;
+    const sent = this.socket.send({ type: "dismiss", axis, reason, note, epoch });
+    const refused = sent ? await this.dismissed(axis) : unreachable(false);
+    this.note(axis, `dismiss ${reason}`, refused ? "not_done" : "done", refused);
+    return refused;
+  }
+
+  private dismissed(axis: number): Promise<Refused | null> {
+    return new Promise((settle) => {
+      const before = this.dismissals.get(axis);
+      this.dismissals.set(axis, (refused) => {
+        before?.(refused);
+        settle(refused);
+      });
+    });
+  }
+
+  private settleDismissal(axis: number | null, refused: Refused | null): void {
+    if (axis === null) return;
+    this.dismissals.get(axis)?.(refused);
+    this.dismissals.delete(axis);
   }
 
   /** Looks for drives on a link; `looks` tells how far that is. Nothing moves by it. */
@@ -293,20 +337,34 @@ export class Bench {
 
   private opened(): void {
     this.connection = "open";
+    this.answers = false;
+    this.stops.connected();
     if (this.wanted.on) this.socket.send({ type: "frames", ...this.wanted });
   }
 
   private closed(): void {
+    if (this.connection === "open") this.lastHeard = this.socket.heard;
     this.leases = {};
+    this.stops.disconnected();
     for (const id of [...this.pending.keys()]) this.outcome(lost(id, "unknown"));
+    for (const axis of [...this.dismissals.keys()]) this.settleDismissal(axis, unreachable(null));
     for (const settle of this.explanations.values()) settle([]);
     this.explanations.clear();
-    if (this.connection === "token") return;
-    this.connection = "lost";
-    // A handshake that was refused does not say why; a plain request does.
-    read("/bench").catch((problem: unknown) => {
-      if (problem instanceof Problem && problem.status === 401) this.connection = "token";
-    });
+    // Who types a token is not disturbed while nothing else is known.
+    if (this.connection !== "token") this.connection = "lost";
+    void this.ask();
+  }
+
+  /** A handshake that was refused does not say why; a plain request does. */
+  private async ask(): Promise<void> {
+    const problem = await read("/bench").then(
+      () => null,
+      (problem: unknown) => problem,
+    );
+    if (this.connection === "open") return;
+    this.answers = problem === null;
+    const refused = problem instanceof Problem && problem.status === 401;
+    this.connection = refused ? "token" : "lost";
   }
 
   private told(message: ServerMessage): void {
@@ -325,6 +383,7 @@ export class Bench {
       case "axis":
         this.heard[message.id] = Date.now();
         this.states = { ...this.states, [message.id]: message };
+        this.checkStopped(message);
         this.checkLease(message);
         break;
       case "outcome":
@@ -337,16 +396,19 @@ export class Bench {
       case "stopped":
         this.reached(message.axes);
         break;
+      case "dismissed":
+        this.settleDismissal(message.axis, null);
+        break;
       case "locked":
         this.lock = message;
         this.leases = {};
+        this.stops.locked();
         break;
       case "look":
         this.looks = { ...this.looks, [message.link]: message };
         break;
       case "unlocked":
         this.lock = null;
-        this.stopping = false;
         this.stopped = {};
         break;
       case "frames":
@@ -365,6 +427,7 @@ export class Bench {
   private refused(message: ServerMessage & { type: "error" }): void {
     if (message.about === "frames" && this.unlistened) this.unlistened(message.error);
     else if (message.about === "explain") this.explanations.forEach((settle) => settle([]));
+    else if (message.about === "dismiss") this.settleDismissal(message.subject, message.error);
     else if (message.about === "unsubscribe") return;
     else this.note(message.subject, message.about ?? "", "not_done", message.error);
     if (message.about === "lease" && message.subject !== null) this.forget(message.subject);
@@ -374,6 +437,7 @@ export class Bench {
     const stopped = { ...this.stopped };
     for (const axis of axes) stopped[axis.id] = axis;
     this.stopped = stopped;
+    this.stops.reached(axes);
   }
 
   private outcome(outcome: Outcome): void {
@@ -387,6 +451,13 @@ export class Bench {
     const whole: Note = { ...note, outcome: outcome.outcome, error: outcome.error };
     this.notes = this.notes.map((each) => (each === note ? whole : each));
     settle(outcome);
+  }
+
+  /** That it stood is not told of an axis that moves again. */
+  private checkStopped(state: AxisState): void {
+    if (this.lock || !state.moving || this.stopped[state.id]?.class !== "standing") return;
+    const { [state.id]: _, ...others } = this.stopped;
+    this.stopped = others;
   }
 
   /** Someone else has the axis, or nobody: then this page does not. */
@@ -412,9 +483,17 @@ export class Bench {
 }
 
 function lost(id: string, outcome: Outcome["outcome"]): Outcome {
-  const executed = outcome === "unknown" ? null : false;
-  const error = { code: "page.unreachable", message: "", hint: "", executed };
+  const error = unreachable(outcome === "unknown" ? null : false);
   return { id, outcome, error, replayed: false };
+}
+
+function unreachable(executed: boolean | null): Refused {
+  return { code: "page.unreachable", message: "", hint: "", executed };
+}
+
+/** A stop in the page's log. */
+function stopped(axes: number[] | null): string {
+  return `stop ${axes ?? "all"}`;
 }
 
 function wait(ms: number): Promise<null> {

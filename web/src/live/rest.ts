@@ -4,6 +4,8 @@
 import type { Refused } from "./message";
 
 const BASE = "/api/v1";
+/** The code of a request that may have left, and that nobody answered in time. */
+export const UNANSWERED = "page.unanswered";
 
 /** The server's own refusal, or that it could not be asked. */
 export class Problem extends Error {
@@ -19,11 +21,18 @@ export function read<T>(path: string): Promise<T> {
   return ask<T>(path, { method: "GET" });
 }
 
-export function send<T>(method: "POST" | "DELETE", path: string, body: unknown): Promise<T> {
+/** Asks once. With `ms` it waits for so long, then the code is `UNANSWERED`. */
+export function send<T>(
+  method: "POST" | "DELETE",
+  path: string,
+  body: unknown,
+  ms?: number,
+): Promise<T> {
   return ask<T>(path, {
     method,
     headers: { "Content-Type": "application/json", "X-Polepair": "1" },
     body: JSON.stringify(body),
+    ...(ms === undefined ? {} : { signal: AbortSignal.timeout(ms) }),
   });
 }
 
@@ -37,8 +46,9 @@ async function ask<T>(path: string, request: RequestInit): Promise<T> {
   let answer: Response;
   try {
     answer = await fetch(BASE + path, { ...request, credentials: "same-origin" });
-  } catch {
-    throw new Problem(0, unreachable());
+  } catch (problem) {
+    const late = problem instanceof DOMException && problem.name === "TimeoutError";
+    throw new Problem(0, nobody(late ? UNANSWERED : "page.unreachable"));
   }
   const body: unknown = await answer.json().catch(() => null);
   if (answer.ok) return body as T;
@@ -52,8 +62,8 @@ function refusal(body: unknown): Refused | null {
   return { code, message, hint, executed };
 }
 
-function unreachable(): Refused {
-  return { code: "page.unreachable", message: "", hint: "", executed: null };
+function nobody(code: string): Refused {
+  return { code, message: "", hint: "", executed: null };
 }
 
 function unexpected(status: number): Refused {

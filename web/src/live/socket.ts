@@ -20,9 +20,10 @@ export interface Listener {
 
 export class Socket {
   readonly clock = new Clock();
+  /** When the server last said something, by this page's clock, ms. */
+  heard = 0;
   private socket: WebSocket | null = null;
   private tries = 0;
-  private heard = 0;
   private pinging = 0;
   private ended = false;
 

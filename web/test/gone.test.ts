@@ -1,0 +1,116 @@
+// A server that dies, hangs, or is started again: what the page says of it, and what STOP is worth.
+
+import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { Visitor } from "./browser";
+
+let v: Visitor;
+
+beforeAll(async () => {
+  v = await Visitor.come("sim:tmcl", "sim:modbus-rtu");
+  await v.page.goto(v.server.url);
+  await v.card(1).waitFor();
+});
+afterAll(async () => v?.leave());
+
+describe("a server that is gone", () => {
+  const banner = () => v.page.getByRole("region", { name: "Stop" });
+  const says = (...words: string[]) =>
+    v.until(
+      () => banner().innerText(),
+      (text) => words.every((word) => text.includes(word)),
+    );
+  const connected = async () => {
+    await v.until(
+      () => v.page.getByRole("banner").getByRole("status").innerText(),
+      (text) => text.includes("connected"),
+    );
+    // What could not be reached meanwhile is complained of, as it should be.
+    v.complaints = [];
+  };
+  const locked = async () => {
+    const { lock } = await v.server.program.get<{ lock: unknown }>("/bench");
+    return lock !== null;
+  };
+
+  it("is told at once and large, with what may still turn and what to do instead", async () => {
+    await v.ready();
+    await v.button("Speed").click();
+    await v.page.getByRole("form", { name: "Move" }).getByLabel("velocity, rpm").fill("120");
+    await v.button("Go").click();
+    await v.turns(0);
+    await v.until(
+      () => v.card(0).innerText(),
+      (text) => text.includes("moving"),
+    );
+    await v.server.crash();
+    const text = await says("No connection to the server", "cut its supply", "tmcm-171 1");
+    expect(text).toContain("Turned when last heard of");
+    expect(text).not.toMatch(/by itself(?! only where)/);
+    const title = banner().getByText("No connection to the server");
+    expect(await title.evaluate((it) => Number.parseFloat(getComputedStyle(it).fontSize))).toBe(17);
+    // Nothing is offered that cannot be done, and no drive is blamed for the server.
+    expect(await v.button("Take control").isDisabled()).toBe(true);
+    expect(await v.card(0).innerText()).toContain("was moving");
+    expect(await v.page.getByText("are its supply and its cable sound").count()).toBe(0);
+    expect(await v.serious()).toEqual([]);
+    await v.picture("gone");
+  });
+
+  it("does no stop, and that is said at once instead of that it stops", async () => {
+    await v.button(/STOP ALL/).click();
+    await says("STOP ALL: DID NOT GET THROUGH", "cut its supply", "said again as soon as");
+    await v.shot("not-sent");
+    expect(await banner().innerText()).not.toContain("no answer yet");
+  });
+
+  it("knows the page still when it is started again, and then does the stop that it is owed", async () => {
+    await v.server.again();
+    await says("Motion is locked", "every axis stands still");
+    expect(await banner().innerText()).not.toContain("DID NOT GET THROUGH");
+    expect(await locked()).toBe(true);
+    await connected();
+    await v.button("Release motion").click();
+    await banner().waitFor({ state: "detached" });
+  });
+
+  it("does no stop that was dismissed", async () => {
+    await v.server.crash();
+    await says("No connection to the server");
+    await v.page.keyboard.press("Escape");
+    await says("DID NOT GET THROUGH");
+    await banner().getByRole("button", { name: "Close" }).click();
+    await v.server.again();
+    await banner().waitFor({ state: "detached" });
+    await connected();
+    expect(await locked()).toBe(false);
+  });
+
+  it("that hangs does not leave a stop on its way for ever", async () => {
+    v.server.freeze(true);
+    await v.page.keyboard.press("Escape");
+    await says("STOP ALL: NOT ANSWERED", "cut its supply");
+    v.server.freeze(false);
+    await says("Motion is locked", "every axis stands still");
+    expect(await banner().innerText()).not.toContain("NOT ANSWERED");
+    await v.button("Release motion").click();
+    await banner().waitFor({ state: "detached" });
+    await connected();
+  });
+
+  it("that knows the page no more says so once more, and offers the login", async () => {
+    await v.server.crash();
+    await v.server.again({ forgets: true });
+    await says("Not logged in: the server does no stop of this page", "cut its supply");
+    await v.button(/STOP ALL/).click();
+    await says("STOP ALL: NOT CARRIED OUT", "gateway.token", "Log in below");
+    expect(await locked()).toBe(false);
+    expect(await v.serious()).toEqual([]);
+    await v.shot("logged-out");
+    await v.page.getByLabel("Token").fill(v.server.token);
+    await v.button("Log in").click();
+    await says("Motion is locked", "every axis stands still");
+    await v.button("Release motion").click();
+    await banner().waitFor({ state: "detached" });
+    await connected();
+  });
+});

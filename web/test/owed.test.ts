@@ -1,0 +1,214 @@
+// A motor that is to stand and was not seen standing: the page says so in red for as long, and whoever
+// knows better says why it need not.
+
+import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
+import { Visitor, WIDE } from "./browser";
+
+interface Debt {
+  owed: { said: number; since_ms: number } | null;
+}
+
+interface Kept {
+  deed: string;
+  axis: number | null;
+  who: string;
+  detail: Record<string, unknown>;
+}
+
+const SIZES = [
+  [1280, 800],
+  [390, 844],
+] as const;
+
+let v: Visitor;
+
+beforeAll(async () => {
+  v = await Visitor.come("sim:tmcl", "sim:modbus-rtu");
+  await v.page.goto(v.server.url);
+  await v.card(1).waitFor();
+});
+afterAll(async () => v?.leave());
+afterEach(() => v.content());
+
+const banner = () => v.page.getByRole("region", { name: "Stop" });
+const list = () => banner().getByRole("list", { name: "Axes that were not seen standing" });
+const panel = () => v.page.getByRole("complementary", { name: "Chosen axis" });
+const supply = (volts: number) =>
+  v.server.program.post("/simulation/0/0", { act: "supply", value: volts });
+const debt = async () => (await v.server.program.get<Debt>("/axes/0")).owed;
+const says = (...words: (string | RegExp)[]) =>
+  v.until(
+    () => list().innerText(),
+    (text) =>
+      words.every((word) => (typeof word === "string" ? text.includes(word) : word.test(text))),
+  );
+
+/** How the last debt ended, as the journal has it. */
+async function ended(): Promise<Kept> {
+  const text = await v.server.program.get<Kept[]>("/journal");
+  const last = text.findLast((record) => record.deed === "stop_ended" && record.axis === 0);
+  if (!last) throw new Error("the journal has no end of a stop");
+  return last;
+}
+
+/** It is owed a stop: its supply went away, and somebody said STOP. */
+async function owe(): Promise<void> {
+  await supply(0);
+  await v.page.keyboard.press("Escape");
+  await says("tmcm-171 1", "stopped by operator");
+}
+
+async function release(): Promise<void> {
+  await v.button("Release motion").click();
+  await v.button("Release motion").waitFor({ state: "detached" });
+}
+
+describe("a motor that is not seen standing", () => {
+  it("is told in red: since when, why, how far its stop came, how often, and its supply", async () => {
+    await v.card(0).getByRole("button").first().click();
+    await v.ready();
+    await v.button("Speed").click();
+    await v.page.getByRole("form", { name: "Move" }).getByLabel("velocity, rpm").fill("300");
+    await v.button("Go").click();
+    await v.turns(0);
+    await owe();
+    const title = banner().getByText("Not seen standing: 1. Cut the supply of:");
+    expect(await title.evaluate((it) => Number.parseFloat(getComputedStyle(it).fontSize))).toBe(17);
+    const red = await title.evaluate((it) => {
+      const alarm = it.closest(".alarm");
+      return alarm && getComputedStyle(alarm).backgroundColor;
+    });
+    expect(red).toBe("rgb(196, 18, 47)");
+    const first = await says("the stop was sent, the drive did not confirm it", "E401");
+    const count = (text: string) => Number(/said (\d+)×/.exec(text)?.[1]);
+    await v.until(
+      () => list().innerText(),
+      (text) => count(text) > count(first) && /to stand for [2-9] s/.test(text),
+    );
+    const { since_ms } = (await debt()) ?? { since_ms: 0 };
+    const at = new Date(since_ms).toLocaleTimeString("en-GB", { timeZone: "UTC" });
+    await says(`since ${at}`);
+    // Nobody is listed twice, and the card and the panel of the axis say it too.
+    expect(await banner().getByRole("listitem").count()).toBe(1);
+    expect(await v.card(0).innerText()).toMatch(
+      /not seen standing[^]*not seen standing: cut its supply/,
+    );
+    expect(await panel().locator(".alarm").innerText()).toContain(
+      "not seen standing: cut its supply",
+    );
+    expect(await v.card(1).innerText()).not.toContain("not seen standing");
+    await v.picture("owed");
+  });
+
+  it("keeps the page in its place at each size, in both languages and themes", async () => {
+    await list().getByRole("button", { name: "Dismiss the stop of tmcm-171 1" }).click();
+    const form = list().getByRole("form");
+    expect(await form.locator("select").evaluate((it) => it === document.activeElement)).toBe(true);
+    for (const [language, theme] of [
+      ["zh", "dark"],
+      ["en", "light"],
+    ] as const) {
+      await v.page.setViewportSize(WIDE);
+      await v.page.locator("header select").nth(2).selectOption(language);
+      await v.page.locator("header select").nth(1).selectOption(theme);
+      for (const [width, height] of SIZES) {
+        await v.page.setViewportSize({ width, height });
+        const where = `owed-${width}x${height}-${language}-${theme}`;
+        const box = await v.page.locator("section.banners").boundingBox();
+        expect((box?.height ?? height) / height, where).toBeLessThanOrEqual(0.4);
+        const button = v.page.locator("section.banners form button").first();
+        await button.scrollIntoViewIfNeeded();
+        expect(await button.isVisible(), where).toBe(true);
+        await v.shot(where);
+        expect(await v.serious(), where).toEqual([]);
+      }
+    }
+    await v.page.setViewportSize(WIDE);
+  });
+
+  it("is owed its stop no more once somebody says why, which the journal keeps", async () => {
+    const form = list().getByRole("form", { name: "Dismiss the stop of tmcm-171 1" });
+    const dismiss = form.getByRole("button", { name: "Dismiss the stop" });
+    expect(await dismiss.isDisabled()).toBe(true);
+    expect(await debt()).not.toBeNull();
+    await form.getByLabel("Reason").selectOption("The drive was taken away, or has no supply");
+    await form.getByLabel("Note").fill("sent in for repair");
+    await dismiss.click();
+    await list().waitFor({ state: "detached" });
+    expect(await debt()).toBeNull();
+    const { who, detail } = await ended();
+    expect(who).toMatch(/^operator \d+$/);
+    expect(detail).toMatchObject({
+      how: "dismissed",
+      reason: "drive_gone",
+      note: "sent in for repair",
+    });
+    expect(await panel().locator(".alarm").count()).toBe(0);
+    expect(await v.card(0).innerText()).not.toContain("cut its supply");
+    await supply(24);
+    await release();
+  });
+
+  it("is out of the list by itself when it is seen standing", async () => {
+    await owe();
+    await supply(24);
+    await list().waitFor({ state: "detached" });
+    await v.until(
+      () => banner().innerText(),
+      (text) => text.includes("every axis stands still"),
+    );
+    expect((await ended()).detail).toMatchObject({ how: "standing" });
+    expect(await panel().locator(".alarm").count()).toBe(0);
+    await release();
+  });
+
+  it("is commanded on by who holds it and says that it may be turning", async () => {
+    await owe();
+    await release();
+    expect(await panel().getByRole("form", { name: "Command it on" }).count()).toBe(0);
+    await v.button("Take control").click();
+    const form = panel().getByRole("form", { name: "Command it on" });
+    await form.waitFor();
+    await v.button("Enable").click();
+    await v.until(
+      () => panel().innerText(),
+      (text) => text.includes("gateway.owed"),
+    );
+    const go = form.getByRole("button");
+    expect(await go.isDisabled()).toBe(true);
+    await form.getByLabel("I know that tmcm-171 1 may be turning").check();
+    await v.shot("owed-may-turn");
+    await go.click();
+    await list().waitFor({ state: "detached" });
+    await form.waitFor({ state: "detached" });
+    expect((await ended()).detail).toMatchObject({ how: "dismissed", reason: "taken_over" });
+    await supply(24);
+    await v.giveBack();
+  });
+
+  it("stays in the list where the server refuses, and says why", async () => {
+    // What the page asks for becomes what only a lease's holder may ask.
+    await v.page.routeWebSocket(/\/api\/v1\/live$/, (page) => {
+      const server = page.connectToServer();
+      page.onMessage((message) => {
+        const said =
+          typeof message === "string" ? message.replace('"drive_gone"', '"taken_over"') : message;
+        server.send(said);
+      });
+    });
+    await v.page.reload();
+    await v.card(1).waitFor();
+    await owe();
+    await list().getByRole("button", { name: "Dismiss the stop of tmcm-171 1" }).click();
+    const form = list().getByRole("form");
+    await form.getByLabel("Reason").selectOption("drive_gone");
+    await form.getByRole("button", { name: "Dismiss the stop" }).click();
+    const told = await form.getByRole("alert").innerText();
+    expect(told).toContain("nobody has the lease of this axis");
+    expect(told).toContain("gateway.lease");
+    expect(await debt()).not.toBeNull();
+    await supply(24);
+    await list().waitFor({ state: "detached" });
+    await release();
+  });
+});

@@ -1,0 +1,97 @@
+// The drive's own watchdog: what it does when its host falls silent, how that is set, and setting it.
+
+import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
+import { Visitor } from "./browser";
+
+interface Told {
+  set: string;
+  after_ms: number | null;
+}
+
+interface Kept {
+  deed: string;
+  axis: number | null;
+  who: string;
+  detail: Record<string, unknown>;
+}
+
+let v: Visitor;
+
+beforeAll(async () => {
+  v = await Visitor.come("sim:tmcl", "sim:cia402:5?heartbeat=100", "sim:modbus-rtu");
+  await v.page.goto(v.server.url);
+  await v.card(2).waitFor();
+});
+afterAll(async () => v?.leave());
+afterEach(() => v.content());
+
+const form = () => v.page.getByRole("form", { name: "If the host falls silent" });
+const says = (text: string) =>
+  v.until(
+    () => form().getByRole("status").innerText(),
+    (now) => now === text,
+  );
+const choose = (at: number) => v.card(at).getByRole("button").first().click();
+const told = (axis: number) => v.server.program.get<Told>(`/axes/${axis}/watchdog`);
+const set = async (time: string, unit: string) => {
+  await form().getByLabel("Stop after a silence of").fill(time);
+  await form().getByLabel("Unit").selectOption(unit);
+  await form().getByRole("button", { name: "Set", exact: true }).click();
+};
+
+describe("the drive's own watchdog", () => {
+  it("is shown as it is set now, and set by whoever has control", async () => {
+    await choose(0);
+    await says("off: the motor goes on turning");
+    expect(await form().innerText()).toContain("is kept in its permanent memory");
+    expect(await form().getByRole("button", { name: "Set", exact: true }).isDisabled()).toBe(true);
+    await v.button("Take control").click();
+    await v.button("Give back").waitFor();
+    await set("500", "ms");
+    await says("on: stops after 500 ms of silence");
+    expect(await told(0)).toMatchObject({ set: "on", after_ms: 500 });
+    const journal = await v.server.program.get<Kept[]>("/journal");
+    const written = journal.findLast(({ deed, axis }) => deed === "parameters" && axis === 0);
+    expect(written?.who).toMatch(/^operator \d+$/);
+    expect(written?.detail).toEqual({ watchdog: "serial heartbeat", after_ms: 500 });
+    await v.shot("watchdog");
+  });
+
+  it("is refused in words where the drive cannot have that, and stays as it was", async () => {
+    await set("1e6", "s");
+    const alert = await form().getByRole("alert").innerText();
+    expect(alert).toContain("E216");
+    // A browser writes refusals down.
+    v.complaints = v.complaints.filter((each) => !each.includes("422"));
+    expect(await told(0)).toMatchObject({ set: "on", after_ms: 500 });
+    await form().getByRole("button", { name: "Switch off" }).click();
+    await says("off: the motor goes on turning");
+    expect(await told(0)).toMatchObject({ set: "off", after_ms: null });
+    await v.giveBack();
+  });
+
+  it("needs a heartbeat where the drive watches one, which is said", async () => {
+    await choose(1);
+    // The server has it watch the heartbeat that it sends.
+    await says("on: stops after 300 ms of silence");
+    expect(await form().innerText()).toContain("heartbeat=100");
+    await v.button("Take control").click();
+    await v.button("Give back").waitFor();
+    await set("1.5", "s");
+    await says("on: stops after 1500 ms of silence");
+    expect(await told(1)).toMatchObject({ set: "on", after_ms: 1500 });
+    await v.giveBack();
+    // It is read anew each time that the axis is shown.
+    await choose(0);
+    await says("off: the motor goes on turning");
+    await choose(1);
+    await says("on: stops after 1500 ms of silence");
+    expect(await v.serious()).toEqual([]);
+  });
+
+  it("is not offered where the drive has none", async () => {
+    await choose(2);
+    await says("there is none: the motor goes on turning");
+    expect(await form().getByRole("button").count()).toBe(1);
+  });
+});
