@@ -3,15 +3,20 @@
 //!
 //! Nothing panics, nothing goes on without end, and a cut never reaches beyond its input.
 
+use std::time::Duration;
+
 use polepair_capture::{Decoder, Event, Judge, Rules};
+use polepair_core::axis::{Command, Verb};
 use polepair_core::drives;
 use polepair_core::error::WireError;
 use polepair_core::explain::{Addressing, Context, Cut, Direction, Field, Sink};
-use polepair_core::medium::{MediumKind, STREAM_UNIT_MAX};
+use polepair_core::medium::{Frame, MediumKind, STREAM_UNIT_MAX};
 use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::proto::{self, HostOptions};
-use polepair_core::station::{AxisIndex, Ticket};
+use polepair_core::station::{AxisIndex, LineEvent, Ticket};
 use polepair_core::time::Instant;
+use polepair_serve::bench::{self, Bench, Reply};
+use polepair_serve::message::{ClientMessage, Refused, StopOrder};
 use polepair_sim::host::{self, Spoken};
 use polepair_sim::node::Node;
 use polepair_sim::rack::RackDrive;
@@ -20,7 +25,7 @@ use polepair_sim::rack::RackDrive;
 pub type Target = (&'static str, fn(&[u8]), &'static [&'static [u8]]);
 
 /// Every target.
-pub const TARGETS: [Target; 9] = [
+pub const TARGETS: [Target; 11] = [
     ("deframe", deframe, FRAMES),
     ("can", can, FRAMES),
     (
@@ -34,6 +39,8 @@ pub const TARGETS: [Target; 9] = [
     ("url", url, URLS),
     ("profile", profile, PROFILES),
     ("setup", setup, &[b"PK\x05\x06\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", b"PK\x03\x04"]),
+    ("session", session, SESSIONS),
+    ("gateway", gateway, GATEWAYS),
 ];
 
 const FRAMES: &[&[u8]] = &[
@@ -64,6 +71,35 @@ const PROFILES: &[&[u8]] = &[
     b"name = \"d\"\nprotocol = \"modbus\"\n[[parameter]]\nname = \"a\"\nindex = 0x10\nmin = -5\nmax = 7\n",
     b"name = \"d\"\nextends = \"tmcm-171\"\n[plans.stop]\nsteps = [\"send 3 0 0\", \"until a == 0 within 1 s\"]\n",
     b"name = \"d\"\nprotocol = \"tmcl\"\n[[fault]]\ncode = 0x1\nname = \"x\"\n[[signal]]\nname = \"position\"\n",
+];
+
+/// See [`session`]: a protocol, whether its line has a baud rate, then one thing after the other.
+const SESSIONS: &[&[u8]] = &[
+    b"\x00\x00\x00\x01\x06\x14\x05\x09\x02\x01\x64\x06\x00\x00\x00\x07\x74",
+    b"\x01\x00\x03\x01\x02\x05\x06\x18\x05\x00\x02\x02\x06\x1E",
+    b"\x02\x01\x00\x00\x06\x16\x05\x07\x01\x03\x02\xFF\x38\xF8\x66\x01\x02\x01\x00",
+    b"\x04\x00\x00\x02\x05\x01\x4F\x07\x00\x06\x19\x07\x01\x00\x03",
+    b"\x07\x01\x00\x05\x06\x16\x05\x0A\x81\x05\x4F\x00\x10\x00\x92\x01\x02\x00",
+];
+
+const GATEWAYS: &[&[u8]] = &[
+    br#"{"type":"lease","axis":0,"act":"take"}
+{"type":"command","axis":0,"id":"a","issued_ms":0,"epoch":1,"verb":"arm"}
+{"type":"command","axis":0,"id":"b","issued_ms":0,"epoch":1,"verb":"enable"}
+{"type":"command","axis":0,"id":"c","issued_ms":0,"epoch":1,"verb":"velocity","arguments":{"velocity":20}}
+{"type":"lease","axis":0,"act":"renew","epoch":1}
+{"type":"stop","axes":[0],"reason":"x"}"#,
+    br#"{"type":"subscribe","channel":1,"axis":1,"signal":"velocity","hz":100}
+{"type":"subscribe","channel":2,"axis":0,"parameter":"max current","hz":5}
+{"type":"frames","on":true,"filter":"protocol = tmcl and axis != 2"}
+{"type":"stop"}
+{"type":"release"}
+{"type":"ping","client_ms":1.5}"#,
+    br#"{"type":"lease","axis":1,"act":"take_over"}
+{"type":"command","axis":1,"id":"m","issued_ms":-900,"ttl_ms":1e3,"epoch":1,"verb":"move-by","arguments":{"target":1e9}}
+{"type":"lease","axis":1,"act":"drop","epoch":1}
+{"type":"unsubscribe","channel":1}
+{"type":"explain","n":0}"#,
 ];
 
 /// Steps that anything may take before it counts as going on without end.
@@ -239,9 +275,7 @@ pub fn capture(data: &[u8]) {
 pub fn url(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let Ok(url) = text.parse::<polepair::url::Url>() else { return };
-    let shown = url.to_string();
-    let again = shown.parse::<polepair::url::Url>();
-    assert_eq!(again.map(|url| url.to_string()), Ok(shown));
+    assert_eq!(url.to_string().parse(), Ok(url));
 }
 
 /// Reads a profile. One that is good is kept for good, up to a number of them.
@@ -262,4 +296,220 @@ pub fn setup(data: &[u8]) {
     if let Err(error) = read {
         assert!(!error.to_string().is_empty());
     }
+}
+
+/// What a host may be told in [`session`]: its requests are kept until they end.
+struct Spoke {
+    node: Box<dyn Node>,
+    profile: &'static Profile,
+    now: Instant,
+    open: Vec<Ticket>,
+    /// What it sent last.
+    said: Vec<u8>,
+}
+
+/// Requests in one session at most.
+const REQUESTS_MAX: u32 = 64;
+/// When every request has ended, the last plan's longest step included, ms.
+const ENDED_MS: u32 = 3_600_000;
+
+impl Spoke {
+    /// Sends what there is to send, and hears what ended.
+    fn pump(&mut self) {
+        let (mut bytes, mut frame) = ([0; STREAM_UNIT_MAX], Frame::default());
+        for step in 0.. {
+            assert!(step < STEPS_MAX, "sends without end");
+            if let Some(station) = self.node.stream(0) {
+                let Some(len) = station.poll_transmit(self.now, &mut bytes) else { break };
+                self.said = bytes[..len].to_vec();
+            } else {
+                let Some(station) = self.node.can(0) else { return };
+                if station.poll_transmit(self.now, &mut frame).is_none() {
+                    break;
+                }
+                self.said = [&frame.id.to_be_bytes()[2..], frame.bytes()].concat();
+            }
+        }
+        let axes = self.node.axes().expect("a lane");
+        while let Some((ticket, _)) = axes.poll_outcome() {
+            let at = self.open.iter().position(|open| *open == ticket);
+            self.open.swap_remove(at.expect("an end without a request, or a second one"));
+        }
+    }
+
+    /// Lets time pass.
+    fn pass(&mut self, end: Instant, mut is_over: impl FnMut(&Self) -> bool) {
+        for step in 0.. {
+            assert!(step < STEPS_MAX, "goes on without end");
+            self.pump();
+            if self.now >= end || is_over(self) {
+                return;
+            }
+            let due = self.node.poll_timeout().unwrap_or(end).max(self.now.plus_ns(1_000));
+            self.now = due.min(end);
+            self.node.handle_timeout(self.now);
+        }
+    }
+
+    /// Bytes of a line; on a bus an identifier's two bytes and the data of a frame.
+    fn hear(&mut self, bytes: &[u8]) {
+        if let Some(station) = self.node.stream(0) {
+            return station.handle_input(self.now, bytes);
+        }
+        let Some((&[high, low], data)) = bytes.split_first_chunk() else { return };
+        let frame = Frame::standard(u16::from_be_bytes([high, low]), data);
+        if let Some(station) = self.node.can(0) {
+            station.handle_input(self.now, &frame);
+        }
+    }
+
+    fn line(&mut self, event: LineEvent) {
+        if let Some(station) = self.node.stream(0) {
+            station.handle_line(self.now, event);
+        } else if let Some(station) = self.node.can(0) {
+            station.handle_line(self.now, event);
+        }
+    }
+
+    /// One request, as two bytes choose it.
+    fn ask(&mut self, number: u32, what: u8, which: u8) {
+        let ticket = Ticket(number);
+        let (now, count) = (self.now, self.profile.parameters.len().max(1));
+        let id = ParameterId((usize::from(which) % count) as u16);
+        let verb = Verb::ALL[usize::from(which) % Verb::ALL.len()];
+        let value = Some(f64::from(which as i8));
+        let command =
+            Command { target: value, velocity: value, torque: value, ..Command::new(verb) };
+        let axes = self.node.axes().expect("a lane");
+        let taken = match what {
+            0 => axes.read(now, ticket, AXIS, id),
+            1 => axes.write(now, ticket, AXIS, id, i64::from(which), false),
+            _ => axes.command(now, ticket, AXIS, command),
+        };
+        if taken.is_ok() {
+            self.open.push(ticket);
+        }
+    }
+}
+
+/// A whole session: requests, bytes, time, and a wire that goes away and comes back, in any order. Every
+/// request that was taken ends once, and nothing else ends.
+pub fn session(data: &[u8]) {
+    let with = |spoken: Spoken| {
+        let product = drives::profiles().iter().find(|p| p.protocol == spoken.profile);
+        product.map(|profile| (spoken, *profile))
+    };
+    let hosts: Vec<_> = host::protocols().into_iter().filter_map(with).collect();
+    let Some(((spoken, profile), rest)) = choose(data, &hosts) else { return };
+    let Some((timed, rest)) = choose(rest, &[0, spoken.baud]) else { return };
+    let axes = [(profile, spoken.first_address)];
+    let node = host::lane(spoken.name, spoken.medium, HostOptions::new(timed), &axes);
+    let Some(node) = node else { return };
+    let (now, open, said) = (Instant::ZERO, Vec::new(), Vec::new());
+    let mut spoke = Spoke { node, profile, now, open, said };
+    let (mut rest, mut requests) = (rest.iter().copied(), 0);
+    while let (Some(what), Some(which)) = (rest.next(), rest.next()) {
+        match what % 8 {
+            0..=2 if requests < REQUESTS_MAX => {
+                requests += 1;
+                spoke.ask(requests, what % 8, which);
+            }
+            3 => spoke.node.axes().expect("a lane").arm(AXIS, which % 2 == 1),
+            5 if which == 0 => {
+                let again = spoke.said.clone();
+                spoke.hear(&again);
+            }
+            4 | 5 => {
+                let bytes: Vec<u8> = rest.by_ref().take(usize::from(which)).collect();
+                spoke.hear(&bytes);
+            }
+            6 => {
+                let end = spoke.now.plus_ns(1 << (which % 34));
+                spoke.pass(end, |_| false);
+            }
+            7 => spoke.line(
+                [LineEvent::Down, LineEvent::Up, LineEvent::Break, LineEvent::BusOff]
+                    [usize::from(which % 4)],
+            ),
+            _ => {}
+        }
+        spoke.pump();
+    }
+    spoke.line(LineEvent::Up);
+    let end = spoke.now.plus_ms(ENDED_MS);
+    spoke.pass(end, |spoke| spoke.open.is_empty());
+    assert!(spoke.open.is_empty(), "{} of {:?} never end", spoke.open.len(), spoken.name);
+}
+
+/// Waits until it was answered.
+fn heard<T>(bench: &Bench, mut reply: Reply<T>) -> Result<T, Refused> {
+    for _ in 0..3_000 {
+        if let Some(answer) = reply.take() {
+            return answer;
+        }
+        bench.pass(Duration::from_millis(10));
+    }
+    panic!("no answer within thirty seconds");
+}
+
+/// Lines are what a client says on its WebSocket: what can be read is done to a bench of two simulated
+/// drives. All of it is answered, and at the end a stop of everything leaves both motors standing.
+pub fn gateway(data: &[u8]) {
+    let lines = data.split(|byte| *byte == b'\n').take(32);
+    let said: Vec<ClientMessage> =
+        lines.filter_map(|line| serde_json::from_slice(line).ok()).collect();
+    if said.is_empty() {
+        return;
+    }
+    for message in &said {
+        let text = serde_json::to_string(message).expect("it can be said again");
+        serde_json::from_str::<ClientMessage>(&text).expect("and is read again");
+    }
+    let urls = ["sim:tmcl?axes=2&time=virtual".to_owned()];
+    let bench = Bench::open(&urls, bench::Options::default()).expect("a bench");
+    let session = "fuzz".into();
+    let (mut channels, mut watched) = (Vec::new(), None);
+    for message in said {
+        match message {
+            ClientMessage::Lease { axis, act, epoch } => {
+                let _ = heard(&bench, bench.lease(axis, &session, act, epoch));
+            }
+            ClientMessage::Command { axis, mut command } => {
+                command.issued_ms += bench.now_ms();
+                let id = command.id.clone();
+                let told = heard(&bench, bench.command(axis, &session, command));
+                assert!(
+                    told.is_ok_and(|outcome| outcome.id == id),
+                    "a command always has an outcome"
+                );
+            }
+            ClientMessage::Stop { axes, reason } => {
+                let _ = heard(&bench, bench.stop(&session, &StopOrder { axes, reason }));
+            }
+            ClientMessage::Dismiss { axis, dismiss } => {
+                let _ = heard(&bench, bench.dismiss(axis, &session, dismiss));
+            }
+            ClientMessage::Release => {
+                let _ = heard(&bench, bench.release(&session, bench.locks()));
+            }
+            ClientMessage::Subscribe { axis, signal, parameter, hz, .. } => {
+                channels.extend(bench.subscribe(axis, signal.as_deref(), parameter.as_deref(), hz));
+            }
+            ClientMessage::Frames { filter, .. } => watched = bench.frames(filter.as_deref()).ok(),
+            ClientMessage::Explain { n } => drop(bench.explain(n)),
+            ClientMessage::Unsubscribe { .. } | ClientMessage::Ping { .. } => {}
+        }
+        bench.pass(Duration::from_millis(20));
+        for channel in &mut channels {
+            channel.take(&mut Vec::new());
+        }
+        watched.iter_mut().for_each(|frames| drop(frames.take(100)));
+    }
+    let everything = StopOrder { axes: None, reason: String::new() };
+    heard(&bench, bench.stop(&session, &everything)).expect("it is stopped");
+    for axis in 0..2 {
+        let truth = bench.truth(axis).expect("a motor");
+        assert!(truth.velocity.abs() < 0.5, "axis {axis} turns after a stop: {truth:?}");
+    }
+    bench.shutdown();
 }
