@@ -4,6 +4,7 @@ pub mod canopen;
 pub mod events;
 pub mod modbus;
 pub mod pace;
+mod proven;
 pub mod thruster;
 pub mod tmcl;
 pub mod tml;

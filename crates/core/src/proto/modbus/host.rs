@@ -24,9 +24,10 @@ use crate::medium::{SerialLine, Stream};
 use crate::proto::HostOptions;
 use crate::proto::events::Events;
 use crate::proto::pace::{Pace, tolerated};
+use crate::proto::proven::Proven;
 use crate::station::{self, Class, Counters, Event, LineEvent, Station, Ticket, Timed, To};
 use crate::time::Instant;
-use proof::{Proof, Proven};
+use proof::Proof;
 
 /// Times that one request is put on the wire at most.
 pub const ATTEMPTS_MAX: u8 = 3;

@@ -20,6 +20,7 @@ use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
 use crate::error::Failure;
 use crate::proto::events::Events;
+use crate::proto::proven::Proven;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
 use proof::{PROBES, Waiting};
@@ -162,9 +163,7 @@ pub struct Session {
     suspects: [Option<Suspect>; SUSPECTS_MAX],
     suspicious: bool,
     /// Modules of which no older reply can come but those that are known of.
-    proven: [u64; 4],
-    /// Whence probes are drawn, where modules are to be proven.
-    draw: Option<u32>,
+    proven: Proven,
     /// A request that waits for its module to be proven.
     waiting: Option<Waiting>,
     /// The last requests: module, opcode and when.
@@ -190,9 +189,7 @@ const TIMELY_MIN: u64 = 16;
 impl Session {
     pub(super) fn new(host: u16, timeout_ms: u32, doubt: Option<u32>) -> Self {
         Self {
-            proven: if doubt.is_some() { [0; 4] } else { [u64::MAX; 4] },
-            // Zero would draw itself for ever.
-            draw: doubt.map(|seed| seed.wrapping_mul(0x9E37_79B9) | 1),
+            proven: Proven::new(doubt),
             waiting: None,
             recent: [(0, 0, Instant::ZERO); RECENT_MAX],
             recent_at: 0,
@@ -216,7 +213,7 @@ impl Session {
         let own = u16::from(ask.request.address) == self.host;
         if self.pending.is_some()
             || self.suspicious
-            || !self.is_proven(ask.request.address)
+            || !self.proven.holds(ask.request.address)
             || !self.up
             || own
             || self.events.room() < ROOM_MIN
@@ -263,7 +260,7 @@ impl Session {
         if self.suspicious && !stop && !self.trusts(now, ask.request.address) {
             return Err(ask);
         }
-        if stop || self.is_proven(ask.request.address) {
+        if stop || self.proven.holds(ask.request.address) {
             self.start(now, Some(ticket), ask);
         } else {
             self.waiting = Some(Waiting::new(ticket, ask));

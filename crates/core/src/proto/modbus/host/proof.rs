@@ -20,14 +20,6 @@ const COUNT_MAX: u16 = 5;
 /// Other function codes than most reads have.
 const SPACES: [Space; 3] = [Space::Coil, Space::Discrete, Space::Input];
 
-/// Of which stations nothing older can come.
-#[derive(Clone, Debug)]
-pub(super) struct Proven {
-    units: [u64; 4],
-    /// State of the generator that draws probes; `None` where no program was there before.
-    draw: Option<u32>,
-}
-
 /// The probes before a request.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Proof {
@@ -37,35 +29,6 @@ pub(super) struct Proof {
     /// The one that is out, or is to be sent.
     space: Space,
     count: u16,
-}
-
-impl Proven {
-    pub(super) fn new(doubt: Option<u32>) -> Self {
-        Self {
-            units: if doubt.is_some() { [0; 4] } else { [u64::MAX; 4] },
-            // Zero would draw itself for ever.
-            draw: doubt.map(|seed| seed.wrapping_mul(0x9E37_79B9) | 1),
-        }
-    }
-
-    #[inline]
-    pub(super) const fn holds(&self, unit: u8) -> bool {
-        self.units[(unit >> 6) as usize] & 1 << (unit & 63) != 0
-    }
-
-    fn add(&mut self, unit: u8) {
-        self.units[usize::from(unit >> 6)] |= 1 << (unit & 63);
-    }
-
-    /// One of so many, at random.
-    fn below(&mut self, count: u32) -> u32 {
-        let mut draw = self.draw.unwrap_or(1);
-        draw ^= draw << 13;
-        draw ^= draw >> 17;
-        draw ^= draw << 5;
-        self.draw = self.draw.map(|_| draw);
-        draw % count.max(1)
-    }
 }
 
 impl Host {
@@ -79,14 +42,14 @@ impl Host {
     fn draw_probe(&mut self, left: u8, silent: u8) {
         let last = self.proof.map(|proof| proof.space);
         let mut others = SPACES.into_iter().filter(|space| last != Some(*space));
-        let nth = self.proven.below(SPACES.len() as u32 - u32::from(last.is_some())) as usize;
+        let nth = self.proven.below(SPACES.len() - usize::from(last.is_some()));
         let space = match silent {
             0 => others.nth(nth).unwrap_or(Space::Input),
             _ => Space::Holding,
         };
         let before = self.proof.map_or(0, |proof| proof.count);
         let mut others = (COUNT_MIN..=COUNT_MAX).filter(|count| *count != before);
-        let nth = self.proven.below(u32::from(COUNT_MAX - COUNT_MIN)) as usize;
+        let nth = self.proven.below(usize::from(COUNT_MAX - COUNT_MIN));
         let count = others.nth(nth).unwrap_or(COUNT_MAX);
         self.proof = Some(Proof { left, silent, space, count });
         self.quarantine = true;

@@ -42,11 +42,6 @@ impl Waiting {
 }
 
 impl Session {
-    #[inline]
-    pub(super) const fn is_proven(&self, module: u8) -> bool {
-        self.proven[(module >> 6) as usize] & 1 << (module & 63) != 0
-    }
-
     /// Sends the next probe for the request that waits.
     #[cold]
     pub(super) fn prove(&mut self, now: Instant) {
@@ -57,14 +52,9 @@ impl Session {
         let fresh = |(opcode, _): &(Opcode, u8)| {
             waiting.last != Some(opcode.number()) && !owed.contains(&opcode.number())
         };
-        let choices = PROBES.iter().filter(|probe| fresh(probe)).count().max(1);
-        let mut draw = self.draw.unwrap_or(1);
-        draw ^= draw << 13;
-        draw ^= draw >> 17;
-        draw ^= draw << 5;
-        let nth = draw as usize % choices;
+        let choices = PROBES.iter().filter(|probe| fresh(probe)).count();
+        let nth = self.proven.below(choices);
         let probe = PROBES.iter().filter(|probe| fresh(probe)).nth(nth).unwrap_or(&PROBES[0]);
-        self.draw = self.draw.map(|_| draw);
         waiting.left = waiting.left.saturating_sub(1);
         waiting.last = Some(probe.0.number());
         self.waiting = Some(waiting);
@@ -83,7 +73,7 @@ impl Session {
         let Waiting { ticket, ask, soon, .. } = *waiting;
         let module = ask.request.address;
         self.waiting = None;
-        self.proven[usize::from(module >> 6)] |= 1 << (module & 63);
+        self.proven.add(module);
         if soon {
             // Nobody else could own these answers: the line has no baud rate.
             self.early_streak = EARLY_MAX;

@@ -46,10 +46,8 @@ impl Session {
             let over = |s: &Suspect| now >= s.until && probed != Some(s.module);
             let Some(Suspect { module, .. }) = slot.filter(over) else { continue };
             *slot = None;
-            if self.draw.is_some() {
-                // Time has passed, and proves nothing.
-                self.proven[usize::from(module >> 6)] &= !(1 << (module & 63));
-            }
+            // Time has passed, and proves nothing.
+            self.proven.remove(module);
         }
         self.suspicious = self.suspects.iter().any(Option::is_some);
     }
