@@ -444,15 +444,22 @@ impl Line {
         let relay = self.relay.filter(|relay| axes.iter().all(|(_, number)| number != relay));
         let first = relay.map(|relay| (self.spoken.generic, relay));
         let all: Vec<_> = first.into_iter().chain(axes.iter().copied()).collect();
+        let options = self.session_options();
         // Who looks for drives takes whatever tells of one.
-        let doubt = self.options.doubt.filter(|_| !probing);
-        let options = HostOptions { probing, doubt, ..self.options };
+        let doubt = options.doubt.filter(|_| !probing);
+        let options = HostOptions { probing, doubt, ..options };
         Ok((self.connection_with(options, &all)?, all.len() - axes.len()))
+    }
+
+    /// The host's settings for one session: what it asked may still be answered in the next, whose probes
+    /// are drawn anew.
+    fn session_options(&self) -> HostOptions {
+        HostOptions { doubt: self.options.doubt.map(|_| seed()), ..self.options }
     }
 
     /// A host with these axes on the wire. One at a time.
     pub(crate) fn connection(&self, axes: &[(&'static Profile, u32)]) -> Result<Connection, Error> {
-        self.connection_with(self.options, axes)
+        self.connection_with(self.session_options(), axes)
     }
 
     /// One connection for all that is spoken on a wire, axes of the first line first.
@@ -466,7 +473,7 @@ impl Line {
             return Err(no("a serial line carries one protocol"));
         };
         let lane = |(line, axes): (&Self, &Vec<_>)| {
-            registry::lane::<Can>(line.spoken.name, line.options, axes)
+            registry::lane::<Can>(line.spoken.name, line.session_options(), axes)
         };
         let lanes: Option<Vec<_>> = lines.iter().zip(axes).map(lane).collect();
         let mux = Mux::new(lanes.ok_or_else(|| no("the protocol has no host"))?);
@@ -481,8 +488,6 @@ impl Line {
     ) -> Result<Connection, Error> {
         let missing = || Error::usage("E203", "the protocol has no host", "");
         let name = self.spoken.name;
-        // What one session asked may still be answered in the next.
-        let options = HostOptions { doubt: options.doubt.map(|_| seed()), ..options };
         Ok(match &self.link {
             SharedLink::Serial(link) => {
                 let lane = registry::lane(name, options, axes).ok_or_else(missing)?;
@@ -502,7 +507,6 @@ pub struct Link {
     url: Url,
     axes: Vec<Axis>,
     wires: Vec<OpenWire>,
-    /// What is spoken on each wire.
     /// Of each wire its connection, where it has axes, and what is spoken on it.
     kept: Vec<(Option<Connection>, Arc<[Kept]>)>,
     simulation: Option<Simulation>,

@@ -7,6 +7,8 @@ use polepair_core::medium::{Parity, SerialLine, Stream};
 use polepair_core::proto::{self, HostOptions};
 use std::hash::{BuildHasher, RandomState};
 
+/// An earlier program may still be owed answers there; each session draws its probes anew.
+const IN_DOUBT: Option<u32> = Some(0);
 /// What a serial server and the network may take for each step of bringing a line back into step, ms.
 const TCP_PAUSE_MS: u32 = 100;
 
@@ -47,8 +49,7 @@ pub(super) fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Er
         Target::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
         _ => (0, rate.unwrap_or(0)),
     };
-    let doubt = Some(seed());
-    let mut options = HostOptions { bit_rate, untimed, doubt, ..options(url, baud)? };
+    let mut options = HostOptions { bit_rate, untimed, doubt: IN_DOUBT, ..options(url, baud)? };
     if matches!(url.target, Target::Tcp { .. }) {
         options.pause_ms = options.pause_ms.or(Some(TCP_PAUSE_MS));
     }
