@@ -176,8 +176,10 @@ impl Eyes {
             its.for_each(|looked| looked.unwatched = true);
         }
         let unwatched = |looked: &&mut Looked| looked.unwatched && now >= looked.next;
-        if let Some(looked) = self.axes.iter_mut().find(unwatched) {
-            return looked.watch_host(now, &self.wire, &self.shared);
+        for looked in self.axes.iter_mut().filter(unwatched) {
+            if looked.watch_host(now, &self.wire, &self.shared) {
+                return true;
+            }
         }
         for _ in 0..self.axes.len() {
             self.turn = (self.turn + 1) % self.axes.len();
