@@ -180,11 +180,11 @@ pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
         if motors.told > 0 {
             let numbers: Vec<String> = (1..=motors.told).map(|motor| motor.to_string()).collect();
             let numbers: Vec<&str> = numbers.iter().map(String::as_str).collect();
-            let (motors_are, module) =
-                (if motors.told == 1 { "motor" } else { "motors" }, motors.number);
-            let numbers = list(&numbers);
+            let word = if motors.told == 1 { "motor" } else { "motors" };
             say(&format!(
-                "module {module}: {motors_are} {numbers} took the stop too; standing not looked at"
+                "module {}: {word} {} took the stop too; standing not looked at",
+                motors.number,
+                list(&numbers)
             ));
         }
         failed.extend(motors.ended.err().map(outcome::error));

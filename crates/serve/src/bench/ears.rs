@@ -67,7 +67,7 @@ impl Ears {
         let (what, value) = match &event.kind {
             Kind::Presence(Presence::Restarted) => {
                 let its = place.and_then(|n| Some((self.base + n as u16, self.wires.get(n)?)));
-                return its.into_iter().for_each(|(id, wire)| wire.has_restarted(id));
+                return its.into_iter().for_each(|(id, wire)| wire.note_restart(id));
             }
             Kind::Signal { signal, reading } => (What::Signal(*signal), reading.value),
             Kind::Parameter { parameter, value, .. } => (What::Parameter(*parameter), *value),

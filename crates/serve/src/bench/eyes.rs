@@ -171,7 +171,7 @@ impl Eyes {
     fn ask(&mut self) -> bool {
         let now = self.shared.now();
         self.look_for_others(now);
-        for id in self.wire.restarted() {
+        for id in self.wire.take_restarted() {
             let its = self.axes.iter_mut().filter(|looked| looked.id == id);
             its.for_each(|looked| looked.unwatched = true);
         }

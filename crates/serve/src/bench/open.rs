@@ -36,13 +36,13 @@ pub(super) struct Link {
     /// Looks for drives there.
     pub search: Arc<Search>,
     medium: MediumKind,
-    opened: OnceLock<Way>,
+    opened: OnceLock<OpenedLink>,
     /// Axes that were not there when it was opened.
     absent: Mutex<Vec<AbsentAxis>>,
 }
 
 /// What a link is once it was opened.
-struct Way {
+struct OpenedLink {
     open: OpenWire,
     /// Its simulation, and the link's number there.
     simulation: Option<(Simulation, usize)>,
@@ -229,7 +229,7 @@ fn take(
         }
         let link = Link::new((id, url, open.medium), connector, ids);
         link.search.opened(&root, n);
-        link.set_way(Way { open: open.clone(), simulation, link: opened.clone() });
+        link.set_opened(OpenedLink { open: open.clone(), simulation, link: opened.clone() });
         links.push(link);
     }
 }
@@ -254,9 +254,9 @@ impl Link {
         Self { id, url: url.to_owned(), wire, desk, search, medium, opened, absent }
     }
 
-    fn set_way(&self, way: Way) {
+    fn set_opened(&self, opened: OpenedLink) {
         // Nobody opens a link twice.
-        let _ = self.opened.set(way);
+        let _ = self.opened.set(opened);
     }
 
     fn set_absent(&self, absent: Vec<(u32, Error)>) {
@@ -269,7 +269,11 @@ impl Link {
         self.search.opened(&Arc::new(Mutex::new(opened.clone())), 0);
         self.set_absent(absent);
         if let Some(open) = opened.wires().first() {
-            self.set_way(Way { open: open.clone(), simulation: None, link: opened.clone() });
+            self.set_opened(OpenedLink {
+                open: open.clone(),
+                simulation: None,
+                link: opened.clone(),
+            });
         }
     }
 
@@ -291,7 +295,7 @@ impl Link {
     /// What explains its frames.
     pub fn decoder(&self) -> Decoder {
         let axes = self.wire.axes.iter().map(|(_, axis)| axis);
-        let protocols = self.opened.get().map_or(&[][..], |way| &way.open.protocols);
+        let protocols = self.opened.get().map_or(&[][..], |opened| &opened.open.protocols);
         let several = axes.filter(|_| protocols.len() > 1);
         let stated = several.map(|axis| format!("{}@{}", axis.protocol(), axis.number()));
         let all = protocols.iter().map(|word| (*word).to_owned());
@@ -333,8 +337,10 @@ impl Link {
     }
 
     fn counters(&self) -> Vec<Counter> {
-        let (Some(axis), Some(way)) = (self.axis(), self.opened.get()) else { return Vec::new() };
-        let c = way.link.counters(axis);
+        let (Some(axis), Some(opened)) = (self.axis(), self.opened.get()) else {
+            return Vec::new();
+        };
+        let c = opened.link.counters(axis);
         let counts = [
             ("sent", c.sent),
             ("received", c.answered),

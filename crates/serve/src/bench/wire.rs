@@ -373,12 +373,12 @@ impl Wire {
     }
 
     /// Notes that the drive of an axis has just started: what was set in its memory is gone.
-    pub fn has_restarted(&self, id: u16) {
+    pub fn note_restart(&self, id: u16) {
         held(&self.restarted).push(id);
     }
 
     /// Those that have since this was last asked.
-    pub fn restarted(&self) -> Vec<u16> {
+    pub fn take_restarted(&self) -> Vec<u16> {
         std::mem::take(&mut *held(&self.restarted))
     }
 
