@@ -170,6 +170,26 @@ export class Visitor {
     expect((await done).ok()).toBe(true);
   }
 
+  /** Does something at each size, in both languages and themes: `1280x800-en-light`. */
+  async everyLook(
+    sizes: readonly (readonly [width: number, height: number])[],
+    check: (where: string) => Promise<void>,
+  ): Promise<void> {
+    for (const [language, theme] of [
+      ["zh", "dark"],
+      ["en", "light"],
+    ] as const) {
+      await this.page.setViewportSize(WIDE);
+      await this.page.locator("header select").nth(2).selectOption(language);
+      await this.page.locator("header select").nth(1).selectOption(theme);
+      for (const [width, height] of sizes) {
+        await this.page.setViewportSize({ width, height });
+        await check(`${width}x${height}-${language}-${theme}`);
+      }
+    }
+    await this.page.setViewportSize(WIDE);
+  }
+
   /** Serious findings of axe, by all of its rules or by some, which runs from outside the page's CSP. */
   async serious(...rules: string[]): Promise<string[]> {
     const options = { resultTypes: ["violations"], ...(rules.length ? { runOnly: rules } : {}) };

@@ -2,17 +2,11 @@
 // knows better says why it need not.
 
 import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
-import { Visitor, WIDE } from "./browser";
+import { Visitor } from "./browser";
+import type { Kept } from "./program";
 
 interface Debt {
   owed: { said: number; since_ms: number } | null;
-}
-
-interface Kept {
-  deed: string;
-  axis: number | null;
-  who: string;
-  detail: Record<string, unknown>;
 }
 
 const SIZES = [
@@ -104,26 +98,16 @@ describe("a motor that is not seen standing", () => {
     await list().getByRole("button", { name: "Dismiss the stop of tmcm-171 1" }).click();
     const form = list().getByRole("form");
     expect(await form.locator("select").evaluate((it) => it === document.activeElement)).toBe(true);
-    for (const [language, theme] of [
-      ["zh", "dark"],
-      ["en", "light"],
-    ] as const) {
-      await v.page.setViewportSize(WIDE);
-      await v.page.locator("header select").nth(2).selectOption(language);
-      await v.page.locator("header select").nth(1).selectOption(theme);
-      for (const [width, height] of SIZES) {
-        await v.page.setViewportSize({ width, height });
-        const where = `owed-${width}x${height}-${language}-${theme}`;
-        const box = await v.page.locator("section.banners").boundingBox();
-        expect((box?.height ?? height) / height, where).toBeLessThanOrEqual(0.4);
-        const button = v.page.locator("section.banners form button").first();
-        await button.scrollIntoViewIfNeeded();
-        expect(await button.isVisible(), where).toBe(true);
-        await v.shot(where);
-        expect(await v.serious(), where).toEqual([]);
-      }
-    }
-    await v.page.setViewportSize(WIDE);
+    await v.everyLook(SIZES, async (where) => {
+      const height = await v.page.evaluate(() => innerHeight);
+      const box = await v.page.locator("section.banners").boundingBox();
+      expect((box?.height ?? height) / height, where).toBeLessThanOrEqual(0.4);
+      const button = v.page.locator("section.banners form button").first();
+      await button.scrollIntoViewIfNeeded();
+      expect(await button.isVisible(), where).toBe(true);
+      await v.shot(`owed-${where}`);
+      expect(await v.serious(), where).toEqual([]);
+    });
   });
 
   it("is owed its stop no more once somebody says why, which the journal keeps", async () => {
@@ -178,6 +162,7 @@ describe("a motor that is not seen standing", () => {
     expect(await go.isDisabled()).toBe(true);
     await form.getByLabel("I know that tmcm-171 1 may be turning").check();
     await v.shot("owed-may-turn");
+    expect(await v.serious()).toEqual([]);
     await go.click();
     await list().waitFor({ state: "detached" });
     await form.waitFor({ state: "detached" });

@@ -27,6 +27,14 @@ export class Program {
   }
 }
 
+/** A record of the server's journal. */
+export interface Kept {
+  deed: string;
+  axis: number | null;
+  who: string;
+  detail: Record<string, unknown>;
+}
+
 /** An axis that a program has taken, for as long as it is not let go. */
 export class Held {
   private readonly renewing: NodeJS.Timeout;

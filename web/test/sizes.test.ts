@@ -1,7 +1,7 @@
 // STOP is in sight and can be pressed, whatever the window, the panel and the number of axes.
 
 import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
-import { Visitor, WIDE } from "./browser";
+import { Visitor } from "./browser";
 
 const KINDS = ["tmcl", "modbus-rtu"];
 const EACH = 30;
@@ -64,25 +64,12 @@ async function pageHasItsPlace(where: string): Promise<void> {
   expect((main?.height ?? 0) / height, where).toBeGreaterThan(0.25);
 }
 
-async function everyLook(check: (where: string) => Promise<void>): Promise<void> {
-  for (const [language, theme] of [
-    ["en", "light"],
-    ["zh", "dark"],
-  ] as const) {
-    await v.page.setViewportSize(WIDE);
-    await v.page.locator("header select").nth(2).selectOption(language);
-    await v.page.locator("header select").nth(1).selectOption(theme);
-    for (const [width, height] of SIZES) {
-      await v.page.setViewportSize({ width, height });
-      const where = `${width}x${height} ${language} ${theme}`;
-      await check(where);
-      await v.shot(`${where.replaceAll(" ", "-")}`);
-    }
-  }
-  await v.page.setViewportSize(WIDE);
-  await v.page.locator("header select").nth(2).selectOption("en");
-  await v.page.locator("header select").nth(1).selectOption("light");
-}
+/** Checks each look, and takes its picture. */
+const everyLook = (check: (where: string) => Promise<void>) =>
+  v.everyLook(SIZES, async (where) => {
+    await check(where);
+    await v.shot(where);
+  });
 
 describe("the page with many axes", () => {
   it("keeps STOP in sight at each size", { timeout: LONG_MS }, () => everyLook(stopIsInSight));

@@ -2,17 +2,11 @@
 
 import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
 import { Visitor } from "./browser";
+import type { Kept } from "./program";
 
 interface Told {
   set: string;
   after_ms: number | null;
-}
-
-interface Kept {
-  deed: string;
-  axis: number | null;
-  who: string;
-  detail: Record<string, unknown>;
 }
 
 let v: Visitor;
