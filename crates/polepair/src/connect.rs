@@ -312,6 +312,9 @@ fn simulated(url: &Url, mut description: Description) -> Result<Simulation, Erro
         description.take_sheet_where_fit(Path::new(file))?;
     }
     description.set_rates(rate(url, "baud")?, rate(url, "bitrate")?);
+    if let Some(word) = url.key("timing") {
+        description.set_timing(word)?;
+    }
     if let Some(standard) = standard(url)? {
         description.set_standard(standard);
     }

@@ -34,7 +34,7 @@ use polepair_link::clock;
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::Faults;
 use polepair_sim::rack::{Built, Rack, RackDrive, RackLink, RackWire};
-use polepair_sim::serial_line::Duplex;
+use polepair_sim::serial_line::{Duplex, Timing};
 use polepair_sim::world::World;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -80,6 +80,8 @@ pub struct Wire {
     pub baud: u32,
     /// Its drives hear each other even on a wire without timing, because the rack says so.
     pub shared: bool,
+    /// Bytes are handed on as its timing says also where the wire is a real one that is served.
+    pub timed: bool,
     /// What each drive is called; empty for no name.
     pub names: Vec<String>,
     /// What its drives are said to make of the bus' time.
@@ -235,6 +237,7 @@ impl Description {
             can_faults: CanFaults::default(),
             baud: protocol.baud,
             shared: false,
+            timed: false,
             names: vec![String::new(); drives.len()],
             load: Load::default(),
             mountings: vec![None; drives.len()],
@@ -356,15 +359,33 @@ impl Description {
                 RackWire::Can(_) => bit_rate,
             };
             let Some(rate) = new else { continue };
-            wire.baud = rate;
+            let before = std::mem::replace(&mut wire.baud, rate);
             match &mut link.wire {
                 RackWire::Serial(serial) => {
-                    serial.timed = rate > 0;
+                    match (before, rate) {
+                        (_, 0) => serial.timing = Timing::Cdc,
+                        (0, _) => serial.timing = Timing::Uart,
+                        _ => {}
+                    }
                     serial.baud = Some(rate).filter(|rate| *rate > 0);
                 }
                 RackWire::Can(line) => line.bit_rate = rate,
             }
         }
+    }
+
+    /// The same with such ports before every serial line: a word of racks, or `off` for one without
+    /// timing that the host is told of.
+    pub(crate) fn set_timing(&mut self, word: &str) -> Result<(), Error> {
+        let timing = if word == "off" { Ok(Timing::Cdc) } else { file::timing_of(word) };
+        let timing = timing.map_err(|why| Error::usage("E210", format!("timing: {why}"), ""))?;
+        for (link, wire) in self.rack.links.iter_mut().zip(&mut self.wires) {
+            if let RackWire::Serial(serial) = &mut link.wire {
+                file::set_timing(serial, timing, wire.baud);
+                wire.timed = true;
+            }
+        }
+        Ok(())
     }
 
     /// The same with every serial line of that standard.

@@ -32,7 +32,8 @@ const SERIAL_KEYS: [&str; 13] = [
 ];
 const CAN_KEYS: [&str; 8] =
     ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat"];
-const SIM_KEYS: [&str; 16] = [
+const SIM_KEYS: [&str; 17] = [
+    "timing",
     "axes",
     "seed",
     "time",

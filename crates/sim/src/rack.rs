@@ -66,7 +66,7 @@ impl RackWire {
     /// Bytes arrive at once: the wire has no baud rate.
     #[must_use]
     pub const fn is_untimed(&self) -> bool {
-        matches!(self, Self::Serial(Serial { timed: false, .. }))
+        matches!(self, Self::Serial(serial) if !serial.timing.has_bytes())
     }
 
     /// Lays the wire in `world`.

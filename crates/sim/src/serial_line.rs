@@ -25,32 +25,60 @@ pub enum Duplex {
     Half,
 }
 
+/// A network hands a packet on this late at most, ns.
+const NETWORK_NS: u64 = 20_000_000;
+/// An adapter of FTDI hands bytes on at multiples of this, from the factory, ns.
+const FTDI_NS: u64 = 16_000_000;
+
+/// What is between the host and a serial wire, and when bytes are handed on by it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Timing {
+    /// A serial port: bytes take the time that the baud rate says.
+    #[default]
+    Uart,
+    /// An adapter that hands bytes on to the host every 16 ms.
+    Ftdi,
+    /// USB CDC, an emulator of serial ports, a pty: bytes take no time, and the baud rate is fiction.
+    Cdc,
+    /// A serial server: bytes take their time on the wire, and packets of them that of a network, up to
+    /// 20 ms each way, drawn for each.
+    Tcp,
+}
+
+impl Timing {
+    /// What a packet takes on the network at most, ms.
+    pub const NETWORK_MS: u32 = (NETWORK_NS / 1_000_000) as u32;
+
+    /// Whether bytes take the time that the baud rate says.
+    #[must_use]
+    pub const fn has_bytes(self) -> bool {
+        !matches!(self, Self::Cdc)
+    }
+}
+
 /// How a serial wire is built.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Serial {
     /// Who hears whom.
     pub duplex: Duplex,
-    /// Bytes take their time; false for what stands for a pty or TCP.
-    pub timed: bool,
+    /// When bytes are handed on.
+    pub timing: Timing,
     /// The host's adapter hears its own bytes (half duplex).
     pub echo: bool,
     /// Every station is as good as set to this baud rate; each to its own if `None`.
     pub baud: Option<u32>,
-    /// The host's adapter hands bytes on at multiples of so many ms: 16 as an FTDI from the factory, 0
-    /// at once.
-    pub latency_ms: u8,
 }
 
 impl Serial {
     /// RS-232 with byte timing.
     pub const RS232: Self =
-        Self { duplex: Duplex::Full, timed: true, echo: false, baud: None, latency_ms: 0 };
+        Self { duplex: Duplex::Full, timing: Timing::Uart, echo: false, baud: None };
     /// RS-485 with byte timing, without echo.
     pub const RS485: Self =
-        Self { duplex: Duplex::Half, timed: true, echo: false, baud: None, latency_ms: 0 };
-    /// A pty or TCP connection: no timing, no baud rate.
+        Self { duplex: Duplex::Half, timing: Timing::Uart, echo: false, baud: None };
+    /// No timing, no baud rate.
     pub const UNTIMED: Self =
-        Self { duplex: Duplex::Full, timed: false, echo: false, baud: None, latency_ms: 0 };
+        Self { duplex: Duplex::Full, timing: Timing::Cdc, echo: false, baud: None };
 }
 
 /// What the world knows of a transmission and no station sees.
@@ -298,10 +326,11 @@ impl SerialWire {
         let (wire, from) = place;
         let label = self.label(from, tag, bytes);
         let line = SerialLine { baud: self.set.baud.unwrap_or(line.baud), ..line };
-        let character_ns = if self.set.timed { line.characters_ns(1) } else { 0 };
+        let character_ns = if self.set.timing.has_bytes() { line.characters_ns(1) } else { 0 };
         let reply = !self.plugs[from].head;
         // Late replies wait side by side: none is later than the latest, but for the others' bytes.
-        let begin = now.plus_ns(self.lateness(reply)).max(self.plugs[from].busy_until);
+        let late = self.lateness(reply) + if reply { 0 } else { self.network_ns() };
+        let begin = now.plus_ns(late).max(self.plugs[from].busy_until);
         let mut chunk =
             Chunk { wire, from, start: begin, character_ns, line, label, bytes: Vec::new() };
         let mut meant = std::mem::take(&mut self.scratch);
@@ -311,7 +340,11 @@ impl SerialWire {
         let lost = self.is_lost(reply);
         let until = begin.plus_ns(bytes.len() as u64 * character_ns);
         self.drive(from, begin, until, line);
-        self.plugs[from].sent.left = begin.plus_ns(tolerated(until.0 - begin.0));
+        // A host sees no more of its bytes than that the network took them.
+        self.plugs[from].sent.left = match self.set.timing {
+            Timing::Tcp => now,
+            _ => begin.plus_ns(tolerated(until.0 - begin.0)),
+        };
         if !lost {
             self.cut(air, &mut chunk, &meant, &mut schedule);
             if reply && self.random.chance(self.faults.duplicate) {
@@ -361,7 +394,7 @@ impl SerialWire {
         } else {
             0..0
         };
-        let broken = if !self.set.timed || uart::compatible(chunk.line, line) {
+        let broken = if !self.set.timing.has_bytes() || uart::compatible(chunk.line, line) {
             heard.extend_from_slice(&chunk.bytes[..deaf.start]);
             heard.extend_from_slice(&chunk.bytes[deaf.end..]);
             !deaf.is_empty()
@@ -375,7 +408,10 @@ impl SerialWire {
         plug.memory.hear(heard, (!goes_on).then_some(chunk.label.content));
         plug.taint |= changed || chunk.label.tainted;
         let bytes = heard.len() + if goes_on { before.bytes } else { 0 };
-        let took = bytes as u64 * tolerated(chunk.character_ns);
+        let took = match self.set.timing {
+            Timing::Tcp => 0,
+            _ => bytes as u64 * tolerated(chunk.character_ns),
+        };
         let begun = Instant(now.0.saturating_sub(took));
         let begun = if goes_on { begun.min(before.begun) } else { begun };
         plug.heard = Label { tainted: plug.taint, begun, bytes, ..chunk.label };
@@ -410,6 +446,11 @@ impl SerialWire {
         }
         self.made.late += 1;
         self.faults.lateness_ns(&mut self.random)
+    }
+
+    /// What a packet takes on the network, if there is one.
+    fn network_ns(&mut self) -> u64 {
+        if self.set.timing == Timing::Tcp { self.random.below(NETWORK_NS) } else { 0 }
     }
 
     fn is_lost(&mut self, reply: bool) -> bool {
@@ -504,7 +545,9 @@ impl SerialWire {
         if self.plugs[from].head {
             return end;
         }
-        let period = u64::from(self.faults.latency_ms.max(self.set.latency_ms)) * 1_000_000;
+        let own = if self.set.timing == Timing::Ftdi { FTDI_NS } else { 0 };
+        let period = own.max(u64::from(self.faults.latency_ms) * 1_000_000);
+        let end = end.plus_ns(self.network_ns());
         let looks = if period == 0 { end } else { Instant(end.0.div_ceil(period) * period) };
         self.handed_on = self.handed_on.max(looks);
         self.handed_on

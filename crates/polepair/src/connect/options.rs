@@ -28,6 +28,7 @@ pub(super) fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         pause_ms: url.milliseconds("pause")?.map(whole),
         // Nothing on a pty or TCP tells frames apart by silence.
         gap_us: gap_us.or((baud == 0).then_some(0)),
+        untimed: !has_timing(url)?,
         host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
         echo: url.flag("echo")?,
         answers_only: answers_only(url)?,
@@ -39,7 +40,6 @@ pub(super) fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
 /// The host's settings on a link of the operating system.
 pub(super) fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Error> {
     let rate = rate(url, "bitrate")?;
-    let untimed = !has_timing(url)?;
     let (baud, bit_rate) = match &url.target {
         Target::Serial { path, .. } if is_pty(path) => (0, 0),
         // Behind these there may be no bus, and so no least time for a frame.
@@ -49,11 +49,17 @@ pub(super) fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Er
         Target::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
         _ => (0, rate.unwrap_or(0)),
     };
-    let mut options = HostOptions { bit_rate, untimed, doubt: IN_DOUBT, ..options(url, baud)? };
-    if matches!(url.target, Target::Tcp { .. }) {
-        options.pause_ms = options.pause_ms.or(Some(TCP_PAUSE_MS));
-    }
-    Ok(options)
+    let options = match url.target {
+        Target::Tcp { .. } => options_on_network(url)?,
+        _ => options(url, baud)?,
+    };
+    Ok(HostOptions { bit_rate, doubt: IN_DOUBT, ..options })
+}
+
+/// The host's settings behind a serial server, real or simulated.
+pub(super) fn options_on_network(url: &Url) -> Result<HostOptions, Error> {
+    let options = options(url, 0)?;
+    Ok(HostOptions { pause_ms: options.pause_ms.or(Some(TCP_PAUSE_MS)), ..options })
 }
 
 /// Whatever the system gives: the probes of one session are not those of the one before.
@@ -124,6 +130,8 @@ fn has_timing(url: &Url) -> Result<bool, Error> {
         (None, Target::Serial { path, .. }) => Ok(!polepair_link::has_no_baud_rate(path)),
         (None | Some("uart"), _) => Ok(true),
         (Some("off"), _) => Ok(false),
+        // What the simulated port is like.
+        (Some(_), Target::Sim { .. }) => Ok(true),
         (Some(other), _) => {
             let what = format!("`timing={other}` is neither off nor uart");
             let hint = "off: answers may come sooner than the baud rate allows; uart: they do not";

@@ -1,6 +1,6 @@
 //! The links of a rack: simulated, or where its file says that they are.
 
-use super::options::{options, wire_options};
+use super::options::{options, options_on_network, wire_options};
 use super::{Connector, Line, Seat, open, simulated};
 use crate::error::Error;
 use crate::file::Place;
@@ -12,6 +12,8 @@ use crate::wire::SharedLink;
 use crate::words;
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
+use polepair_sim::rack::RackWire;
+use polepair_sim::serial_line::{Serial, Timing};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -27,8 +29,11 @@ impl Connector {
         let mut lines = Vec::new();
         for (place, n) in own_links(simulation.description(), only).into_iter().enumerate() {
             let link = self.tapped(place, simulation.open(n)?, Some(&simulation));
-            let options =
-                |_: &Spoken, baud| Ok(HostOptions { bit_rate: baud, ..options(url, baud)? });
+            let wire = simulation.description().rack.links[n].wire;
+            let options = |_: &Spoken, baud| match wire {
+                RackWire::Serial(Serial { timing: Timing::Tcp, .. }) => options_on_network(url),
+                _ => Ok(HostOptions { bit_rate: baud, ..options(url, baud)? }),
+            };
             let opened = self.rack_lines(url, simulation.description(), n, &link, &options)?;
             opened.iter().try_for_each(Line::set_port)?;
             lines.extend(opened);

@@ -8,6 +8,7 @@
 //! connect = "serial:///dev/ttyUSB0"   # where the real link is; `sim:` does not look at it
 //! baud = 9600                     # optional: the factory's; 0 for a wire without byte timing
 //! duplex = "half"                 # half (RS-485) or full (RS-232)
+//! timing = "uart"                 # or cdc, ftdi-16ms, tcp: what is between host and wire
 //! echo = false                    # the host's adapter hears itself
 //! faults = { seed = 7 }           # drawn by a seed; or chances from 0 to 1, such as
 //! # faults = { flip = 1e-5, lose = 1e-5, insert = 0, late = 0.01, latest_ms = 300 }
@@ -50,13 +51,15 @@ use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::Faults;
 use polepair_sim::rack::{RackDrive, RackLink, RackWire};
 use polepair_sim::random::{Ppm, Random};
-use polepair_sim::serial_line::{Duplex, Serial};
+use polepair_sim::serial_line::{Duplex, Serial, Timing};
 use std::path::Path;
 
 /// What a file with a rack may hold: also the names of a `polepair.toml`.
 pub(crate) const FILE_KEYS: [&str; 4] = ["link", "seed", "name", "links"];
-const LINK_KEYS: [&str; 10] =
-    ["name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "echo", "faults", "drive"];
+const LINK_KEYS: [&str; 11] = [
+    "name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "timing", "echo", "faults",
+    "drive",
+];
 const DRIVE_KEYS: [&str; 19] = [
     "name",
     "profile",
@@ -209,7 +212,7 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
     };
     let mine: &[&str] = match protocol.medium {
         MediumKind::Serial => &["bitrate"],
-        MediumKind::Can => &["baud", "duplex", "echo"],
+        MediumKind::Can => &["baud", "duplex", "timing", "echo"],
     };
     if let Some(key) = mine.iter().find(|key| node.has(key)) {
         return Err(node.place().error(format!("`{key}` means nothing on this kind of link")));
@@ -231,6 +234,7 @@ fn link_of(node: &Node<'_, '_>, n: usize, seed: u64) -> Result<(RackLink, Wire),
         can_faults,
         baud,
         shared,
+        timed: node.has("timing"),
         names,
         load: Load::default(),
         mountings,
@@ -287,10 +291,41 @@ fn serial_of(
         RackWire::Can(_) => Duplex::Half,
     };
     let duplex = asked.unwrap_or(usual);
-    let timed = baud != Some(0);
-    let (echo, baud) = (node.flag("echo")?, baud.filter(|_| timed));
-    let serial = Serial { duplex, timed, echo, baud, latency_ms: 0 };
+    let untimed = baud == Some(0);
+    let timing = match node.text("timing")? {
+        None if untimed => Timing::Cdc,
+        None => Timing::Uart,
+        Some(found) => found.check(|word| match timing_of(&word)? {
+            Timing::Uart | Timing::Ftdi | Timing::Tcp if untimed => {
+                Err(format!("`{word}` has a baud rate"))
+            }
+            timing => Ok(timing),
+        })?,
+    };
+    let mut serial = Serial { duplex, timing, echo: node.flag("echo")?, baud };
+    set_timing(&mut serial, timing, baud.unwrap_or(protocol.baud));
     Ok((serial, asked == Some(Duplex::Half)))
+}
+
+/// What lies between the host and a serial wire, by its word in racks and connection strings.
+pub(super) fn timing_of(word: &str) -> Result<Timing, String> {
+    match word {
+        "uart" => Ok(Timing::Uart),
+        "ftdi-16ms" => Ok(Timing::Ftdi),
+        "cdc" => Ok(Timing::Cdc),
+        "tcp" => Ok(Timing::Tcp),
+        other => Err(format!("`{other}` is none of uart, cdc, ftdi-16ms, tcp")),
+    }
+}
+
+pub(super) const fn set_timing(serial: &mut Serial, timing: Timing, baud: u32) {
+    serial.timing = timing;
+    match timing {
+        Timing::Cdc => serial.baud = None,
+        // The port of a serial server is set there, not by the host.
+        Timing::Tcp => serial.baud = Some(baud),
+        Timing::Uart | Timing::Ftdi => {}
+    }
 }
 
 fn protocol_of(word: &str, kind: Option<MediumKind>) -> Result<registry::Spoken, String> {

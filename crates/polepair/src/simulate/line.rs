@@ -9,12 +9,12 @@ use polepair_core::time::Instant;
 use polepair_link::{Link, Served, Waker};
 use polepair_sim::fault::Faults;
 use polepair_sim::rack::RackWire;
-use polepair_sim::serial_line::Duplex;
+use polepair_sim::serial_line::{Duplex, Timing};
 use polepair_sim::world::{EndId, NodeId, World};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The drives of a rack, a line for each of its links, in order. Real wires have their own timing,
-/// or none: bytes and frames arrive here as they come. Which faults come when follows from `seed`.
+/// or none: bytes and frames arrive here as they come, unless the rack says `timing`. Which faults come when follows from `seed`.
 ///
 /// # Errors
 /// [`Error::Usage`] `E231` when a drive cannot be built as described.
@@ -22,8 +22,9 @@ pub fn lines(description: &Description, seed: u64) -> Result<Vec<DriveLine>, Err
     let mut rack = description.rack.clone();
     for (link, wire) in rack.links.iter_mut().zip(&description.wires) {
         match &mut link.wire {
+            RackWire::Serial(serial) if wire.timed => serial.baud = Some(wire.baud),
             RackWire::Serial(serial) => {
-                serial.timed = false;
+                serial.timing = Timing::Cdc;
                 // Without timing a drive cannot tell a neighbour's reply from a request.
                 if wire.faults == Faults::NONE && !serial.echo && !wire.shared {
                     serial.duplex = Duplex::Full;

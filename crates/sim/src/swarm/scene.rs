@@ -19,7 +19,7 @@ use crate::fault::Faults;
 use crate::host::{self, Spoken};
 use crate::rack::RackDrive;
 use crate::random::{Ppm, Random};
-use crate::serial_line::{Duplex, Serial};
+use crate::serial_line::{Duplex, Serial, Timing};
 use crate::world::{Happening, Heard, NodeId, WireId, World};
 
 /// Links in a world, drives on a link.
@@ -35,8 +35,12 @@ pub(super) const LATEST_IN_TIMEOUTS: u32 = 3;
 /// What the drive's own pauses and the host's adapter take of that, ms.
 pub(super) const OWN_MS: u32 = 40;
 
-/// How often an adapter of FTDI's hands on what it has, ms.
-const FTDI_MS: u8 = 16;
+/// What is between host and wire, the usual more often.
+const TIMINGS: [Timing; 8] = {
+    let mut timings = [Timing::Uart; 8];
+    (timings[5], timings[6], timings[7]) = (Timing::Ftdi, Timing::Cdc, Timing::Tcp);
+    timings
+};
 
 /// How long the host of such a drive waits for a reply, ms: one of TML's less than the profile says.
 pub(super) fn patience_ms(profile: &Profile) -> u32 {
@@ -294,17 +298,22 @@ impl Scene {
         let bus = count > 1 || random.chance(Ppm(500_000));
         let echo = bus && random.chance(Ppm(300_000));
         let duplex = if bus { Duplex::Half } else { Duplex::Full };
-        // A port whose baud rate is fiction, an adapter that hands on every 16 ms, or a UART.
-        let (cdc, ftdi) = (random.chance(Ppm(125_000)), random.chance(Ppm(125_000)));
-        let latency_ms = if ftdi { FTDI_MS } else { 0 };
-        let wire = self.world.serial(Serial { duplex, timed: !cdc, echo, baud: None, latency_ms });
-        let options = host_options(spoken, bus, echo);
+        let timing = random.pick(&TIMINGS);
+        let (cdc, tcp) = (timing == Timing::Cdc, timing == Timing::Tcp);
+        // The port of a serial server is set there, not by the host.
+        let baud = tcp.then_some(spoken.baud);
+        let wire = self.world.serial(Serial { duplex, timing, echo, baud });
         let options = HostOptions {
             untimed: cdc && random.chance(Ppm(500_000)),
             doubt: random.chance(Ppm(500_000)).then(|| random.word() as u32),
-            ..options
+            ..host_options(spoken, bus, echo)
         };
-        self.note(format!("{wire:?}: cdc {cdc}, latency {latency_ms} ms, {options:?}"));
+        // What the host of a connection string is told of a serial server.
+        let options = match tcp {
+            true => HostOptions { baud: 0, gap_us: Some(0), pause_ms: Some(100), ..options },
+            false => options,
+        };
+        self.note(format!("{wire:?}: {timing:?}, {options:?}"));
         self.wires.push(wire);
         let (mut axes, mut served) = (Vec::new(), Vec::new());
         for n in 0..count {
@@ -329,7 +338,7 @@ impl Scene {
         self.world.plug_host(wire, host, 0);
         let mut client = Client::new(&self.world, host, wire, axes, random);
         client.next_at = Instant::ZERO.plus_ms(random.between(0, 300) as u32);
-        self.brew(&mut client, &served, spoken.baud, cdc, random);
+        self.brew(&mut client, &served, spoken.baud, timing, random);
         self.clients.push(client);
     }
 
@@ -339,15 +348,20 @@ impl Scene {
         client: &mut Client,
         served: &[(&'static Profile, u32)],
         baud: u32,
-        cdc: bool,
+        timing: Timing,
         random: &mut Random,
     ) {
         let at = self.clients.len();
         let patience = served.iter().map(|(p, _)| patience_ms(p)).max().unwrap_or(100);
         let begin = Instant::ZERO.plus_ms(BEGIN_MS);
-        let latest = (LATEST_IN_TIMEOUTS * patience).saturating_sub(OWN_MS);
+        let network = if timing == Timing::Tcp { 2 * Timing::NETWORK_MS } else { 0 };
+        let latest = (LATEST_IN_TIMEOUTS * patience).saturating_sub(OWN_MS + network);
         let mut faults = Faults::random(random, patience, latest);
-        if cdc {
+        if timing == Timing::Tcp {
+            // What doubles bytes is an adapter, and a network's packets are numbered.
+            faults.duplicate = Ppm::NEVER;
+        }
+        if timing == Timing::Cdc {
             // USB checks its packets and numbers them: nothing is changed, nothing comes twice.
             let (flip, burst, lose, insert) = (Ppm::NEVER, Ppm::NEVER, Ppm::NEVER, Ppm::NEVER);
             let (truncate, duplicate, collide) = (Ppm::NEVER, Ppm::NEVER, Ppm::NEVER);
