@@ -37,7 +37,7 @@ pub use following::Following;
 pub use owed::{OWED_MAX, stop_owed};
 pub use running::{Prepared, Running};
 pub use scaled::Pending;
-pub use stopping::{Class, Stopping};
+pub use stopping::{Class, Standing, Stopping};
 pub use together::start_together;
 pub use watchdog::WatchdogState;
 
@@ -369,12 +369,13 @@ impl Axis {
         self.run(Command::new(Verb::Disable)).map(drop)
     }
 
-    /// Comes to rest along the ramp. Overtakes everything else, whoever asked for it.
+    /// Comes to rest along the ramp, and returns once the motor was seen to stand by what the drive
+    /// measures, if it measures anything. Overtakes everything else, whoever asked for it.
     ///
     /// # Errors
     /// [`Error`] by blame.
     pub fn stop(&self) -> Result<(), Error> {
-        self.run(Command::new(Verb::Stop)).map(drop)
+        self.see_standing(self.run(Command::new(Verb::Stop)).map(drop)).map(drop)
     }
 
     /// Clears faults.

@@ -580,12 +580,14 @@ impl Link {
     pub fn stop_all(&self) -> Result<(), Error> {
         let stop = polepair_core::axis::Command::new(polepair_core::axis::Verb::Stop);
         let started: Vec<_> = self.axes.iter().map(|axis| axis.start(stop)).collect();
-        let mut first = Ok(());
-        for running in started {
-            let ended = running.and_then(|mut running| running.finish().map(drop));
-            first = first.and(ended);
-        }
-        first
+        let ended: Vec<_> = started
+            .into_iter()
+            .map(|running| running.and_then(|mut running| running.finish().map(drop)))
+            .collect();
+        // All brake meanwhile.
+        let stood =
+            self.axes.iter().zip(ended).map(|(axis, ended)| axis.see_standing(ended).map(drop));
+        stood.fold(Ok(()), Result::and)
     }
 
     /// Closes it at once, though axes of it are still held elsewhere: they end with `E322` from now on.

@@ -16,7 +16,7 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-use crate::axis::{Axis, Running};
+use crate::axis::{Axis, Running, Standing};
 use crate::connect::{Connector, Line};
 use crate::error::Error;
 use crate::identify::{Probe, Prober};
@@ -55,7 +55,7 @@ pub struct Stopped {
     /// The protocol's own stop went to everybody, before anybody was asked. Nobody confirms it.
     pub everybody: bool,
     /// Each axis that was named or found, in the order of the addresses, and how its stop ended.
-    pub axes: Vec<(String, Result<(), Error>)>,
+    pub axes: Vec<(String, Result<Standing, Error>)>,
     /// Drives with more motors than the one that their axis is, in the same order.
     pub motors: Vec<Motors>,
     /// Addresses that were asked.
@@ -299,27 +299,17 @@ fn more_motors(axes: &[Axis]) -> Vec<Motors> {
 }
 
 /// Waits until all of them are at rest.
-fn rest(axes: &[Axis], verb: Verb) -> Vec<(String, Result<(), Error>)> {
+fn rest(axes: &[Axis], verb: Verb) -> Vec<(String, Result<Standing, Error>)> {
     let running = tell_each(axes, verb);
     let end = clock::now() + REST_MAX;
     let ended = axes.iter().zip(running).map(|(axis, running)| {
         let ended = running.and_then(|mut running| {
             let left = end.since(clock::now());
-            running.wait(left)?.ok_or_else(|| still_turns(axis))
+            running.wait(left)?.ok_or_else(|| axis.not_at_rest(REST_MAX))
         });
-        (axis.label(), ended.map(drop))
+        (axis, ended.map(drop))
     });
-    ended.collect()
-}
-
-fn still_turns(axis: &Axis) -> Error {
-    let seconds = REST_MAX.as_secs();
-    Error::Failed {
-        what: format!("{} was told to stop and is not at rest after {seconds} s", axis.label()),
-        went: String::new(),
-        outcome: Outcome::Unknown(Failure::NotReached),
-        may_turn: true,
-        heard: Box::default(),
-        hint: "give its ramp more time, or cut its power".to_owned(),
-    }
+    // All brake meanwhile.
+    let ended: Vec<_> = ended.collect();
+    ended.into_iter().map(|(axis, ended)| (axis.label(), axis.see_standing(ended))).collect()
 }

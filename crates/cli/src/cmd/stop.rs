@@ -3,6 +3,7 @@
 use std::io::IsTerminal as _;
 
 use clap::Args;
+use polepair::axis::Standing;
 use polepair::stop::{self as stopping, Event};
 use polepair_client::message::{AxisStopped, StopClass, StopOrder, Stopped, Unreached};
 use polepair_client::{Gateway, Refused};
@@ -163,12 +164,16 @@ fn stops_failed(mut failed: Vec<Problem>, of: usize) -> Result {
 pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
     let link = url.split('#').next().unwrap_or(url);
     let mut failed: Vec<Problem> = Vec::new();
-    let mut at_rest = 0;
+    let mut obeyed = 0;
     for (label, ended) in stopped.axes {
         match ended {
-            Ok(()) => {
-                at_rest += 1;
+            Ok(Standing::Seen) => {
+                obeyed += 1;
                 say(&format!("{label} is stopped"));
+            }
+            Ok(Standing::Untold) => {
+                obeyed += 1;
+                say(&format!("{label} took the stop; it does not tell whether its motor stands"));
             }
             Err(error) => {
                 say(&format!("{label} may still turn: cut its supply"));
@@ -205,10 +210,10 @@ pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
             false => failed.push(Problem::new(Exit::Partial, "E703", what)),
         }
     }
-    match (failed.len(), at_rest) {
+    match (failed.len(), obeyed) {
         (0, 0) => Err(nobody(stopped.everybody)),
         (0, _) => Ok(Exit::Ok),
-        (count, _) => stops_failed(failed, count + at_rest),
+        (count, _) => stops_failed(failed, count + obeyed),
     }
 }
 

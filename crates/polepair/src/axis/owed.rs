@@ -35,13 +35,20 @@ pub fn stop_owed(
     loop {
         let owed = |ended: &Option<Result<(), Error>>| ended.as_ref().is_none_or(is_lost);
         // Every stop is sent before the first is waited for.
-        let begun: Vec<_> =
-            axes.iter().zip(&ended).map(|(axis, ended)| owed(ended).then(|| begin(axis))).collect();
-        for (begun, ended) in begun.into_iter().zip(&mut ended) {
-            let Some(begun) = begun else { continue };
-            *ended = Some(begun.and_then(|running| running.map_or(Ok(()), finish)));
+        let owing =
+            axes.iter().zip(&mut ended).filter(|(axis, ended)| has_stop(axis) && owed(ended));
+        let begun: Vec<_> = owing
+            .map(|(axis, ended)| (axis, ended, axis.start(Command::new(Verb::Stop))))
+            .collect();
+        let carried_out: Vec<_> = begun
+            .into_iter()
+            .map(|(axis, ended, run)| (axis, ended, run.and_then(finish)))
+            .collect();
+        // All brake meanwhile.
+        for (axis, ended, stopped) in carried_out {
+            *ended = Some(axis.see_standing(stopped).map(drop));
         }
-        let lost = axes.iter().zip(&ended).filter(|(_, ended)| owed(ended));
+        let lost = axes.iter().zip(&ended).filter(|(axis, ended)| has_stop(axis) && owed(ended));
         let told = lost.map(|(axis, ended)| match ended {
             Some(Err(error)) => again(axis, error),
             _ => true,
@@ -77,9 +84,8 @@ impl Axis {
     }
 }
 
-fn begin(axis: &Axis) -> Result<Option<Running>, Error> {
-    let has_one = axis.profile.plan(Verb::Stop).is_some();
-    has_one.then(|| axis.start(Command::new(Verb::Stop))).transpose()
+fn has_stop(axis: &Axis) -> bool {
+    axis.profile.plan(Verb::Stop).is_some()
 }
 
 /// Waits for its end: who is told to go stops first what he has set in motion.

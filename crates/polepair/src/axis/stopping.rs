@@ -8,12 +8,14 @@ use std::time::Duration;
 
 use super::{Axis, Running};
 use crate::error::Error;
+use crate::url::Number;
 use polepair_core::axis::{Axes, StopPart, Verb};
-use polepair_core::error::{Failure, Unsupported};
+use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::plan::{Compare, Step, Test};
 use polepair_core::profile::{ParameterId, Persistence, RamMode, Signal};
 use polepair_core::station::Ticket;
 use polepair_core::time::Instant;
+use polepair_core::units::Unit;
 
 /// Between two readings whether the motor stands, at least and at most.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
@@ -24,8 +26,13 @@ const BRAKING: Duration = Duration::from_secs(2);
 const REST_TIMES: u32 = 19;
 /// Readings of the speed in a row that say so: one may lie in a change of direction.
 const STANDS_MIN: u32 = 2;
-/// Two positions that agree so far apart, to one raw step: the motor stands.
+/// Two positions so far apart that differ by one raw step, or by no more than these speeds make: the
+/// motor stands. A servo that holds its place is never quite still.
 const AGREE_OVER: Duration = Duration::from_millis(100);
+const HOLDS_RADIANS: f64 = 0.05;
+const HOLDS_METRES: f64 = 0.001;
+/// So long a motor whose stop was carried out is waited for until it stands.
+const REST_MAX: Duration = Duration::from_secs(5);
 /// So long a group's drives, which do not tell the same, are asked whether they stand.
 const DIFFER_MAX: Duration = Duration::from_secs(10);
 
@@ -52,6 +59,15 @@ pub enum Class {
     Unseen,
     /// It could not be sent, or was not confirmed; why.
     Failed(Error),
+}
+
+/// What is known of a motor whose stop was carried out.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Standing {
+    /// Its measured speed, or two of its positions, say that it stands.
+    Seen,
+    /// Its drive tells nothing of that.
+    Untold,
 }
 
 #[derive(Debug)]
@@ -89,6 +105,14 @@ impl Stopping {
             },
             None => stopping.tell(axis, true),
         }
+        stopping
+    }
+
+    /// Of one that was carried out elsewhere: is it seen to stand?
+    fn carried_out(axis: &Axis) -> Self {
+        let (mut stopping, now) = (Self::new(axis), axis.connection().now());
+        stopping.came(Class::Acknowledged, now);
+        stopping.stage = Stage::Watching(Watch::new(axis, now));
         stopping
     }
 
@@ -159,7 +183,7 @@ impl Stopping {
 
     /// Looks how far it has come. Waits for nothing.
     pub fn look(&mut self, axis: &Axis, now: Instant) {
-        self.turn(axis, now, false);
+        self.turn(axis, now);
     }
 
     /// Waits for its end, at most so long.
@@ -177,13 +201,17 @@ impl Stopping {
                 | Stage::Telling(running)
                 | Stage::Releasing(running, _) => running.wait(left),
                 Stage::Watching(Watch { asked: Some((running, _)), .. }) => running.wait(left),
-                Stage::Watching(_) | Stage::Over => Ok(None),
+                Stage::Watching(watch) => {
+                    axis.sleep(watch.next.since(axis.connection().now()).min(left));
+                    Ok(None)
+                }
+                Stage::Over => Ok(None),
             };
-            self.turn(axis, axis.connection().now(), true);
+            self.turn(axis, axis.connection().now());
         }
     }
 
-    fn turn(&mut self, axis: &Axis, now: Instant, hasty: bool) {
+    fn turn(&mut self, axis: &Axis, now: Instant) {
         match std::mem::replace(&mut self.stage, Stage::Over) {
             Stage::Sparing(mut running, ram) => match running.poll() {
                 Ok(None) => self.stage = Stage::Sparing(running, ram),
@@ -210,11 +238,11 @@ impl Stopping {
                         self.came(Class::Acknowledged, now);
                     }
                     self.stage = Stage::Watching(Watch::new(axis, now));
-                    self.turn(axis, now, hasty);
+                    self.turn(axis, now);
                 }
                 Err(error) => self.fail(error),
             },
-            Stage::Watching(mut watch) => match watch.look(axis, now, hasty) {
+            Stage::Watching(mut watch) => match watch.look(axis, now) {
                 Ok(None) => self.stage = Stage::Watching(watch),
                 Ok(Some(class)) => self.release(axis, class, now),
                 Err(error) => self.trouble = Some(error),
@@ -300,10 +328,10 @@ impl Watch {
     }
 
     /// What is known when it is; an error when the drive answers no longer.
-    fn look(&mut self, axis: &Axis, now: Instant, hasty: bool) -> Result<Option<Class>, Error> {
+    fn look(&mut self, axis: &Axis, now: Instant) -> Result<Option<Class>, Error> {
         let Some(source) = self.sources.first().copied() else { return Ok(Some(Class::Unseen)) };
         let Some((running, asked)) = &mut self.asked else {
-            if now >= self.next || hasty {
+            if now >= self.next {
                 self.ask(axis, source, now);
             }
             return Ok(None);
@@ -322,7 +350,7 @@ impl Watch {
                 false => rest.clamp(LOOK_EVERY, LOOK_EVERY_MAX),
             };
         match read {
-            Ok(raw) => Ok(self.says(source, raw, asked).then_some(Class::Still)),
+            Ok(raw) => Ok(self.says(axis, source, raw, asked).then_some(Class::Still)),
             Err(error) if is_of_the_wire(&error) => Err(error),
             Err(error) => {
                 let differ = matches!(failure(&error), Some(Failure::NotReady { .. }));
@@ -346,21 +374,24 @@ impl Watch {
     }
 
     /// Whether the motor stands, by a value that was asked for at `asked`.
-    fn says(&mut self, source: Source, raw: i64, asked: Instant) -> bool {
+    fn says(&mut self, axis: &Axis, source: Source, raw: i64, asked: Instant) -> bool {
         match source {
             Source::Speed(_, test) => {
                 self.turns = !test.passes(raw);
                 self.stands = if self.turns { 0 } else { self.stands + 1 };
                 self.stands >= STANDS_MIN
             }
-            Source::Position(_) => {
-                let agrees = |(_, first): &(Instant, i64)| raw.abs_diff(*first) <= 1;
-                self.turns = self.position.is_some_and(|first| !agrees(&first));
-                let (since, _) = *self.position.insert(match self.position.filter(agrees) {
-                    Some(first) => first,
-                    None => (asked, raw),
-                });
-                asked.since(since) >= AGREE_OVER
+            Source::Position(id) => {
+                let (since, first) = *self.position.get_or_insert((asked, raw));
+                let over = asked.since(since);
+                if over < AGREE_OVER {
+                    return false;
+                }
+                self.turns = raw.abs_diff(first) > 1 && axis.drifts(id, (first, raw), over);
+                if self.turns {
+                    self.position = Some((asked, raw));
+                }
+                !self.turns
             }
         }
     }
@@ -386,6 +417,50 @@ impl Axis {
         reading.at?;
         let standing = self.standing_speed();
         Some(standing.map_or(reading.raw != 0, |test| !test.passes(reading.raw)))
+    }
+
+    /// Waits until its motor, whose stop was carried out, is seen to stand, where that stop did not wait
+    /// for a measured speed itself.
+    pub(crate) fn see_standing(&self, stopped: Result<(), Error>) -> Result<Standing, Error> {
+        stopped?;
+        if self.standing_speed().is_some() {
+            return Ok(Standing::Seen);
+        }
+        let mut stopping = Stopping::carried_out(self);
+        stopping.settle(self, REST_MAX);
+        let turns = stopping.is_seen_turning();
+        match (stopping.class, stopping.trouble) {
+            (Class::Still, _) => Ok(Standing::Seen),
+            (Class::Unseen, _) => Ok(Standing::Untold),
+            (Class::Failed(error), _) | (_, Some(error)) => Err(error),
+            // Drives of a group rarely tell the same.
+            _ if Number(self.number).is_group() && !turns => Ok(Standing::Untold),
+            _ => Err(self.not_at_rest(REST_MAX)),
+        }
+    }
+
+    /// It was told to stop, and turns on after so long.
+    pub(crate) fn not_at_rest(&self, after: Duration) -> Error {
+        let seconds = after.as_secs();
+        Error::Failed {
+            what: format!("{} was told to stop and is not at rest after {seconds} s", self.label()),
+            went: String::new(),
+            outcome: Outcome::Unknown(Failure::NotReached),
+            may_turn: true,
+            heard: Box::default(),
+            hint: "give its ramp more time, or cut its power".to_owned(),
+        }
+    }
+
+    /// Whether a motor went further in that time than one that holds its place.
+    fn drifts(&self, id: ParameterId, (from, to): (i64, i64), over: Duration) -> bool {
+        let si = |raw| self.connection.with(|axes, _| axes.to_si(self.index, id, raw));
+        let holds = match self.profile.parameter(id).map(|parameter| parameter.unit) {
+            Some(Unit::Millimetre) => HOLDS_METRES,
+            _ => HOLDS_RADIANS,
+        };
+        let went = si(from).zip(si(to)).map(|(from, to)| (to - from).abs());
+        went.is_none_or(|went| went > holds * over.as_secs_f64())
     }
 
     /// What the drive's stop takes for no measured speed, where it waits for that.
