@@ -16,7 +16,7 @@ use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{Session, read};
 use crate::target::Target;
-use crate::terminal::Output;
+use crate::terminal::{Output, say};
 use crate::value;
 use readdress::Readdressing;
 
@@ -171,6 +171,14 @@ impl Set {
         let shown = if self.raw { value.raw.to_string() } else { value.to_string() };
         out.line(&format!("{}{} = {shown}", session.who(axis), parameter.name));
         if value.raw == raw {
+            if axis.profile().reach.contains(&id) {
+                say(&format!(
+                    "{} is reached by its {}: change the connection string too, once it acts. {}",
+                    axis.label(),
+                    parameter.name,
+                    parameter.about
+                ));
+            }
             return Ok(());
         }
         let what = format!("{:?} did not keep what was written.", parameter.name);

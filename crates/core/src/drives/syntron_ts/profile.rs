@@ -318,7 +318,7 @@ static SYNTRON_DS102_PARAMETERS: [Parameter; 795] = [
     Parameter {
         name: "can node id",
         symbol: "Fn_9A",
-        about: "CANopen node-ID, 0 is the broadcast address.",
+        about: "CANopen node-ID, 0 is the broadcast address. Acts after the next power-on.",
         section: "3.2",
         index: 0x009a,
         encoding: Encoding::U16,
@@ -12799,7 +12799,7 @@ static SYNTRON_TS_CANOPEN_PARAMETERS: [Parameter; 856] = [
     Parameter {
         name: "can node id",
         symbol: "Fn_9A",
-        about: "CANopen node-ID, 0 is the broadcast address.",
+        about: "CANopen node-ID, 0 is the broadcast address. Acts after the next power-on.",
         section: "3.2",
         index: 0x209a,
         encoding: Encoding::U16,
