@@ -36,6 +36,8 @@ class Tmcl:
             value = 0x0063_0100
         elif opcode == 6:
             value = 1000 * kind
+        elif opcode in (10, 15, 135):
+            value = 0
         else:
             writes.append((opcode, kind, value))
         reply = bytes([2, address, 100, opcode]) + struct.pack(">i", value)

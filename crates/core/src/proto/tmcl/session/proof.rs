@@ -95,7 +95,13 @@ impl Session {
     #[cold]
     pub(super) fn not_proved(&mut self, now: Instant, probe: &Pending) {
         self.suspect(now, probe, false);
-        let known = self.knows(probe.ask.request.address);
+        let module = probe.ask.request.address;
+        let known = self.knows(module);
+        // It may have lost count of bytes: see `wants_shift`.
+        let suspects = self.suspects.iter_mut().flatten();
+        suspects
+            .filter(|suspect| known && suspect.module == module)
+            .for_each(|s| s.probes = s.probes.saturating_add(1));
         let Some(waiting) = &mut self.waiting else { return };
         waiting.proofs = PROOFS;
         let sent = 2 * PROOFS - waiting.left;
