@@ -289,7 +289,11 @@ impl Host {
             Failure::Silent => self.counters.silent += 1,
             _ => {}
         }
-        self.alive = (failure != Failure::Silent).then_some(request.unit);
+        match failure {
+            Failure::Cancelled => {}
+            Failure::Silent => self.alive = None,
+            _ => self.alive = Some(request.unit),
+        }
         self.events.push(To::Ticket(*ticket), Err(failure));
         self.close();
     }
@@ -482,7 +486,12 @@ impl Host {
             self.prove(now, ticket, request);
             return Ok(());
         }
-        self.fail(Failure::Silent);
+        // Who asked hears why a read was not asked again.
+        let again = |current: &Current| {
+            current.request.class == Class::Idempotent && current.attempts < ATTEMPTS_MAX
+        };
+        let given_up = self.current.as_ref().is_some_and(again);
+        self.fail(if given_up { Failure::Cancelled } else { Failure::Silent });
         for owed in &mut self.owed[..self.owed_len] {
             if owed.role == Role::Request {
                 owed.role = Role::Abandoned;
