@@ -592,6 +592,10 @@ impl Session {
         if pending.attempts > 1 {
             let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.answer_ns);
             self.doubts.add(axis, ask::tag(&question), until, true);
+            // Each time that it was asked is acknowledged, and an acknowledgement names nothing.
+            if self.place.wire.acknowledges(pending.ask.message.to) {
+                self.doubts.add_ack(axis, until);
+            }
         }
         if pending.stage == Stage::Itself {
             return self.end(now, Ok(answer));

@@ -35,7 +35,11 @@ impl Session {
         }
         let axis = pending.ask.message.to.id;
         if pending.ticket.is_none() {
-            self.doubts.again(axis);
+            // Its answer may still come, so that the next one asks for something else.
+            if let Some(question) = self.question(pending) {
+                let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.answer_ns);
+                self.doubts.add(axis, ask::tag(&question), until, true);
+            }
             return self.end(now, Err(Failure::Silent));
         }
         let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.ack_ns);
