@@ -106,6 +106,12 @@ impl Watch {
             self.open.drain(..old);
             self.open.push(known.sent.content);
         }
+        let acknowledged = |c: &Counters| c.acknowledged + c.relayed;
+        let later = known.heard.answers != asked.tag && known.heard.begun >= asked.left;
+        if known.heard.copy && later && acknowledged(&counters) > acknowledged(&before) {
+            // A copy of an acknowledgement, which names nothing, that an adapter had kept back.
+            self.copies_taken += 1;
+        }
         if !matched {
             return None;
         }
