@@ -149,8 +149,9 @@ impl Default for Quirks {
 /// 20 ms between two pieces of a request; one of those pieces takes up to 9 ms at 9600 baud.
 pub const BYTE_TIMEOUT_MS: u32 = 30;
 
-/// Bytes that wait to be sent at most: the echo of a line and its reply.
-pub const OUT_MAX: usize = 2 * ascii::LINE_MAX;
+/// Bytes that wait to be sent at most: the echo of a line and its reply, and what is said of the pieces of
+/// a stop that goes out at each place of the count.
+pub const OUT_MAX: usize = 2 * ascii::LINE_MAX + DATAGRAM * DATAGRAM;
 
 /// The serial end of a module.
 #[derive(Debug)]

@@ -23,6 +23,8 @@ const QUIET_CHARACTERS: u32 = 2;
 /// A byte sent alone, to make a module that lost count of bytes count on, is followed by so long a
 /// silence, that a module with a time limit between bytes drops it.
 const SHIFT_PAUSE_MS: u32 = 35;
+/// Bytes of a stop that goes out at each place of a module's count.
+const BURST: usize = DATAGRAM * (DATAGRAM + 1);
 
 /// The host on RS-232, RS-485, a pseudo-terminal or TCP.
 #[derive(Debug)]
@@ -218,7 +220,7 @@ impl Station<Stream> for SerialHost {
         if !self.session.has_unsent() {
             return None;
         }
-        if !self.shifted && self.session.wants_shift() {
+        if !self.shifted && self.session.wants_shift(now) {
             self.shifted = true;
             self.session.hold(now.plus_ms(SHIFT_PAUSE_MS));
             *out.first_mut()? = 0;
@@ -227,7 +229,13 @@ impl Station<Stream> for SerialHost {
         if now < self.quiet {
             self.session.hold(self.quiet);
         }
-        let request = self.session.transmit(now, self.on_wire_ns)?;
+        let burst = self.session.wants_burst() && out.len() >= BURST;
+        let on_wire_ns = match burst {
+            // Their own answers may be as many, and are nobody's.
+            true => (self.on_wire_ns.0, (1 + DATAGRAM as u64) * self.on_wire_ns.1),
+            false => self.on_wire_ns,
+        };
+        let request = self.session.transmit(now, on_wire_ns)?;
         self.shifted = false;
         if self.len > 0 {
             self.skip_held();
@@ -237,6 +245,10 @@ impl Station<Stream> for SerialHost {
         self.sent = bytes;
         self.echo_due = true;
         *out.first_chunk_mut()? = bytes;
+        if burst {
+            self.quiet = self.quiet.max(now.plus_ns(on_wire_ns.1));
+            return Some(repeat_shifted(bytes, out));
+        }
         Some(DATAGRAM)
     }
 
@@ -425,4 +437,14 @@ pub(super) fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
     let to_host = frame.id == u32::from(reply_id(options)) && !frame.extended && !frame.remote;
     let reply = Reply::parse_can(frame.bytes(), HOST).ok().filter(|_| to_host)?;
     reply.status.is_named().then_some(reply.module.into())
+}
+
+/// A datagram nine times, with a byte between: whatever a module that counts to nine has counted, one of
+/// them is the next that it takes, and its count is then as before. Returns how many bytes that are.
+fn repeat_shifted(datagram: [u8; DATAGRAM], out: &mut [u8]) -> usize {
+    for place in out[..BURST].chunks_exact_mut(DATAGRAM + 1) {
+        place[..DATAGRAM].copy_from_slice(&datagram);
+        place[DATAGRAM] = 0;
+    }
+    BURST
 }

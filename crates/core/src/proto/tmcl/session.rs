@@ -14,6 +14,7 @@
 //! is wrong takes as many older replies as there are probes, of just these opcodes in this order.
 
 mod proof;
+mod quiet;
 mod suspects;
 
 use super::opcode::{Opcode, Status};
@@ -24,6 +25,7 @@ use crate::proto::proven::Proven;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
 use proof::{PROBES, Waiting};
+use quiet::Quiet;
 
 /// Times an idempotent request is sent at most.
 pub const ATTEMPTS_MAX: u8 = 3;
@@ -96,6 +98,8 @@ struct Pending {
     ask: Ask,
     attempts: u8,
     sent: bool,
+    /// It went out at each place of its module's count.
+    burst: bool,
     /// When it could first have been sent.
     ready: Instant,
     not_before: Instant,
@@ -134,6 +138,7 @@ impl Pending {
             ask,
             attempts: 0,
             sent: false,
+            burst: false,
             ready: now,
             not_before: now,
             earliest: now,
@@ -161,7 +166,9 @@ pub struct Session {
     pending: Option<Pending>,
     stop: Option<(Ticket, Ask)>,
     suspects: [Option<Suspect>; SUSPECTS_MAX],
+    /// Something is in doubt: a suspect, or a module that is not heard.
     suspicious: bool,
+    quiet: [Option<Quiet>; SUSPECTS_MAX],
     /// Modules of which no older reply can come but those that are known of.
     proven: Proven,
     /// A request that waits for its module to be proven.
@@ -199,6 +206,7 @@ impl Session {
             stop: None,
             suspects: [None; SUSPECTS_MAX],
             suspicious: false,
+            quiet: [None; SUSPECTS_MAX],
             events: Events::new(),
             heard: [0; 4],
             early_streak: 0,
@@ -282,10 +290,12 @@ impl Session {
         now: Instant,
         (soonest_ns, on_wire_ns): (u64, u64),
     ) -> Option<Request> {
+        let burst = self.wants_burst();
         let pending = self.pending.as_mut()?;
         if pending.sent || now < pending.not_before {
             return None;
         }
+        pending.burst = burst;
         let request = pending.ask.request;
         pending.sent = true;
         self.recent[self.recent_at % RECENT_MAX] = (request.address, request.opcode.number(), now);
@@ -314,15 +324,6 @@ impl Session {
     /// What waits for an answer now.
     pub(super) fn expected(&self) -> Option<&Request> {
         self.pending.as_ref().filter(|pending| pending.sent).map(|pending| &pending.ask.request)
-    }
-
-    /// True while the request to be sent next is a probe into a line that may have lost count of
-    /// bytes.
-    pub(super) fn wants_shift(&self) -> bool {
-        let Some(pending) = &self.pending else { return false };
-        let address = pending.ask.request.address;
-        let again = |suspect: &Suspect| suspect.module == address && suspect.probes > 1;
-        pending.ticket.is_none() && !pending.sent && self.suspects.iter().flatten().any(again)
     }
 
     /// Puts the sending off, but no stop, and nothing for longer than the reply timeout.
@@ -361,6 +362,10 @@ impl Session {
 
     /// Takes a reply that passed every check of the wire.
     pub(super) fn reply(&mut self, now: Instant, reply: Reply, soon: bool) {
+        // Who complains of a checksum may have lost count.
+        if self.suspicious && reply.status != Status::WrongChecksum {
+            self.is_heard(reply.module);
+        }
         if is_event(&reply) { self.event(reply) } else { self.judge(now, reply, soon) }
     }
 
@@ -466,10 +471,15 @@ impl Session {
     fn judge(&mut self, now: Instant, reply: Reply, soon: bool) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
             self.counters.late += 1;
+            self.older(reply.module);
             return;
         };
         let request = &pending.ask.request;
         if reply.status == Status::WrongChecksum {
+            if pending.burst {
+                // One of its pieces; the next one may be whole.
+                return;
+            }
             pending.doubts.bad_sum = true;
             pending.doubts.bad_sum_of_module = reply.module == request.address;
             pending.deadline = pending.deadline.min(now.plus_ns(GRACE_NS));
@@ -481,6 +491,7 @@ impl Session {
         let stored = request.opcode == Opcode::ReadMemory && !refused;
         if !refusal && !stored {
             self.counters.foreign += 1;
+            self.older(reply.module);
             return;
         }
         let soon = soon || now < pending.earliest;
@@ -565,6 +576,7 @@ impl Session {
     /// No answer in time.
     fn expired(&mut self, now: Instant) {
         let Some(mut pending) = self.pending.take() else { return };
+        self.unheard(now, &pending);
         if pending.doubts.early {
             self.early_streak = (self.early_streak + 1).min(EARLY_MAX);
         }

@@ -6,6 +6,7 @@ mod doubt;
 mod effect;
 mod garbage;
 mod pair;
+mod quiet;
 
 use std::string::String;
 use std::vec::Vec;

@@ -9,15 +9,20 @@ use crate::station::{Class, Ticket};
 use crate::time::Instant;
 
 /// Probes that prove a module of which nothing is known.
-pub(super) const PROOFS: u8 = 2;
+pub(super) const PROOFS: u8 = 3;
+/// Probes into silence to a module that never answered.
+const UNKNOWN_MAX: u8 = 2;
+/// Probes that are answered among older replies, after which those are taken for somebody else's.
+const OLDER_MAX: u8 = 16;
 
 /// Reads that change nothing, each with an opcode of its own.
-pub(super) const PROBES: [(Opcode, u8); 5] = [
+pub(super) const PROBES: [(Opcode, u8); 6] = [
     (Opcode::Version, 1),
     (Opcode::Ggp, 66),
     (Opcode::Gap, 1),
     (Opcode::ProgramStatus, 0),
     (Opcode::Gio, 0),
+    (Opcode::Gco, 0),
 ];
 
 /// A request whose module is being proven.
@@ -32,12 +37,25 @@ pub(super) struct Waiting {
     pub(super) soon: bool,
     /// The probe before, which the next one differs from.
     pub(super) last: Option<u8>,
+    /// Since the present probe the module said something else: older replies are on their way.
+    pub(super) older: bool,
+    /// How many probes were answered so.
+    pub(super) olders: u8,
 }
 
 impl Waiting {
     /// Nothing proven yet.
     pub(super) const fn new(ticket: Ticket, ask: Ask) -> Self {
-        Self { ticket, ask, proofs: PROOFS, left: 2 * PROOFS, soon: true, last: None }
+        Self {
+            ticket,
+            ask,
+            proofs: PROOFS,
+            left: 2 * PROOFS,
+            soon: true,
+            last: None,
+            older: false,
+            olders: 0,
+        }
     }
 }
 
@@ -67,6 +85,11 @@ impl Session {
     pub(super) fn proved(&mut self, now: Instant) {
         let Some(waiting) = &mut self.waiting else { return };
         waiting.proofs = waiting.proofs.saturating_sub(1);
+        if core::mem::take(&mut waiting.older) && waiting.olders < OLDER_MAX {
+            // What answered it may be one of them.
+            waiting.olders += 1;
+            (waiting.proofs, waiting.left) = (PROOFS, 2 * PROOFS);
+        }
         if waiting.proofs > 0 {
             return self.prove(now);
         }
@@ -79,6 +102,15 @@ impl Session {
             self.early_streak = EARLY_MAX;
         }
         self.start(now, Some(ticket), ask);
+    }
+
+    /// The module that is being proven said what nobody asks now.
+    pub(super) fn older(&mut self, module: u8) {
+        if let Some(waiting) = &mut self.waiting
+            && waiting.ask.request.address == module
+        {
+            waiting.older = true;
+        }
     }
 
     /// Whether an earlier request could be answered by such a reply.
@@ -97,15 +129,10 @@ impl Session {
         self.suspect(now, probe, false);
         let module = probe.ask.request.address;
         let known = self.knows(module);
-        // It may have lost count of bytes: see `wants_shift`.
-        let suspects = self.suspects.iter_mut().flatten();
-        suspects
-            .filter(|suspect| known && suspect.module == module)
-            .for_each(|s| s.probes = s.probes.saturating_add(1));
         let Some(waiting) = &mut self.waiting else { return };
         waiting.proofs = PROOFS;
         let sent = 2 * PROOFS - waiting.left;
-        if waiting.left > 0 && (known || sent < PROOFS) {
+        if waiting.left > 0 && (known || sent < UNKNOWN_MAX) {
             return self.prove(now);
         }
         let ticket = waiting.ticket;

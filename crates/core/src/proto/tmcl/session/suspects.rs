@@ -37,7 +37,7 @@ impl Session {
                 *slot = None;
             }
         }
-        self.suspicious = self.suspects.iter().any(Option::is_some);
+        self.note_suspicion();
     }
 
     pub(super) fn expire_suspects(&mut self, now: Instant) {
@@ -49,7 +49,12 @@ impl Session {
             // Time has passed, and proves nothing.
             self.proven.remove(module);
         }
-        self.suspicious = self.suspects.iter().any(Option::is_some);
+        self.note_suspicion();
+    }
+
+    pub(super) fn note_suspicion(&mut self) {
+        let suspects = self.suspects.iter().any(Option::is_some);
+        self.suspicious = suspects || self.quiet.iter().any(Option::is_some);
     }
 
     pub(super) fn trusts(&mut self, now: Instant, module: u8) -> bool {

@@ -5,6 +5,7 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
+use super::Random;
 use super::pair::{MODULE, Wire, request, sixty, sound};
 use crate::error::Failure;
 use crate::proto::HostOptions;
@@ -100,4 +101,22 @@ fn silence_ends_what_waits_for_a_proof() {
     assert_eq!(wire.read(1), Err(Failure::Silent));
     wire.requests = sound();
     assert_eq!(wire.read(1), Ok(1007));
+}
+
+/// What several programs before were owed comes in one burst: what they asked to be sure, and a value.
+#[test]
+fn a_backlog_of_earlier_programs_is_not_taken() {
+    let probes = [Opcode::Version, Opcode::Ggp, Opcode::Gap, Opcode::ProgramStatus, Opcode::Gio];
+    let mut fooled = 0;
+    for seed in 0..1_000 {
+        let mut random = Random(u64::from(seed) * 7_919 + 1);
+        let mut owed = Vec::new();
+        for _ in 0..4 {
+            let probe = |random: &mut Random| probes[random.below(probes.len() as u64) as usize];
+            owed.extend((0..3).map(|_| (probe(&mut random), 1)));
+            owed.push((Opcode::Gap, 4_711));
+        }
+        fooled += u32::from(sixty_behind(seed, 0, &owed).0 > 0);
+    }
+    assert!(fooled <= 20, "{fooled} of 1000");
 }

@@ -1,0 +1,87 @@
+//! Modules that count to nine, know no pause, and have lost count.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use super::pair::{Wire, request, sixty};
+use crate::proto::HostOptions;
+use crate::proto::tmcl::device::{BadSum, Quirks};
+use crate::proto::tmcl::wire::{DATAGRAM, Request, checksum};
+use crate::proto::tmcl::{Answer, Ask, Opcode, SerialHost};
+
+const BAD_SUMS: [BadSum; 3] = [BadSum::AnswerAlways, BadSum::AnswerIfMine, BadSum::Ignore];
+
+fn counting(baud: u32, bad_sum: BadSum) -> Wire {
+    Wire::new(baud, Quirks { bad_sum, byte_timeout_ms: None, ..Quirks::default() })
+}
+
+fn stop(wire: &mut Wire) -> bool {
+    matches!(wire.ask(Ask::of(request(Opcode::Mst, 0, 0))), Ok(Answer::Reply(_)))
+}
+
+/// A stop arrives at once, whoever asks it of a module of which nothing is known yet; and the module
+/// is in step again soon.
+#[test]
+fn a_stop_reaches_a_module_that_lost_count() {
+    for bad_sum in BAD_SUMS {
+        for extra in 1..DATAGRAM {
+            for (baud, doubt) in [(9600, None), (9600, Some(5)), (0, Some(5))] {
+                let mut wire = counting(baud, bad_sum);
+                wire.host = SerialHost::new(&HostOptions { doubt, ..HostOptions::new(baud) });
+                wire.end.handle_input(wire.now, &[0x55; 9][..extra], &mut wire.firmware);
+                let start = wire.now;
+                assert!(stop(&mut wire), "{bad_sum:?} {extra} {baud}: {:?}", wire.host);
+                let took = wire.now.since(start).as_millis();
+                assert!(took < 700, "{bad_sum:?} {extra} {baud}: {took} ms");
+                let mut errors = 0;
+                while wire.read(9) != Ok(9007) {
+                    errors += 1;
+                    assert!(errors < 8, "{bad_sum:?} {extra} {baud}: {:?}", wire.host);
+                }
+                assert_eq!(sixty(&mut wire, 0), (0, 0), "{bad_sum:?} {extra} {baud}");
+            }
+        }
+    }
+}
+
+/// A module that is only late keeps its count: no byte is put between requests to it.
+#[test]
+fn a_module_that_is_late_stays_in_step() {
+    for late_ms in [110, 150, 190, 230, 270] {
+        for stops in [false, true] {
+            let mut wire = counting(9600, BadSum::AnswerIfMine);
+            assert_eq!(wire.read(4), Ok(4007));
+            wire.replies = Box::new(move |_, r| Some(Vec::from([(late_ms, r.to_vec())])));
+            let until = wire.now.plus_ms(1_300);
+            while wire.now < until {
+                // It may be answered, and need not.
+                let _ = if stops { stop(&mut wire) } else { wire.read(9).is_ok() };
+            }
+            wire.replies = super::pair::sound();
+            wire.rest(400);
+            assert!(stop(&mut wire), "{late_ms}");
+            assert_eq!(sixty(&mut wire, 0), (0, 0), "{late_ms}: {:?}", wire.host);
+        }
+    }
+}
+
+/// Where a module is not in step, what it takes for a request must be none.
+#[test]
+fn a_stop_that_is_shifted_is_no_other_request() {
+    for address in 1..=u8::MAX {
+        for motor in 0..6 {
+            let stop = Request { address, opcode: Opcode::Mst, kind: 0, motor, value: 0 };
+            let datagram = stop.emit();
+            let mut bytes: Vec<u8> = Vec::new();
+            (0..DATAGRAM).for_each(|_| bytes.extend(datagram.iter().chain(&[0])));
+            for window in bytes.windows(DATAGRAM).filter(|window| *window != datagram) {
+                let window: &[u8; DATAGRAM] = window.try_into().expect("nine");
+                let is_whole = checksum(window) == window[DATAGRAM - 1];
+                let idle = window[0] == 0 || window[1] == 0;
+                assert!(!is_whole || idle, "{address} {motor}: {window:?}");
+            }
+        }
+    }
+}
