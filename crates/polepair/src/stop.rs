@@ -18,7 +18,7 @@
 
 use crate::axis::{Axis, Running, Standing};
 use crate::connect::{Connector, Line};
-use crate::error::Error;
+use crate::error::{Error, Exit};
 use crate::identify::{Probe, Prober};
 use crate::listen::Opened;
 use crate::scan::{self, Found, Progress};
@@ -40,6 +40,8 @@ const ASK_BITS: u64 = 400;
 const SEARCH_MAX: Duration = Duration::from_secs(6);
 /// How long a drive that was found may keep the others waiting.
 const TELL: Duration = Duration::from_millis(150);
+/// How long one that was named and did not answer may keep the others waiting, once all were told.
+const DEAF: Duration = Duration::from_secs(1);
 /// How long motors may take to come to rest.
 const REST_MAX: Duration = Duration::from_secs(5);
 /// Silence after each frame to everybody: more than drives that end frames by silence need.
@@ -220,7 +222,7 @@ fn look(
     let chosen = connector.chosen_profile(url, &line.spoken)?;
     let prober = Prober::new(line, &connector.config).patient(stopped.patience);
     let end = clock::now() + SEARCH_MAX;
-    let mut found = Vec::new();
+    let (mut found, mut deaf) = (Vec::new(), Vec::new());
     for (done, &number) in wanted.iter().enumerate() {
         if !named && clock::now() > end {
             stopped.left = wanted.last().map(|last| (number, *last));
@@ -251,7 +253,19 @@ fn look(
         }
         match missing {
             None => found.push(one),
-            Some(error) => stopped.axes.push((format!("axis {number}"), Err(error))),
+            Some(error) => deaf.push((one, error)),
+        }
+    }
+    for (one, error) in deaf {
+        // It may have lost count of bytes, which a stop that is said several times does not mind.
+        let axes = connector.axes_found(line, std::slice::from_ref(&one))?;
+        let heard = axes.iter().any(|axis| {
+            let told = tell(axis, verb).and_then(|mut running| running.wait(DEAF));
+            !matches!(told, Err(ref error) if error.exit() == Exit::NoReply)
+        });
+        match heard {
+            true => found.push(one),
+            false => stopped.axes.push((format!("axis {}", one.number), Err(error))),
         }
     }
     Ok(found)
@@ -280,12 +294,16 @@ fn more_motors(axes: &[Axis]) -> Vec<Motors> {
     let of = |axis: &Axis| {
         let (mut told, mut ended) = (0, Ok(()));
         for number in 1..MOTORS_MAX {
+            let sent = |axis: &Axis| axis.connection().with(|axes, _| axes.counters().sent);
+            let before = sent(axis);
             match axis.stop_motor(number) {
                 Ok(()) => told = number,
                 Err(Error::Unsupported { .. }) => break,
                 Err(Error::Failed {
                     outcome: Outcome::NotDone(Failure::Refused { .. }), ..
                 }) => break,
+                // The axis' own stop tells of a link that is gone.
+                Err(_) if sent(axis) == before => break,
                 Err(error) => {
                     ended = Err(error);
                     break;
@@ -298,6 +316,25 @@ fn more_motors(axes: &[Axis]) -> Vec<Motors> {
     all.filter(|motors| motors.told > 0 || motors.ended.is_err()).collect()
 }
 
+/// A stop that was not sent, to a drive that was told to stop just before: that one may have been
+/// executed.
+fn told_before(error: Error) -> Error {
+    match error {
+        Error::Failed {
+            what,
+            went,
+            outcome: Outcome::NotDone(failure @ Failure::LinkDown),
+            may_turn,
+            heard,
+            hint,
+        } => {
+            let outcome = Outcome::Unknown(failure);
+            Error::Failed { what, went, outcome, may_turn, heard, hint }
+        }
+        other => other,
+    }
+}
+
 /// Waits until all of them are at rest.
 fn rest(axes: &[Axis], verb: Verb) -> Vec<(String, Result<Standing, Error>)> {
     let running = tell_each(axes, verb);
@@ -307,7 +344,7 @@ fn rest(axes: &[Axis], verb: Verb) -> Vec<(String, Result<Standing, Error>)> {
             let left = end.since(clock::now());
             running.wait(left)?.ok_or_else(|| axis.not_at_rest(REST_MAX))
         });
-        (axis, ended.map(drop))
+        (axis, ended.map(drop).map_err(told_before))
     });
     // All brake meanwhile.
     let ended: Vec<_> = ended.collect();
