@@ -1,19 +1,30 @@
 //! `polepair enable|disable|clear URL`
 
+use std::time::Duration;
+
 use clap::Args;
 use polepair::Axis;
 use polepair_client::message::Arguments;
 use polepair_core::axis::{Command, Verb};
+use polepair_core::profile::Signal;
 
 use crate::joined::{self, Joined};
 use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
+use crate::session::signal;
 use crate::target::Target;
 use crate::terminal::say;
 
+/// A drive takes that long to say that it is off.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+const LOOKS_MAX: u32 = 10;
+
 /// What is said of an axis that was enabled.
 const POWERED: &str = "is powered";
+/// Of one that took the command to switch its motor off, where nobody looked.
+const SWITCHED_OFF: &str = "took the command to switch its motor off";
+const CLEARED: &str = "has its faults cleared";
 
 /// Powers the motor, holding it where it stands.
 #[derive(Args, Debug)]
@@ -72,23 +83,23 @@ impl Enable {
 
 impl Disable {
     pub fn run(self) -> Result {
-        simple(&self.target.for_stop(), Verb::Disable, self.dry_run, "has no power now")
+        simple(&self.target.for_stop(), Verb::Disable, self.dry_run, without_power)
     }
 
     /// The same by a server.
     pub fn joined(self, server: &Joined) -> Result {
-        told(server, &self.target, &[Verb::Disable.name()], self.dry_run, "has no power now")
+        told(server, &self.target, &[Verb::Disable.name()], self.dry_run, SWITCHED_OFF)
     }
 }
 
 impl Clear {
     pub fn run(self) -> Result {
-        simple(&self.target, Verb::Clear, self.dry_run, "has its faults cleared")
+        simple(&self.target, Verb::Clear, self.dry_run, |_| Ok(CLEARED.to_owned()))
     }
 
     /// The same by a server.
     pub fn joined(self, server: &Joined) -> Result {
-        told(server, &self.target, &[Verb::Clear.name()], self.dry_run, "has its faults cleared")
+        told(server, &self.target, &[Verb::Clear.name()], self.dry_run, CLEARED)
     }
 }
 
@@ -108,7 +119,12 @@ fn told(server: &Joined, target: &Target, verbs: &[&str], dry: bool, done: &str)
     Ok(Exit::Ok)
 }
 
-fn simple(target: &Target, wanted: Verb, dry_run: bool, done: &str) -> Result {
+fn simple(
+    target: &Target,
+    wanted: Verb,
+    dry_run: bool,
+    done: impl Fn(&Axis) -> Result<String>,
+) -> Result {
     if dry_run {
         return target.rehearse(|_| Ok(Command::new(wanted)));
     }
@@ -121,13 +137,42 @@ fn simple(target: &Target, wanted: Verb, dry_run: bool, done: &str) -> Result {
     let mut ended = Ok(());
     // Every axis is told, whatever becomes of one.
     for axis in session.axes() {
-        let one = switch(axis, wanted);
-        if one.is_ok() {
+        let one = switch(axis, wanted).and_then(|()| done(axis));
+        if let Ok(done) = &one {
             say(&format!("{} {done}", axis.label()));
         }
-        ended = ended.and(one);
+        ended = ended.and(one.map(drop));
     }
     ended.map(|()| Exit::Ok)
+}
+
+/// What is seen of a motor that was switched off: that it has power no more, and whether it turns.
+fn without_power(axis: &Axis) -> Result<String> {
+    let read = |wanted: Signal| signal(axis, wanted).ok().flatten();
+    let mut powered = read(Signal::Enabled);
+    for _ in 0..LOOKS_MAX {
+        if powered.is_none_or(|powered| powered.raw == 0) {
+            break;
+        }
+        axis.sleep(LOOK_EVERY);
+        powered = read(Signal::Enabled);
+    }
+    let velocity = read(Signal::Velocity);
+    if powered.is_some_and(|powered| powered.raw != 0) {
+        let what = format!("{} took the command, and its motor has power still.", axis.label());
+        return Err(Problem::new(Exit::Negative, "E111", what)
+            .why("It says so itself.")
+            .hint("cut its supply if something turns"));
+    }
+    let off = if powered.is_some() { "has no power now" } else { SWITCHED_OFF };
+    Ok(match velocity {
+        Some(velocity) if axis.turns() == Some(true) => {
+            format!(
+                "{SWITCHED_OFF}, and it still turns, {velocity}: it coasts, or something drives it"
+            )
+        }
+        _ => off.to_owned(),
+    })
 }
 
 /// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has
