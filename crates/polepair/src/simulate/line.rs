@@ -14,7 +14,8 @@ use polepair_sim::world::{EndId, NodeId, World};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The drives of a rack, a line for each of its links, in order. Real wires have their own timing,
-/// or none: bytes and frames arrive here as they come, unless the rack says `timing`. Which faults come when follows from `seed`.
+/// or none: bytes and frames arrive here as they come, unless the rack says `timing`. Which faults come
+/// when follows from `seed`.
 ///
 /// # Errors
 /// [`Error::Usage`] `E231` when a drive cannot be built as described.

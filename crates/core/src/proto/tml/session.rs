@@ -592,8 +592,8 @@ impl Session {
         if pending.attempts > 1 {
             let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.answer_ns);
             self.doubts.add(axis, ask::tag(&question), until, true);
-            // Each time that it was asked is acknowledged, and an acknowledgement names nothing.
             if self.place.wire.acknowledges(pending.ask.message.to) {
+                // It names nothing, and comes as often as was asked.
                 self.doubts.add_ack(axis, until);
             }
         }
@@ -615,8 +615,7 @@ impl Session {
         self.end(now, result);
     }
 
-    /// An answer that was given a moment ago is given again: by a second drive of the same axis ID,
-    /// if it happens with every answer.
+    /// An answer of a moment ago is given again: by a second drive of that ID, if it happens always.
     fn double(&mut self, said: &Online) -> bool {
         if self.doubts.is_double(said) {
             self.counters.late += 1;
