@@ -122,7 +122,7 @@ fn carry_out(
     }
     caution(session);
     session.listen();
-    let mut begun = Begun::new(&session.url);
+    let mut begun = Begun::new(&session.words);
     let within = match then {
         Then::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
         _ => ARRIVE_MAX,
@@ -142,7 +142,7 @@ fn carry_out(
         });
     if then == Then::Detach && ended.is_ok() {
         begun.leave();
-        say(&format!("left running; this stops it: polepair stop {}", session.url));
+        say(&format!("left running; this stops it: polepair stop {}", session.words));
         return Ok(Exit::Ok);
     }
     let arrived = matches!(then, Then::Arrive(_)) && ended.is_ok();
@@ -171,7 +171,7 @@ pub fn over(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
 /// Arms and powers an axis for a motion that ends by itself, and stops it at its end, whatever that
 /// was.
 pub fn within(session: &Session, axis: &Axis, motion: impl FnOnce() -> Result<()>) -> Result {
-    let mut begun = Begun::new(&session.url);
+    let mut begun = Begun::new(&session.words);
     let ended = begun.power(axis, true).and_then(|()| {
         begun.moves();
         motion()

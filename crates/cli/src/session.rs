@@ -12,7 +12,8 @@ use crate::terminal::say;
 /// A link, and how the user named it.
 pub struct Session {
     pub link: Link,
-    pub url: String,
+    /// What names it to another verb: its URL, and the profile's file where one was given.
+    pub words: String,
 }
 
 impl Session {

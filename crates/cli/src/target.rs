@@ -169,7 +169,7 @@ impl Target {
         if let Some(axis) = link.axes().first() {
             self.name_frames(axis.profile());
         }
-        Ok(Session { link, url: self.url.clone() })
+        Ok(Session { link, words: format!("{}{}", self.url, self.profiles.words()) })
     }
 }
 

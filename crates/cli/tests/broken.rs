@@ -3,7 +3,7 @@
 
 mod run;
 
-use run::{Ran, command, ran};
+use run::{Ran, Served, command, ran};
 use std::path::{Path, PathBuf};
 
 /// A folder with a broken `polepair.toml` and a configuration with a broken profile.
@@ -62,5 +62,29 @@ fn what_a_broken_file_could_name_is_refused_with_its_fault() {
     assert!(ran.code == 2 && ran.err.contains("mine.toml:2:"), "{}", ran.err);
     // Whoever stops takes the drive for what it answers.
     let ran = broken.run(&["disable", "sim:tmcl?profile=mine"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+}
+
+#[test]
+fn a_profile_that_nobody_knows_stands_in_no_stops_way() {
+    let broken = Broken::new("unknown");
+    for drive in ["tmcl:1", "modbus-rtu:1", "tmcl+can:1", "cia402:5"] {
+        let sim = Served::with(&[drive, "--tcp", "127.0.0.1:0"]);
+        let (link, axes) = sim.url.split_once('#').expect("axes");
+        let with = if link.contains('?') { '&' } else { '?' };
+        // Without axes everybody is told before anybody is asked.
+        let everybody = format!("{link}{with}profile=feeder&timeout=10");
+        let one = format!("{link}{with}profile=feeder#{axes}");
+        for (verb, url) in [("stop", &one), ("disable", &one), ("stop", &everybody)] {
+            let ran = broken.run(&[verb, url]);
+            let about = format!("{verb} {url}: {}", ran.err);
+            assert_eq!(ran.code, 0, "{about}");
+            assert_eq!(ran.err.matches("warning: profile=feeder: ").count(), 1, "{about}");
+        }
+    }
+    let ran = broken.run(&["info", "sim:tmcl?profile=feeder"]);
+    assert!(ran.code == 2 && ran.err.contains("error[E213]"), "{}", ran.err);
+    // Of a drive that speaks another protocol.
+    let ran = broken.run(&["stop", "sim:tmcl?profile=ts-rtu"]);
     assert_eq!(ran.code, 0, "{}", ran.err);
 }

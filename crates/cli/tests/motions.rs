@@ -160,6 +160,17 @@ fn a_detached_motion_goes_on_and_says_what_stops_it() {
 }
 
 #[test]
+fn a_profile_of_ones_own_is_among_the_words_that_stop() {
+    let sim = served(&KINDS[1]);
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/feeder.toml");
+    let ran = polepair(&["spin", &sim.url, "30rpm", "--detach", "--profile", file]);
+    let last = ran.err.lines().last().expect("a line");
+    let stop = last.strip_prefix("left running; this stops it: polepair ").expect(last);
+    assert_eq!(stop, format!("stop {} --profile {file}", sim.url));
+    ok(&stop.split(' ').collect::<Vec<_>>());
+}
+
+#[test]
 fn limits_and_units_are_checked_before_anything_is_sent() {
     let sim = served(&KINDS[0]);
     for (torque, code) in [

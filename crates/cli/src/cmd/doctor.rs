@@ -87,7 +87,7 @@ impl Doctor {
             return Err(Problem::usage("E217", "a watchdog that is off stops nothing."));
         }
         let link = connector.connect(url).map_err(outcome::error)?;
-        let session = Session { link, url: url.to_owned() };
+        let session = Session { link, words: url.to_owned() };
         self.consent(&session)?;
         session.listen();
         let mut shown = Ok(());

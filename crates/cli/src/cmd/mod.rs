@@ -252,9 +252,9 @@ pub fn discovered() -> Connector {
     connector
 }
 
-/// Says that a file is wrong and done without.
+/// Says that a file, or a name of one, is wrong and done without.
 pub fn passed_over(error: &FileError) {
-    say(&format!("warning: {error}; nothing of this file is used"));
+    say(&format!("warning: {error}; it is passed over"));
 }
 
 /// A user's own profile.
@@ -285,6 +285,16 @@ impl ProfileFile {
             Some(Ok(_)) | None => {}
         }
         connector
+    }
+
+    /// What gives it to another verb, behind a URL; empty without one.
+    pub fn words(&self) -> String {
+        let Some(file) = &self.file else { return String::new() };
+        let file = file.display().to_string();
+        match file.contains(char::is_whitespace) {
+            true => format!(" --profile \"{file}\""),
+            false => format!(" --profile {file}"),
+        }
     }
 
     /// Whether there is one.

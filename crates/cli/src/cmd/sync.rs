@@ -82,7 +82,7 @@ impl Sync {
             say("no axis gives its time any more");
         } else {
             say(&format!("{} gives its time every {}", master.label(), self.period));
-            say(&format!("this ends it: polepair sync {} --stop", session.url));
+            say(&format!("this ends it: polepair sync {} --stop", session.words));
             session.link.sleep(Duration::from_millis(SETTLE_MS.into()));
         }
         let apart = show(&session, master)?;

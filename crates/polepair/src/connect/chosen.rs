@@ -12,15 +12,16 @@ use std::sync::PoisonError;
 
 impl Connector {
     /// For those who bring motors to rest: a drive's profile, set-up or data sheet that the connection
-    /// string names and that is wrong is [passed over](Self::passed_over), and the drive is taken for
-    /// what it answers.
+    /// string names and that is wrong, or that nobody knows, is [passed over](Self::passed_over), and
+    /// the drive is taken for what it answers.
     #[must_use]
     pub fn for_stop(mut self) -> Self {
         self.stops = true;
         self
     }
 
-    /// Files that were wrong and done without: those of the configuration, and what was passed over.
+    /// Files that were wrong and done without: those of the configuration, and what was passed over. A
+    /// profile of a name that nobody knows stands there as the connection string has it.
     #[must_use]
     pub fn passed_over(&self) -> Vec<FileError> {
         let more = self.passed_over.lock().unwrap_or_else(PoisonError::into_inner);
@@ -33,16 +34,21 @@ impl Connector {
         url: &Url,
         spoken: &Spoken,
     ) -> Result<Option<&'static Profile>, Error> {
-        match self.read_chosen(url, spoken) {
-            Err(Error::File(error)) if self.stops => {
-                let mut over = self.passed_over.lock().unwrap_or_else(PoisonError::into_inner);
-                if !over.contains(&error) {
-                    over.push(error);
-                }
-                Ok(None)
+        let error = match self.read_chosen(url, spoken) {
+            Err(Error::File(error)) if self.stops => error,
+            Err(Error::Usage { what, .. }) if self.stops => {
+                let key =
+                    ["setup", "eds", "profile"].into_iter().find(|key| url.key(key).is_some());
+                let key = key.unwrap_or_default();
+                FileError::whole(format!("{key}={}", url.key(key).unwrap_or_default()), what)
             }
-            chosen => chosen,
+            chosen => return chosen,
+        };
+        let mut over = self.passed_over.lock().unwrap_or_else(PoisonError::into_inner);
+        if !over.contains(&error) {
+            over.push(error);
         }
+        Ok(None)
     }
 
     fn read_chosen(&self, url: &Url, spoken: &Spoken) -> Result<Option<&'static Profile>, Error> {

@@ -60,7 +60,7 @@ impl Monitor {
         let spoken = link.wires().iter().map(|wire| spoken(wire, link.axes(), rules.as_ref()));
         let traffic = Traffic::new(link.wires(), spoken.collect(), false);
         let axes = link.axes().iter().cloned().map(Watched::new).collect();
-        let session = Session { link, url: url.to_owned() };
+        let session = Session { link, words: url.to_owned() };
         session.listen();
         Ok(Self { axes, period, session: Some(session), ..Self::bare(url, traffic, ears) })
     }

@@ -180,11 +180,11 @@ fn started(
     motion::caution(session);
     session.listen();
     let powered = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
-    let _holding = interrupt::hold(&session.url);
+    let _holding = interrupt::hold(&session.words);
     axis.arm(true);
     let begun = start().map_err(outcome::error);
     if detach && begun.is_ok() {
-        say(&format!("left running; this ends it: polepair program abort {}", session.url));
+        say(&format!("left running; this ends it: polepair program abort {}", session.words));
         return Ok(Exit::Ok);
     }
     let ended = begun.and_then(|()| wait());

@@ -58,7 +58,7 @@ pub fn run(
 }
 
 fn follow(session: &Session, setpoint: Setpoint, period: Duration, setpoints: &[f64]) -> Result {
-    let _holding = interrupt::hold(&session.url);
+    let _holding = interrupt::hold(&session.words);
     let following = Following::begin_along(session.axes(), setpoint, period, setpoints);
     let following = following.map_err(outcome::error)?;
     let cycles = setpoints.len() / session.axes().len();
