@@ -13,7 +13,7 @@ use tokio::sync::oneshot::error::TryRecvError;
 use tokio::time::timeout;
 
 use crate::live::{Ask, Live};
-use crate::rest::lost;
+use crate::rest::{deed, lost};
 use crate::{Gateway, Refused};
 
 /// Why something under way has no end.
@@ -143,7 +143,7 @@ impl<T> Pending<T> {
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
         let told = Pin::new(&mut self.told).poll(context);
         told.map(|told| {
-            self.ended = Some(told.unwrap_or_else(|_| Err(lost(NOTHING_CAME))));
+            self.ended = Some(told.unwrap_or_else(|_| Err(deed(lost(NOTHING_CAME)))));
         })
     }
 }
@@ -159,7 +159,7 @@ impl<T: Clone> Pending<T> {
             self.ended = match self.told.try_recv() {
                 Ok(told) => Some(told),
                 Err(TryRecvError::Empty) => return Ok(None),
-                Err(TryRecvError::Closed) => Some(Err(lost(NOTHING_CAME))),
+                Err(TryRecvError::Closed) => Some(Err(deed(lost(NOTHING_CAME)))),
             };
         }
         if self.ended.is_none() {

@@ -19,7 +19,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 
 use crate::lease::Lease;
-use crate::rest::lost;
+use crate::rest::{deed, lost, question};
 use crate::wire::Wire;
 use crate::{Gateway, Refused};
 pub(crate) use known::{Feed, Known, Passing};
@@ -137,7 +137,7 @@ impl Live {
         let feed = Arc::<Feed>::default();
         let (tell, told) = oneshot::channel();
         self.ask(Ask::Watch { channel, what, feed: Arc::clone(&feed), tell })?;
-        let about = self.told(told)?;
+        let about = self.told(told).map_err(question)?;
         Ok(Watched { live: self.clone(), axis, feed, about })
     }
 
@@ -221,7 +221,7 @@ impl Live {
     fn told<T>(&self, told: oneshot::Receiver<Result<T, Refused>>) -> Result<T, Refused> {
         // An answer that comes later finds nobody, and gives nothing.
         let told = self.gateway().wait(async { timeout(TOLD_MAX, told).await });
-        told.ok().and_then(Result::ok).unwrap_or_else(|| Err(lost("no answer came")))
+        told.ok().and_then(Result::ok).unwrap_or_else(|| Err(deed(lost("no answer came"))))
     }
 }
 

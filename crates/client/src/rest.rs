@@ -70,9 +70,8 @@ impl Rest {
         let asked = timeout(ANSWER_MAX, self.answer(method, path, body)).await;
         let answer = asked.unwrap_or_else(|_| Err(lost("it did not answer")));
         let answer = answer.map_err(|refused| match changes {
-            true => refused,
-            // A question moves nothing.
-            false => Refused { executed: Some(false), ..refused },
+            true => deed(refused),
+            false => question(refused),
         })?;
         serde_json::from_slice(&answer).map_err(|error| nonsense(&error.to_string()))
     }
@@ -125,9 +124,23 @@ impl Rest {
 
 /// The server went away: what it was asked to do it may have done.
 pub(crate) fn lost(why: &str) -> Refused {
-    Refused { executed: None, ..Refused::new("E313", format!("the server went away: {why}")) }.hint(
-        "what this client moved stops when its lease ends, 1.5 s after the server last heard of it",
-    )
+    Refused { executed: None, ..Refused::new("E313", format!("the server went away: {why}")) }
+}
+
+/// The same for who had something done: what moves is stopped by nobody until the server is back.
+pub(crate) fn deed(refused: Refused) -> Refused {
+    match refused.code == "E313" && refused.executed.is_none() && refused.hint.is_empty() {
+        true => refused.hint(
+            "what moved may still turn: cut its supply, or stop it directly on its own link, \
+             `polepair stop URL`",
+        ),
+        false => refused,
+    }
+}
+
+/// The same for who only asked: a question moves nothing.
+pub(crate) fn question(refused: Refused) -> Refused {
+    Refused { executed: Some(false), ..refused }
 }
 
 /// What answers does not speak as a gateway does.

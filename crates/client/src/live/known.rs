@@ -13,7 +13,7 @@ use polepair_messages::{
 };
 
 use crate::Refused;
-use crate::rest::lost;
+use crate::rest::{deed, lost, question};
 
 /// Samples that wait for whoever watches; the oldest are lost first, and counted.
 const SAMPLES_MAX: usize = 65_536;
@@ -162,8 +162,11 @@ impl Known {
 
     /// Whether a lease is still ours.
     pub fn check(&self, axis: u16, epoch: u64) -> Result<(), Refused> {
-        self.here()?;
-        match self.told().leases.get(&axis) {
+        let told = self.told();
+        if let Some(why) = &told.lost {
+            return Err(deed(why.clone()));
+        }
+        match told.leases.get(&axis) {
             Some(Ok(ours)) if *ours == epoch => Ok(()),
             Some(Err(why)) => Err(why.clone()),
             _ => Err(Refused::new("gateway.lease", "the lease was given back")),
@@ -176,7 +179,7 @@ impl Known {
 
     /// Whether the server is there.
     pub fn here(&self) -> Result<(), Refused> {
-        self.told().lost.clone().map_or(Ok(()), Err)
+        self.told().lost.clone().map_or(Ok(()), |why| Err(question(why)))
     }
 
     /// Why it is not.

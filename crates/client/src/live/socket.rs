@@ -19,7 +19,7 @@ use super::asked::{Asked, One};
 use super::{Ask, Channel, Feed, Known, Passing, Tell};
 use crate::Refused;
 use crate::lease::ended;
-use crate::rest::{lost, nonsense};
+use crate::rest::{deed, lost, nonsense, question};
 use crate::wire::{Stream, Wire, broken};
 
 /// How often leases are renewed: they last three times as long.
@@ -127,10 +127,11 @@ impl Task {
             ask.refuse(Refused { executed: Some(false), ..ended.clone() });
         }
         // Who waited has gone, or hears it; here and below.
-        self.commands.into_values().for_each(|tell| drop(tell.send(Err(ended.clone()))));
+        let (done, asked) = (deed(ended.clone()), question(ended));
+        self.commands.into_values().for_each(|tell| drop(tell.send(Err(done.clone()))));
         let leases = self.leases.into_values().flat_map(Asked::into_tells);
-        leases.for_each(|tell| drop(tell.send(Err(ended.clone()))));
-        self.watching.into_values().for_each(|tell| drop(tell.send(Err(ended.clone()))));
+        leases.for_each(|tell| drop(tell.send(Err(done.clone()))));
+        self.watching.into_values().for_each(|tell| drop(tell.send(Err(asked.clone()))));
     }
 
     /// Keeps what is ours, and looks whether the server is there.

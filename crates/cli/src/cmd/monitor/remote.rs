@@ -321,9 +321,10 @@ impl Shows for Remote {
         }
         // What came of it in the meantime.
         let _ = self.hear();
+        let here = self.live.check().is_ok().then(|| self.url());
         for n in 0..self.axes.len() {
             let (axis, state) = (&self.axes[n], self.state(n));
-            let told = state.and_then(|s| left(self.url(), &axis.label, &number(axis), &s));
+            let told = state.and_then(|s| left(here, &axis.label, &number(axis), &s));
             said.extend(told);
         }
         said

@@ -163,7 +163,7 @@ impl Lines {
         }
         self.out.flush()?;
         for (axis, state) in states(live, axes)? {
-            if let Some(told) = left(url, &axis.label, &number(axis), &state) {
+            if let Some(told) = left(Some(url), &axis.label, &number(axis), &state) {
                 say(&told);
             }
         }
@@ -194,16 +194,20 @@ fn turns(state: &AxisState) -> bool {
     state.moving.unwrap_or_else(by_speed)
 }
 
-/// What a person must know who leaves a motor that turns, or may.
-pub fn left(url: &str, label: &str, number: &str, state: &AxisState) -> Option<String> {
+/// What a person must know who leaves a motor that turns, or may. Without a server nobody stops it.
+pub fn left(url: Option<&str>, label: &str, number: &str, state: &AxisState) -> Option<String> {
     let speed = state.signals.iter().find(|told| told.signal == Signal::Velocity.name());
     let speed = speed.and_then(|told| Some(joined::shown(told.value?, &told.unit)));
     let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
-    turns(state).then(|| {
-        format!(
+    turns(state).then(|| match url {
+        Some(url) => format!(
             "{label} turned{speed} when last asked and was left so; this stops it: \
              polepair --server {url} stop {number}"
-        )
+        ),
+        None => format!(
+            "{label} turned{speed} when last heard of, and the server is gone: it may still turn, \
+             cut its supply"
+        ),
     })
 }
 
@@ -385,10 +389,12 @@ mod tests {
             owed: None,
             panel: None,
         };
-        let told = |state: &AxisState| left("http://127.0.0.1:7365", "axis 3", "0#3", state);
+        let told = |state: &AxisState| left(Some("http://127.0.0.1:7365"), "axis 3", "0#3", state);
         let whole = "axis 3 turned at 31.5 rad/s when last asked and was left so; this stops it: \
                      polepair --server http://127.0.0.1:7365 stop 0#3";
         assert_eq!((doing(&state), told(&state).as_deref()), (Doing::Silent, Some(whole)));
+        let gone = left(None, "axis 3", "0#3", &state).expect("it is told");
+        assert!(gone.ends_with("the server is gone: it may still turn, cut its supply"), "{gone}");
         state.signals[0].age_ms = 10.0;
         assert_eq!(doing(&state), Doing::Turns);
         let word = || "overcurrent".to_owned();
