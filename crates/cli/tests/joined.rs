@@ -397,15 +397,47 @@ fn what_a_silent_drive_said_is_not_shown_as_now() {
 }
 
 #[test]
-fn a_server_that_is_killed_leaves_nobody_waiting() {
-    let mut server = Server::new(&["sim:tmcl"]);
+fn a_motor_whose_drive_falls_silent_is_not_held_for_ever() {
+    let drive = Served::new("tmcl");
+    let server = Server::new(&[&drive.url]);
     let held = server.held(&["spin", "1", "300rpm"]);
+    until(|| server.velocity("1") > 100.0, || {});
+    signal("STOP", drive.id());
+    let ended = held.ended();
+    signal("CONT", drive.id());
+    assert_eq!(ended.code, 4, "{}", ended.err);
+    let told = ended.err.contains("did not confirm its stop and may still turn: cut its supply")
+        && ended.err.contains("error[E401]: axis 1 has not answered for 2 s.")
+        && ended.err.contains("The motor may still turn: cut its supply.");
+    assert!(told, "{}", ended.err);
+}
+
+#[test]
+fn a_server_that_is_killed_leaves_nobody_waiting() {
+    let drive = Served::new("tmcl:1");
+    let mut server = Server::new(&[&drive.url]);
+    let held = server.held(&["spin", "1", "300rpm"]);
+    let words = server.words(&server.tokens(), &["watch", "1"]).join("\n");
+    let words: Vec<&str> = words.split('\n').collect();
+    let mut watch = command(&words).spawn().expect("starts");
+    let mut lines = BufReader::new(watch.stdout.take().expect("a pipe")).lines();
+    lines.nth(1).expect("a line").expect("text");
     signal("KILL", server.child.id());
     let _ = server.child.wait();
     let ended = held.ended();
     assert_eq!(ended.code, 3, "{}", ended.err);
     assert!(ended.err.contains("error[E313]: the server went away"), "{}", ended.err);
     assert!(ended.err.contains("it may have been executed"), "{}", ended.err);
+    assert!(ended.err.contains("The motor may still turn: cut its supply."), "{}", ended.err);
+    // The very words that were printed stop it.
+    let stop = ended.err.lines().find_map(|line| line.strip_prefix("  try: polepair stop "));
+    let stop = stop.and_then(|stop| stop.split(' ').next()).expect("a link's URL");
+    assert_eq!(stop, drive.url);
+    assert_eq!(polepair(&["stop", stop]).code, 0);
+    // Who only looked had nothing done.
+    let watched = run::ran(watch.wait_with_output().expect("ends"));
+    assert_eq!(watched.code, 3, "{}", watched.err);
+    assert!(!watched.err.contains("executed") && !watched.err.contains("lease"), "{}", watched.err);
     let after = server.run(&["info"]);
     assert!(after.code == 3 && after.err.contains("error[E314]"), "{}", after.err);
 }
@@ -427,6 +459,8 @@ fn what_a_server_does_not_do_is_said_and_opens_no_link() {
         (&["info", "7#1"], "E212"),
         (&["get", "0#1", "max curent"], "E213"),
     ];
+    let ran = server.run(&["move", "0#1", "90"]);
+    assert!(ran.err.contains("try: 90deg\n"), "{}", ran.err);
     for (verb, code) in cases {
         let ran = server.run(verb);
         assert_eq!((ran.code, &*ran.out), (2, ""), "{verb:?}: {}", ran.err);

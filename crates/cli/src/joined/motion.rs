@@ -4,14 +4,14 @@ use std::time::Duration;
 
 use polepair::quantity;
 use polepair_client::message::{Arguments, AxisInfo, AxisState, FaultTold, SignalValue};
-use polepair_client::{Lease, Live, Pending, unit};
+use polepair_client::{Lease, Live, Pending, Refused, unit};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
 use polepair_link::clock;
 
-use super::{Joined, cannot, refused, signal_shown};
+use super::{Joined, cannot, refused, signal_shown, unit_of};
 use crate::interrupt;
 use crate::motion::{ARRIVE_MAX, Then, hold_while};
 use crate::outcome::{self, sentence};
@@ -26,6 +26,9 @@ pub const ANSWER_MAX: Duration = Duration::from_secs(10);
 const REST_MAX: Duration = Duration::from_millis(800);
 /// How long a value is waited for that was read after it was asked for.
 const FRESH_MAX: Duration = Duration::from_secs(1);
+/// How long a drive may be silent while its motor is held in motion. A server tells an axis' state every
+/// second, though nothing of it has changed.
+const SILENT_MAX: Duration = Duration::from_millis(2500);
 /// Slower than this it stands, rad/s or m/s.
 const STANDS: f64 = 0.05;
 
@@ -53,9 +56,15 @@ pub fn argument(axis: &AxisInfo, verb: Verb, name: &str, text: &str) -> Result<f
     if measure.quantity.is_none() && unit != Unit::Percent && measure.si != 0.0 {
         return Err(Problem::usage("E217", format!("{text:?} has no unit."))
             .why("Which one is the drive's own is for its link to know, not for a server.")
-            .hint(format!("{text}{}", unit.symbol())));
+            .hint(format!("{text}{}", shown_in(axis, name, unit).symbol())));
     }
     measure.si(unit).map_err(outcome::error)
+}
+
+/// The unit in which people read what an argument sets.
+fn shown_in(axis: &AxisInfo, argument: &str, unit: Unit) -> Unit {
+    let signal = if argument == "target" { Signal::Position.name() } else { argument };
+    unit_of(axis, signal, unit.si_symbol()).unwrap_or(unit)
 }
 
 /// An axis that is ours.
@@ -84,20 +93,56 @@ pub fn run(server: &Joined, orders: &[Order], then: Then) -> Result {
     let deadline = clock::now() + within;
     let powered = taken.iter_mut().try_for_each(|taken| taken.power(server));
     let ended = powered.and_then(|()| start(&taken, orders, deadline)).and_then(|()| match then {
-        Then::Hold(seconds) => hold(&taken, seconds),
+        Then::Hold(seconds) => hold(&live, &taken, seconds),
         _ => arrive(&taken, orders, deadline),
     });
     let arrived = ended.is_ok() && matches!(then, Then::Arrive(_));
+    // Whoever has no link to a drive any more cannot stop it: neither we, nor the server.
+    let cut = taken.iter().find_map(|taken| taken.cut(&live));
     let stopped = finish(server, taken, arrived);
-    match ended {
-        Err(problem) if problem.exit == Exit::Interrupted => {
+    match (ended, cut) {
+        (Ok(()), _) => stopped.map(|()| Exit::Ok),
+        (Err(problem), Some(cut)) => {
+            let problem = match problem.exit {
+                Exit::Interrupted => refused(cut),
+                _ => problem,
+            };
+            // A simulated motor is gone with its server.
+            let may_turn = orders.iter().any(|order| !order.axis.simulated);
+            let problem = Problem { may_turn, ..problem };
+            match live.check() {
+                // The server opens the link again, and says the stop then.
+                Ok(()) => Err(problem),
+                Err(_) => Err(directly(server, orders, problem)),
+            }
+        }
+        (Err(problem), None) if problem.exit == Exit::Interrupted => {
             stopped?;
             say("interrupted: the motion was stopped");
             Err(Problem::interrupted())
         }
-        Err(problem) => Err(problem),
-        Ok(()) => stopped.map(|()| Exit::Ok),
+        // Whatever was feared when it ended, the stop was acknowledged.
+        (Err(problem), None) => {
+            let may_turn = problem.may_turn && stopped.is_err();
+            Err(Problem { may_turn, ..problem })
+        }
     }
+}
+
+/// What is left to do where a server is gone: each motor by itself.
+fn directly(server: &Joined, orders: &[Order], problem: Problem) -> Problem {
+    let mut problem = Problem { hints: Vec::new(), ..problem };
+    for Order { axis, .. } in orders {
+        let link = server.bench.links.iter().find(|link| link.id == axis.link);
+        if let Some(link) = link.filter(|link| !link.simulated) {
+            let url = link.url.split('#').next().unwrap_or_default();
+            problem = problem.hint(format!(
+                "polepair stop {url}#{} stops it without the server, once that has let go of the port",
+                axis.number
+            ));
+        }
+    }
+    problem
 }
 
 /// Says what to watch out for, once per product.
@@ -133,6 +178,11 @@ impl Taken<'_> {
             self.say(Verb::Enable.name())?;
         }
         Ok(())
+    }
+
+    /// Why nobody can stop it from here: the server, or the axis' link there, is gone.
+    fn cut(&self, live: &Live) -> Option<Refused> {
+        live.linked(self.axis.id).err().map(|why| Refused { executed: None, ..why })
     }
 
     fn can(&self, verb: Verb) -> bool {
@@ -176,11 +226,34 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
     }
 }
 
-fn hold(taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
+fn hold(live: &Live, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
     hold_while(seconds, (&clock::now, &clock::sleep_until), |_| {
-        taken.iter().try_for_each(|taken| taken.lease.check()).map_err(refused)?;
-        taken.iter().try_for_each(check_fault)
+        for taken in taken {
+            taken.lease.check().map_err(refused)?;
+            live.linked(taken.axis.id).map_err(refused)?;
+            check_heard(taken)?;
+            check_fault(taken)?;
+        }
+        Ok(())
     })
+}
+
+/// Ends when the drive has been silent for too long.
+fn check_heard(taken: &Taken<'_>) -> Result<()> {
+    let silent = taken.lease.state().is_some_and(|state| is_silent(&state));
+    if !silent || clock::now().since(taken.since) < SILENT_MAX {
+        return Ok(());
+    }
+    let what = format!("{} has not answered for 2 s.", taken.axis.label);
+    Err(Problem { may_turn: true, ..Problem::new(Exit::NoReply, "E401", what) }
+        .why("Nobody knows what the motor does.")
+        .hint("the supply, the wire and the adapter between the server and the drive"))
+}
+
+/// Whether nothing of what is known was heard lately.
+fn is_silent(state: &AxisState) -> bool {
+    let newest = state.signals.iter().map(|told| told.age_ms).fold(f64::MAX, f64::min);
+    !state.signals.is_empty() && newest > SILENT_MAX.as_secs_f64() * 1e3
 }
 
 /// Ends with the drive's fault, if the server has read one since the axis is ours.
@@ -345,5 +418,10 @@ mod tests {
         };
         let within = |ms| fault_within(&state, Duration::from_millis(ms));
         assert_eq!((within(50), within(100)), (None, Some(&fault)));
+        let aged = |age_ms| {
+            let signals = vec![SignalValue { age_ms, ..state.signals[0].clone() }];
+            is_silent(&AxisState { signals, ..state.clone() })
+        };
+        assert_eq!((aged(2400.0), aged(2600.0)), (false, true));
     }
 }
