@@ -134,7 +134,7 @@ pub struct Joined {
 
 impl Joined {
     pub fn new(gateway: Gateway) -> Result<Self> {
-        let mut bench = gateway.bench().map_err(refused)?;
+        let mut bench = gateway.bench().map_err(|error| refused(unheard(error)))?;
         if bench.links.len() > 1 {
             bench.axes.iter_mut().for_each(label_with_link);
         }
@@ -204,6 +204,17 @@ pub fn wanting(link: &LinkView) -> Vec<String> {
         ));
     }
     lines
+}
+
+/// A server that says nothing holds its ports, and stops nothing.
+fn unheard(error: Refused) -> Refused {
+    match &*error.code {
+        "E313" => error.hint(
+            "end the server's process and start it again; `polepair stop URL` stops what turns on its \
+             link meanwhile, else cut its supply",
+        ),
+        _ => error,
+    }
 }
 
 /// What the server refuses, or what became of it.

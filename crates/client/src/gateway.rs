@@ -107,7 +107,7 @@ impl Gateway {
     /// # Errors
     /// As the server says, here and below; `E314`, `E315`, `E321` where it cannot be reached.
     pub fn bench(&self) -> Result<BenchView, Refused> {
-        self.wait(self.0.rest.get("/api/v1/bench"))
+        self.wait(self.0.rest.list("/api/v1/bench"))
     }
 
     /// What is known of an axis; nothing is asked of the drive.
@@ -201,16 +201,16 @@ impl Gateway {
     }
 
     /// Stops axes, whoever commands them; all of them, and locks motion, where none are named.
-    /// Returns when it is known how far that came.
+    /// Returns when it is known how far that came, or 12 s later.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
     pub fn stop(&self, order: &StopOrder) -> Result<Stopped, Refused> {
-        self.wait(self.0.rest.post("/api/v1/stop", order)).map_err(|refused| match &*refused.code {
-            // Who lets a lease end stops what is its own; this may be somebody else's.
-            "E313" | "E314" | "E315" | "E501" => {
-                refused.hint("say it again; if something still turns, cut its power")
-            }
+        self.wait(self.0.rest.stop("/api/v1/stop", order)).map_err(|refused| match &*refused.code {
+            "E313" | "E314" | "E315" | "E501" => refused.hint(
+                "cut the supply of what still turns; without the server `polepair stop URL` stops it on \
+                 its own link, once the server's process has ended",
+            ),
             _ => refused,
         })
     }

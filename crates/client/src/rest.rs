@@ -20,6 +20,10 @@ use crate::wire::{Wire, broken};
 
 /// How long an answer may take: a drive may have to be asked many things.
 const ANSWER_MAX: Duration = Duration::from_secs(30);
+/// How long the list of what there is may take: no drive is asked for it.
+const LIST_MAX: Duration = Duration::from_secs(5);
+/// How long a stop's answer may take: the server's comes within 10 s.
+const STOP_MAX: Duration = Duration::from_secs(12);
 /// Bytes of an answer.
 const BODY_MAX: usize = 16 << 20;
 /// A connection that was quiet for longer may be about to be closed, and is not used again.
@@ -42,7 +46,12 @@ impl Rest {
 
     /// Reads something.
     pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Refused> {
-        self.ask(Method::GET, path, Bytes::new()).await
+        self.ask(Method::GET, path, Bytes::new(), ANSWER_MAX).await
+    }
+
+    /// Reads what the server knows by itself.
+    pub async fn list<T: DeserializeOwned>(&self, path: &str) -> Result<T, Refused> {
+        self.ask(Method::GET, path, Bytes::new(), LIST_MAX).await
     }
 
     /// Has something done. It is sent once, whatever becomes of it.
@@ -51,13 +60,21 @@ impl Rest {
         path: &str,
         body: &impl Serialize,
     ) -> Result<T, Refused> {
-        let body = serde_json::to_vec(body).map_err(|error| nonsense(&error.to_string()))?;
-        self.ask(Method::POST, path, body.into()).await
+        self.ask(Method::POST, path, bytes_of(body)?, ANSWER_MAX).await
+    }
+
+    /// The same of a stop: whoever says it learns soon that nothing is known of it.
+    pub async fn stop<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        body: &impl Serialize,
+    ) -> Result<T, Refused> {
+        self.ask(Method::POST, path, bytes_of(body)?, STOP_MAX).await
     }
 
     /// Ends something.
     pub async fn delete<T: DeserializeOwned>(&self, path: &str) -> Result<T, Refused> {
-        self.ask(Method::DELETE, path, Bytes::from_static(b"{}")).await
+        self.ask(Method::DELETE, path, Bytes::from_static(b"{}"), ANSWER_MAX).await
     }
 
     async fn ask<T: DeserializeOwned>(
@@ -65,10 +82,12 @@ impl Rest {
         method: Method,
         path: &str,
         body: Bytes,
+        within: Duration,
     ) -> Result<T, Refused> {
         let changes = method != Method::GET;
-        let asked = timeout(ANSWER_MAX, self.answer(method, path, body)).await;
-        let answer = asked.unwrap_or_else(|_| Err(lost("it did not answer")));
+        let asked = timeout(within, self.answer(method, path, body)).await;
+        let late = || lost(&format!("it did not answer within {} s", within.as_secs()));
+        let answer = asked.unwrap_or_else(|_| Err(late()));
         let answer = answer.map_err(|refused| match changes {
             true => deed(refused),
             false => question(refused),
@@ -120,6 +139,10 @@ impl Rest {
             *kept = Some((sender, clock::now()));
         }
     }
+}
+
+fn bytes_of(body: &impl Serialize) -> Result<Bytes, Refused> {
+    serde_json::to_vec(body).map(Bytes::from).map_err(|error| nonsense(&error.to_string()))
 }
 
 /// The server went away: what it was asked to do it may have done.
