@@ -413,6 +413,19 @@ fn a_motor_whose_drive_falls_silent_is_not_held_for_ever() {
 }
 
 #[test]
+fn a_server_that_leaves_a_motor_unseen_does_not_end_well() {
+    let drive = Served::new("tmcl");
+    let mut server = Server::new(&[&drive.url]);
+    let held = server.held(&["spin", "1", "300rpm"]);
+    signal("STOP", drive.id());
+    signal("TERM", server.child.id());
+    let ended = server.child.wait().expect("ends");
+    signal("CONT", drive.id());
+    assert_eq!(ended.code(), Some(7));
+    assert_ne!(held.ended().code, 0);
+}
+
+#[test]
 fn a_server_that_is_killed_leaves_nobody_waiting() {
     let drive = Served::new("tmcl:1");
     let mut server = Server::new(&[&drive.url]);

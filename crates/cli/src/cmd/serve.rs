@@ -97,10 +97,11 @@ impl Serve {
         let mut out = Output::stdout();
         out.line(&format!("ready {}", server.url()));
         out.flush()?;
-        for left in server.wait() {
-            say(&format!("{left} was told to stop and not seen standing: CUT ITS SUPPLY"));
+        let left = server.wait();
+        for axis in &left {
+            say(&format!("{axis} was told to stop and not seen standing: CUT ITS SUPPLY"));
         }
-        Ok(Exit::Ok)
+        Ok(if left.is_empty() { Exit::Ok } else { Exit::Partial })
     }
 
     fn log(&self) {
