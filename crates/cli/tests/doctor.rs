@@ -14,6 +14,14 @@ fn a_served_drive_is_sound() {
 }
 
 #[test]
+fn the_hosts_own_address_is_nobodys_fault() {
+    let served = Served::new("tmcl:1");
+    let found = ok(&["doctor", served.link()]);
+    assert!(found.contains("axis 1: answers") && !found.contains("axis 2"), "{found}");
+    served.end();
+}
+
+#[test]
 fn who_is_not_there_is_told_with_the_exit_code() {
     let served = Served::new("tmcl:1");
     let ran = polepair(&["doctor", &format!("{}#5", served.link()), "--format", "jsonl"]);
