@@ -26,6 +26,10 @@ use codec::{Answer, End, Flags, LINE_MAX, Lines, State};
 
 /// How long an adapter may take to answer a command; some never do.
 const ANSWER_MS: u32 = 150;
+/// How long an adapter that was closed has to be quiet before its answers are taken for ours, and how
+/// long that is waited for: an earlier program's may still be on their way.
+const QUIET_MS: u32 = 20;
+const QUIET_MAX_MS: u32 = 300;
 /// How often, while frames are sent, the adapter is asked for its status flags.
 const FLAGS_EVERY_NS: u64 = 1_000_000_000;
 /// Such questions without an answer before it is asked no more.
@@ -106,9 +110,9 @@ impl SlcanLink {
         let mut text = [0; LINE_MAX];
         let rate = rate_command(line, &name, &mut text)?;
         // Twice: the first refusal may be a late answer to what was asked before.
-        let mut refused = self.set_up(rate)?;
+        let mut refused = self.set_up(rate, QUIET_MS)?;
         if refused.is_some() {
-            refused = self.set_up(rate)?;
+            refused = self.set_up(rate, ANSWER_MS)?;
         }
         match refused {
             None => Ok(()),
@@ -126,15 +130,33 @@ impl SlcanLink {
     }
 
     /// Tells what the adapter refused.
-    fn set_up(&self, rate: Option<&[u8]>) -> Result<Option<Step>, LinkError> {
+    fn set_up(&self, rate: Option<&[u8]>, quiet_ms: u32) -> Result<Option<Step>, LinkError> {
         // An adapter may refuse to close what is not open.
         self.command(b"\rC\r")?;
+        self.quiet(quiet_ms)?;
         if let Some(rate) = rate
             && self.command(rate)? == Some(false)
         {
             return Ok(Some(Step::BitRate));
         }
         Ok((self.command(b"O\r")? == Some(false)).then_some(Step::Open))
+    }
+
+    /// Reads on until nothing comes any more: answers to what was said before are nobody's.
+    fn quiet(&self, quiet_ms: u32) -> Result<(), LinkError> {
+        let end = self.inner.now().plus_ms(QUIET_MAX_MS);
+        let mut unread = self.unread();
+        loop {
+            while unread.end().is_some() {}
+            let now = self.inner.now();
+            if now >= end {
+                return Ok(());
+            }
+            let until = now.plus_ms(quiet_ms);
+            if !matches!(unread.inbox.receive(&*self.inner, until)?, Received::Bytes { .. }) {
+                return Ok(());
+            }
+        }
     }
 
     /// Sends a command; true when it was done, false when refused, `None` when nothing was said.

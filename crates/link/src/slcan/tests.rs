@@ -164,6 +164,36 @@ fn an_adapter_is_set_up_used_and_closed() {
     assert_eq!(String::from_utf8(told).unwrap(), "\rC\rS6\rO\rt1231AB\rF\rC\r");
 }
 
+/// It was closed just before: its answer to that comes now, and it refuses to close once more.
+#[test]
+fn late_answers_to_an_earlier_program_are_nobodys() {
+    let pty = Pty::open(None).unwrap();
+    let path = pty.path().to_owned();
+    let adapter = thread::spawn(move || {
+        let (mut told, mut from) = (Vec::new(), 0);
+        let mut buffer = Stream::buffer();
+        let end = clock::now().plus_ms(5000);
+        while clock::now() < end && !told.ends_with(b"O\rC\r") {
+            let received = pty.receive(&mut buffer, clock::now().plus_ms(100)).unwrap();
+            let Received::Bytes { len, .. } = received else { continue };
+            told.extend_from_slice(&buffer[..len]);
+            while let Some(at) = told[from..].iter().position(|&byte| byte == b'\r') {
+                let answer: &[u8] = match &told[from..from + at] {
+                    b"" => b"\r\r",
+                    b"C" => b"\x07",
+                    _ => b"\r",
+                };
+                clock::sleep_until(clock::now().plus_ms(2));
+                pty.send(answer).unwrap();
+                from += at + 1;
+            }
+        }
+        told
+    });
+    drop(open_serial(&path, 0, LINE).unwrap());
+    assert_eq!(adapter.join().unwrap(), b"\rC\rS6\rO\rC\r");
+}
+
 #[test]
 fn an_adapter_that_refuses_the_bit_rate_is_no_link() {
     let (path, adapter) = adapter(b"S6");
