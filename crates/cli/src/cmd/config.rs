@@ -9,6 +9,7 @@ use polepair::settings::{AxisSettings, Change, Settings};
 use polepair_capture::jsonl;
 use polepair_core::profile::Signal;
 
+use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::session::{Session, signal};
@@ -114,7 +115,7 @@ impl Save {
         out.flush()?;
         if let Some(file) = &self.file {
             let count: usize = settings.axes.iter().map(AxisSettings::len).sum();
-            say(&format!("{count} settings saved in {}", file.display()));
+            say(&format!("{} saved in {}", plural(count as u64, "setting"), file.display()));
         }
         Ok(Exit::Ok)
     }
@@ -223,7 +224,7 @@ impl Apply {
             return Err(refused("nobody is there to agree.").hint("--yes writes without asking"));
         }
         let kept = if self.store { " and keep them over power-off" } else { "" };
-        terminal::draw(&format!("write {count} settings{kept}? [y/N] "));
+        terminal::draw(&format!("write {}{kept}? [y/N] ", plural(count as u64, "setting")));
         let mut answer = String::new();
         let read = std::io::stdin().read_line(&mut answer).is_ok();
         if read && matches!(answer.trim(), "y" | "Y" | "yes") {
@@ -271,7 +272,7 @@ impl Apply {
             }
         }
         if differing.is_empty() {
-            say(&format!("{written} settings written and read back"));
+            say(&format!("{} written and read back", plural(written as u64, "setting")));
             return Ok(Exit::Ok);
         }
         let what = format!("the drive did not keep {}.", differing.join(", "));
