@@ -562,7 +562,10 @@ impl Link {
     fn no_axis(&self, wanted: &str) -> Error {
         let known: Vec<String> = self.axes.iter().map(Axis::label).collect();
         let what = format!("this link has no axis {wanted}");
-        let hint = format!("it was opened with {}; name axes after `#`", known.join(", "));
+        let hint = match known.is_empty() {
+            true => "name axes after `#`".to_owned(),
+            false => format!("it was opened with {}; name axes after `#`", known.join(", ")),
+        };
         Error::usage("E212", what, hint)
     }
 

@@ -172,14 +172,14 @@ impl Apply {
             let mut changes = changes(&session, axis, &file)?;
             // A stable order: what scales others stays before them.
             changes.sort_by_key(|change| change.reach);
-            if !changes.is_empty() {
-                let text = table(&session, axis, &changes, ["now", "becomes"]);
-                out.buffer().extend_from_slice(text.as_bytes());
-            }
             let left: Vec<&str> = names(axis, changes.iter().filter(|it| it.reach));
             if !left.is_empty() && !self.reach {
                 say(&format!("left alone, for the drive is reached by it: {}", left.join(", ")));
                 changes.retain(|change| !change.reach);
+            }
+            if !changes.is_empty() {
+                let text = table(&session, axis, &changes, ["now", "becomes"]);
+                out.buffer().extend_from_slice(text.as_bytes());
             }
             plan.push((axis, changes));
         }
