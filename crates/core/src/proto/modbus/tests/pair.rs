@@ -292,7 +292,7 @@ fn a_stop_is_let_into_the_quarantine() {
         world.step();
     }
     use crate::station::{Ticket, To};
-    assert_eq!(ended[0], (To::Ticket(Ticket(90)), Err(Failure::Silent)));
+    assert_eq!(ended[0], (To::Ticket(Ticket(90)), Err(Failure::Cancelled)));
     assert_eq!(ended[1], (To::Ticket(Ticket(91)), Ok(0)));
     assert_eq!(ended.len(), 2);
     assert_eq!(world.read(5, 1).unwrap().words[0], 5 * 257);

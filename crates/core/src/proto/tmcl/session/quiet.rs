@@ -59,7 +59,10 @@ impl Session {
         let Some(pending) = self.pending.as_ref().filter(|pending| !pending.sent) else {
             return false;
         };
-        let quiet = self.quiet_of(pending.ask.request.address);
+        let module = pending.ask.request.address;
+        // Others hear it too: it is for none that was never there.
+        let worth = self.knows(module) || self.heard == [0; 4];
+        let quiet = self.quiet_of(module).filter(|_| worth);
         !self.wants_burst()
             && quiet.is_some_and(|quiet| {
                 let past = now >= quiet.since.plus_ns(SHIFT_TIMEOUTS * self.timeout_ns);
