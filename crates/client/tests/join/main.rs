@@ -343,5 +343,5 @@ fn nobody_there_is_said_so() {
     let refused = gateway.bench().unwrap_err();
     assert_eq!((&*refused.code, refused.executed), ("E314", Some(false)));
     let refused = gateway.stop(&StopOrder::default()).unwrap_err();
-    assert!(refused.hint.contains("cut its power"), "{refused:?}");
+    assert!(refused.hint.contains("cut the supply"), "{refused:?}");
 }
