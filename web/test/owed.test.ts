@@ -3,7 +3,8 @@
 
 import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
 import { Visitor } from "./browser";
-import type { Kept } from "./program";
+import { Held, type Kept } from "./program";
+import { Drive } from "./server";
 
 interface Debt {
   owed: { said: number; since_ms: number } | null;
@@ -195,5 +196,52 @@ describe("a motor that is not seen standing", () => {
     await supply(24);
     await list().waitFor({ state: "detached" });
     await release();
+  });
+});
+
+describe("a drive that was taken away while a server owed it a stop", () => {
+  let drive: Drive;
+  let late: Visitor;
+  const region = () => late.page.getByRole("region", { name: "Stop" });
+
+  beforeAll(async () => {
+    drive = await Drive.start("tmcl:1");
+    late = await Visitor.come("sim:tmcl", drive.url);
+    await late.page.goto(late.server.url);
+    await late.card(1).waitFor();
+    const held = await Held.take(late.server.program, 1);
+    await held.command("arm");
+    await held.command("velocity", { velocity: 20 });
+    held.letGo();
+    await drive.takeAway();
+    await late.until(
+      async () => JSON.stringify(await late.server.program.get<Debt>("/axes/1")),
+      (text) => !text.includes('"owed":null'),
+    );
+    await late.server.crash();
+    await late.server.again();
+  });
+  afterAll(async () => {
+    await late?.leave();
+    await drive?.takeAway();
+  });
+
+  it("is named in red by the next one, until somebody says that it is gone", async () => {
+    const title = `Axis 1 · ${drive.url}`;
+    await late.until(
+      () => region().innerText(),
+      (text) => text.includes(title) && text.includes("the server before"),
+    );
+    await late.shot("owed-missing");
+    await region()
+      .getByRole("button", { name: `Dismiss the stop of ${title}` })
+      .click();
+    const form = region().getByRole("form", { name: `Dismiss the stop of ${title}` });
+    await form.getByLabel("Reason").selectOption("The drive was taken away, or has no supply");
+    await form.getByRole("button", { name: "Dismiss the stop" }).click();
+    await region().waitFor({ state: "detached" });
+    const text = await late.server.program.get<Kept[]>("/journal");
+    const end = text.findLast((record) => record.deed === "stop_ended");
+    expect(end?.detail).toMatchObject({ how: "dismissed", number: 1, link: drive.url });
   });
 });

@@ -86,18 +86,42 @@ async function serve(
   }
 }
 
+/** Simulated drives in a process of their own, on TCP. */
+export class Drive {
+  private constructor(
+    private readonly process: ChildProcess,
+    /** Reaches them. */
+    readonly url: string,
+  ) {}
+
+  static async start(words: string): Promise<Drive> {
+    const child = spawn(POLEPAIR, ["sim", words, "--tcp", "127.0.0.1:0"], {
+      stdio: ["ignore", "pipe", "inherit"],
+    });
+    return new Drive(child, await ready(child));
+  }
+
+  /** It is taken away for good. */
+  async takeAway(): Promise<void> {
+    if (this.process.exitCode !== null || this.process.signalCode !== null) return;
+    const gone = once(this.process, "exit");
+    this.process.kill("SIGKILL");
+    await gone;
+  }
+}
+
 async function ready(child: ChildProcess): Promise<string> {
   const gone = new Promise<never>((_, reject) => {
     child.once("error", reject);
-    child.once("exit", (code) => reject(new Error(`polepair serve ended with ${code}`)));
+    child.once("exit", (code) => reject(new Error(`polepair ended with ${code}`)));
   });
   const told = (async () => {
     if (!child.stdout) throw new Error("no stdout");
     for await (const line of createInterface(child.stdout)) {
-      const [, url] = /^ready (http\S+)$/.exec(line) ?? [];
+      const [, url] = /^ready (\S+)$/.exec(line) ?? [];
       if (url) return url;
     }
-    throw new Error("polepair serve said nothing");
+    throw new Error("polepair said nothing");
   })();
   gone.catch(() => {});
   return Promise.race([told, gone]);

@@ -6,9 +6,9 @@ use std::sync::Arc;
 use std::task::{Wake, Waker};
 
 use polepair_messages::{
-    AxisState, BenchView, Change, DismissStop, LookOrder, LookView, Outcome, ParameterInfo,
-    ParameterRead, RawOrder, SetWatchdog, SignalValue, StopOrder, Stopped, TakeIn, TakenIn,
-    WatchdogTold, WriteParameters,
+    AxisState, BenchView, Change, DismissAbsent, DismissStop, LookOrder, LookView, Outcome,
+    ParameterInfo, ParameterRead, RawOrder, SetWatchdog, SignalValue, StopOrder, Stopped, TakeIn,
+    TakenIn, WatchdogTold, WriteParameters,
 };
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::oneshot;
@@ -221,6 +221,14 @@ impl Gateway {
     /// As [`bench`](Self::bench); `gateway.lease` when it is taken over by who does not hold its lease.
     pub fn dismiss(&self, id: u16, dismiss: &DismissStop) -> Result<(), Refused> {
         self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/dismiss"), dismiss))
+    }
+
+    /// Has a drive that is not there owed no stop any more, which the server before owed it.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench); `E212` where it is owed none, or is there.
+    pub fn dismiss_absent(&self, dismiss: &DismissAbsent) -> Result<(), Refused> {
+        self.wait(self.0.rest.post("/api/v1/dismiss", dismiss))
     }
 
     /// Sends a request in the protocol's own text. Sent once.

@@ -200,6 +200,22 @@ pub struct DismissStop {
     pub note: String,
 }
 
+/// `POST /api/v1/dismiss`: a drive that the server before owed a stop and that is not there is owed it
+/// no more.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DismissAbsent {
+    /// The connection string of its link, as the list of links or the server's first lines have it.
+    pub link: String,
+    /// Its number on that link.
+    pub number: u32,
+    /// Why it is owed none. `taken_over` is for axes that are there.
+    pub reason: DismissReason,
+    /// For the journal; may be empty.
+    #[serde(default)]
+    pub note: String,
+}
+
 /// Why an axis is owed a stop no more that was not seen standing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]

@@ -42,9 +42,9 @@ pub use bench::{
 };
 pub use capture::{CaptureOpened, CapturePage, ExplainedField, FrameDirection, FrameItem};
 pub use command::{
-    Act, Arguments, AxisStopped, CommandOrder, DismissReason, DismissStop, Ended, Epoch,
-    LeaseGranted, Login, Outcome, Pace, Proof, RawOrder, Session, StopClass, StopOrder, Stopped,
-    TTL_MS, TakeLease, Unreached,
+    Act, Arguments, AxisStopped, CommandOrder, DismissAbsent, DismissReason, DismissStop, Ended,
+    Epoch, LeaseGranted, Login, Outcome, Pace, Proof, RawOrder, Session, StopClass, StopOrder,
+    Stopped, TTL_MS, TakeLease, Unreached,
 };
 pub use journal::{Deed, JournalRecord};
 pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};

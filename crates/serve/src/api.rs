@@ -198,6 +198,7 @@ pub const ROUTES: &[Route] = &[
     route("POST", "/api/v1/axes/{id}/commands", MOVE, || post(motion::command)),
     route("POST", "/api/v1/axes/{id}/raw", RAW, || post(motion::raw)),
     route("POST", "/api/v1/axes/{id}/dismiss", MOVE, || post(motion::dismiss)),
+    route("POST", "/api/v1/dismiss", MOVE, || post(motion::dismiss_absent)),
     route("POST", "/api/v1/stop", STOP, || post(motion::stop)),
     route("POST", "/api/v1/release", MOVE, || post(motion::release)),
     route("POST", "/api/v1/simulation/pace", CONFIGURE, || post(bench::pace)),

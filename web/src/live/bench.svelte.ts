@@ -251,6 +251,24 @@ export class Bench {
     return refused;
   }
 
+  /** The same of a drive that the server before owed it, and that is not there. */
+  async dismissAbsent(
+    link: string,
+    number: number,
+    reason: DismissReason,
+    note = "",
+  ): Promise<Refused | null> {
+    let refused: Refused | null = null;
+    try {
+      await send<null>("POST", "/dismiss", { link, number, reason, note });
+    } catch (problem) {
+      if (!(problem instanceof Problem)) throw problem;
+      refused = problem.refused;
+    }
+    this.note(null, `dismiss ${reason}`, refused ? "not_done" : "done", refused);
+    return refused;
+  }
+
   private dismissed(axis: number): Promise<Refused | null> {
     return new Promise((settle) => {
       const before = this.dismissals.get(axis);

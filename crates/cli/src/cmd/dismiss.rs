@@ -1,7 +1,7 @@
 //! `polepair --server URL dismiss AXES`
 
 use clap::{Args, ValueEnum};
-use polepair_client::message::{DismissReason, DismissStop};
+use polepair_client::message::{DismissAbsent, DismissReason, DismissStop, LinkView};
 
 use crate::joined::{self, Joined};
 use crate::problem::{Exit, Problem, Result};
@@ -11,11 +11,13 @@ use crate::terminal::say;
 /// Owes axes their stop no more, though nobody saw them stand.
 ///
 /// A server says a stop again until the motor was seen standing, and tells so in red for as long. Where
-/// that cannot be seen any more, whoever knows better says why; the server's journal keeps it.
+/// that cannot be seen any more, whoever knows better says why; the server's journal keeps it. A drive
+/// that the server before owed a stop and that is not there goes by LINK#NUMBER.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Example:
-  polepair --server http://127.0.0.1:7365 dismiss 1 --reason drive-gone")]
+  polepair --server http://127.0.0.1:7365 dismiss 1 --reason drive-gone
+  polepair --server http://127.0.0.1:7365 dismiss 0#3 --reason drive-gone    one that is not there")]
 pub struct Dismiss {
     #[command(flatten)]
     target: Target,
@@ -52,11 +54,31 @@ impl Dismiss {
             Reason::OtherMaster => DismissReason::OtherMaster,
             Reason::TurnedByLoad => DismissReason::TurnedByLoad,
         };
+        if let Some((link, number)) = absent(server, self.target.axes()?) {
+            let what = format!("axis {number} of {link}");
+            let dismiss = DismissAbsent { link, number, reason, note: self.note };
+            server.gateway.dismiss_absent(&dismiss).map_err(joined::refused)?;
+            say(&format!("{what} is owed no stop any more"));
+            return Ok(Exit::Ok);
+        }
         let dismiss = DismissStop { reason, epoch: 0, note: self.note };
         for axis in server.pick(&self.target)? {
             server.gateway.dismiss(axis.id, &dismiss).map_err(joined::refused)?;
             say(&format!("{} is owed no stop any more", axis.label));
         }
         Ok(Exit::Ok)
+    }
+}
+
+/// The connection string and the number of a drive that the server before owed a stop and that is not
+/// there: by the number or the connection string of its link, which this server need not have.
+fn absent(server: &Joined, words: &str) -> Option<(String, u32)> {
+    let (word, number) = words.rsplit_once('#')?;
+    let number = number.parse().ok()?;
+    let plain = |url: &str| url.split('#').next().is_some_and(|plain| plain == word);
+    let is = |link: &&LinkView| word.parse() == Ok(link.id) || link.url == word || plain(&link.url);
+    match server.bench.links.iter().find(is) {
+        Some(link) => link.owed.contains(&number).then(|| (link.url.clone(), number)),
+        None => word.contains(':').then(|| (word.to_owned(), number)),
     }
 }

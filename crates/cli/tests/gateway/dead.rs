@@ -120,6 +120,50 @@ fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it
     assert_eq!(bench["links"][1]["owed"], json!([]), "{bench}");
 }
 
+fn dismissing(words: &str) -> [&str; 6] {
+    ["dismiss", words, "--reason", "drive-gone", "--note", "scrapped"]
+}
+
+/// A drive that was taken away for good would be told of for ever.
+#[test]
+fn a_stop_that_the_server_before_owed_a_drive_that_is_gone_can_be_dismissed() {
+    let folder = Folder::new();
+    let end = TcpServer::bind("127.0.0.1:0").unwrap();
+    let address = end.address().to_string();
+    let url = format!("tmcl+tcp://{address}#1");
+    let mut drive = Drive::on(Box::new(end), "tmcl:1");
+    let mut site = Site::new(&folder, &["sim:tmcl:1", &url]);
+    let mut live = site.live();
+    live.spin(1, 20.0);
+    drive.unplug();
+    live.until("axis", |state| state["id"] == 1 && !state["owed"].is_null());
+    site.signal("KILL");
+    drop(site);
+
+    // Each server after it has it still: one that has the link, and one that has it not.
+    let mut site = Site::new(&folder, &["sim:tmcl:1", &url]);
+    live = site.live();
+    assert_eq!(live.bench["links"][1]["owed"], json!([1]), "{}", live.bench);
+    for wrong in ["1#2", "0#1,2", "1#1,2", "0#7", "tmcl+tcp://127.0.0.1:1#1"] {
+        let ran = site.run(&dismissing(wrong));
+        assert_eq!(ran.code, 2, "{wrong}: {ran:?}");
+    }
+    let ran = site.run(&dismissing("1#1"));
+    assert_eq!(ran.code, 0, "{ran:?}");
+    assert!(ran.err.contains(&format!("axis 1 of {url} is owed no stop any more")), "{ran:?}");
+    live.until("bench", |bench| bench["links"][1]["owed"] == json!([]));
+    let ran = site.run(&dismissing(&format!("{url}#1")));
+    assert_eq!(ran.code, 2, "it is owed none now: {ran:?}");
+    let records = folder.journal();
+    let ended = records.iter().rfind(|record| record["deed"] == "stop_ended").expect("a record");
+    assert_eq!(ended["detail"]["note"], "scrapped", "{ended}");
+    assert_eq!(site.signal("TERM"), Some(0), "{}", site.said());
+
+    let mut site = Site::new(&folder, &["sim:tmcl:1"]);
+    assert_eq!(site.signal("TERM"), Some(0));
+    assert!(!site.said().contains("was told to stop"), "{}", site.said());
+}
+
 #[test]
 fn a_connection_string_that_is_wrong_ends_a_server_before_anything_is_opened() {
     let (folder, end) = (Folder::new(), std::net::TcpListener::bind("127.0.0.1:0").unwrap());

@@ -9,8 +9,8 @@ use super::input::{Input, number};
 use super::{Answer, Shared, by_lease, by_rest};
 use crate::bench::Reply;
 use crate::message::{
-    CommandOrder, DismissStop, Epoch, ErrorBody, LeaseAct, LeaseGranted, Outcome, RawOrder,
-    Refused, StopOrder, Stopped, TakeLease,
+    CommandOrder, DismissAbsent, DismissStop, Epoch, ErrorBody, LeaseAct, LeaseGranted, Outcome,
+    RawOrder, Refused, StopOrder, Stopped, TakeLease,
 };
 use crate::session::Caller;
 
@@ -156,6 +156,20 @@ pub(super) async fn dismiss(
     let (id, epoch) = (number(&id)?, dismiss.epoch);
     let session = by_lease(&gate, &caller, id, epoch);
     gate.bench.dismiss(id, &session, dismiss).await.map(Json)
+}
+
+/// Owe a drive that is not there its stop no more
+///
+/// For a drive that the server before owed a stop when it ended and that does not answer any more. The
+/// journal keeps who said so.
+#[utoipa::path(post, path = "/api/v1/dismiss", tag = "motion", request_body = DismissAbsent,
+    responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
+pub(super) async fn dismiss_absent(
+    State(gate): State<Shared>,
+    Extension(caller): Extension<Caller>,
+    Input(dismiss): Input<DismissAbsent>,
+) -> Answer<()> {
+    gate.bench.dismiss_absent(&by_rest(&caller), dismiss).await.map(Json)
 }
 
 /// Let motion again after everything was stopped

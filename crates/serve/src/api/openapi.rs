@@ -37,6 +37,7 @@ use crate::message::{ClientMessage, ServerMessage};
         motion::raw,
         motion::stop,
         motion::dismiss,
+        motion::dismiss_absent,
         motion::release,
         capture::open,
         capture::page,

@@ -7,13 +7,14 @@ use std::time::Duration;
 use polepair::{Connector, Error};
 use polepair_link::clock;
 use serde_json::json;
+use tokio::sync::oneshot;
 
 use super::open::{AXES_MAX, Link, tapped};
 use super::shared::{Event, SERVER, held};
 use super::threads::no_thread;
-use super::wire::StopThese;
-use super::{Bench, Inner};
-use crate::message::{Deed, LinkView, Refused, Unreached};
+use super::wire::{Go, StopThese};
+use super::{Bench, Inner, REASON_MAX, Reply, Session};
+use crate::message::{Deed, DismissAbsent, DismissReason, LinkView, Refused, Unreached};
 
 /// Between two tries, at first and at last.
 const AGAIN_AFTER: Duration = Duration::from_millis(100);
@@ -42,9 +43,40 @@ impl Bench {
 
     /// What is told of a link, with what the server before owed drives that are not there.
     pub(super) fn link_view(&self, link: &Link) -> LinkView {
-        let owed = self.0.shared.owed_before_on(&link.url);
-        let there = |number: &u32| link.wire.axes.iter().any(|(_, axis)| axis.number() == *number);
-        LinkView { owed: owed.filter(|number| !there(number)).collect(), ..link.told() }
+        let mut owed = self.0.shared.owed_before_on(&link.url);
+        owed.retain(|number| !link.has(*number));
+        LinkView { owed, ..link.told() }
+    }
+
+    /// Owes a drive that is not there its stop no more, which the server before owed it. The journal keeps
+    /// who said so, and why.
+    ///
+    /// The reply is `E212` where that one is owed none, or is there: then it is dismissed as an axis.
+    pub fn dismiss_absent(&self, session: &Session, dismiss: DismissAbsent) -> Reply<()> {
+        let (tell, told) = oneshot::channel();
+        let shared = &self.0.shared;
+        let DismissAbsent { link: url, number, reason, note } = dismiss;
+        let note: String = note.chars().take(REASON_MAX).collect();
+        let is_there = self.0.links.iter().any(|link| link.url == url && link.has(number));
+        let asked = if is_there {
+            Err(Refused::new("E212", format!("axis {number} of {url} is there"))
+                .hint("dismiss its stop as that of an axis"))
+        } else if reason == DismissReason::TakenOver {
+            Err(Refused::new("gateway.lease", "nobody can take over a drive that is not there"))
+        } else if !shared.is_owed_before(&url, number) {
+            Err(Refused::new("E212", format!("axis {number} of {url} is owed no stop")))
+        } else {
+            shared.notes.takes(shared.now())
+        };
+        if asked.is_ok() {
+            shared.forget_owed_before(&url, number);
+            shared.tell(Event::Bench);
+            let detail = json!({ "how": "dismissed", "reason": reason, "note": note, "link": url,
+                "number": number });
+            let then: Go = Box::new(move |kept| drop(tell.send(kept)));
+            shared.notes.done((session, Deed::StopEnded, None), detail, shared.now(), Some(then));
+        }
+        Reply::of(told, asked)
     }
 
     /// Names the drives of a link that the server before owed a stop and that are not there still, and

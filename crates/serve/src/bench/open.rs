@@ -254,6 +254,11 @@ impl Link {
         Self { id, url: url.to_owned(), wire, desk, search, medium, opened, absent }
     }
 
+    /// Whether the drive of that number is one of its axes.
+    pub fn has(&self, number: u32) -> bool {
+        self.wire.axes.iter().any(|(_, axis)| axis.number() == number)
+    }
+
     fn set_opened(&self, opened: OpenedLink) {
         // Nobody opens a link twice.
         let _ = self.opened.set(opened);

@@ -88,7 +88,7 @@ pub(super) struct Shared {
     pub lease: Duration,
     pub last_epoch: u64,
     /// Axes that the server before this one owed a stop: connection string and number.
-    owed_before: Vec<(String, u32)>,
+    owed_before: Mutex<Vec<(String, u32)>>,
     pub notes: Arc<Notes>,
     pub events: broadcast::Sender<Event>,
     /// Somebody looks for drives: one at a time.
@@ -114,7 +114,7 @@ impl Shared {
             clock,
             lease: options.lease,
             last_epoch: options.last_epoch,
-            owed_before: options.owed_before.clone(),
+            owed_before: Mutex::new(options.owed_before.clone()),
             notes: Arc::default(),
             events: broadcast::Sender::new(EVENTS_MAX),
             looking: AtomicBool::new(false),
@@ -132,12 +132,18 @@ impl Shared {
 
     /// Whether the server before this one owed that axis of a link a stop.
     pub fn is_owed_before(&self, url: &str, number: u32) -> bool {
-        self.owed_before.iter().any(|(link, axis)| link == url && *axis == number)
+        self.owed_before_on(url).contains(&number)
     }
 
     /// The numbers of those that it owed one on a link.
-    pub fn owed_before_on<'a>(&'a self, url: &'a str) -> impl Iterator<Item = u32> + 'a {
-        self.owed_before.iter().filter(move |(link, _)| link == url).map(|(_, number)| *number)
+    pub fn owed_before_on(&self, url: &str) -> Vec<u32> {
+        let owed = held(&self.owed_before);
+        owed.iter().filter(|(link, _)| link == url).map(|(_, number)| *number).collect()
+    }
+
+    /// Owes that axis nothing more of what the server before owed it.
+    pub fn forget_owed_before(&self, url: &str, number: u32) {
+        held(&self.owed_before).retain(|(link, axis)| (&**link, *axis) != (url, number));
     }
 
     pub fn once(&self) -> MutexGuard<'_, Once> {
