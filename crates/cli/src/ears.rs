@@ -2,13 +2,13 @@
 //! so they only keep.
 
 use std::collections::VecDeque;
-use std::fs::File;
-use std::io::BufWriter;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::time::Instant;
-use polepair_link::tap::{Direction, Log, Tap};
+use polepair_link::tap::{Direction, Tap};
+
+use crate::trace::Trace;
 
 /// Units that wait to be looked at; the oldest go when there are more, and are counted.
 const WAITING_MAX: usize = 1 << 16;
@@ -44,7 +44,7 @@ struct Waiting {
     heard: VecDeque<Heard>,
     lost: u64,
     /// What keeps the units as a capture, if anything does.
-    trace: Option<Log<BufWriter<File>>>,
+    trace: Option<Trace>,
 }
 
 /// The tap of one wire.
@@ -55,7 +55,7 @@ pub struct Ear {
 
 impl Ears {
     /// Ears that also keep what they hear as a capture.
-    pub fn keeping(trace: Option<Log<BufWriter<File>>>) -> Self {
+    pub fn keeping(trace: Option<Trace>) -> Self {
         Self(Arc::new(Mutex::new(Waiting { trace, ..Waiting::default() })))
     }
 

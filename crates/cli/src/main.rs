@@ -17,6 +17,7 @@ mod progress;
 mod session;
 mod target;
 mod terminal;
+mod trace;
 mod value;
 
 use std::process::ExitCode;

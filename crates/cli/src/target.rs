@@ -1,7 +1,5 @@
 //! The options that every verb on drives has, and how a connection string becomes a session.
 
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
@@ -16,14 +14,15 @@ use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
 use polepair_link::clock;
-use polepair_link::tap::{Direction, Log, Tap};
+use polepair_link::tap::{Direction, Tap};
 
 use crate::cmd::passed_over;
 use crate::joined;
 use crate::outcome;
-use crate::problem::{self, Exit, Problem, Result};
+use crate::problem::{Exit, Problem, Result};
 use crate::session::Session;
 use crate::terminal::{self, Output, say};
+use crate::trace::{self, Trace};
 
 /// A drive, and how the talk with it is shown.
 #[derive(Args, Debug)]
@@ -99,14 +98,16 @@ impl Target {
         {
             connector = crate::every_frame::wired(connector);
         }
-        let trace = self
-            .trace
-            .as_deref()
-            .map(|path| File::create(path).map_err(|error| problem::file(path, "write", &error)));
-        let trace = trace.transpose()?;
+        let trace = self.trace.as_deref().map(|path| trace::create(path, &self.url)).transpose();
+        let trace = match trace {
+            Err(problem) if self.stops => {
+                say(&format!("warning: {} {} No frame is kept.", problem.what, problem.why));
+                None
+            }
+            trace => trace?,
+        };
         if self.verbose || trace.is_some() {
             let name = link_name(&self.url);
-            let trace = trace.map(|file| Log::new(BufWriter::new(file), &name));
             let protocols = connector.protocols(&self.url).map_err(outcome::error)?;
             let shown = self.verbose.then(|| Shown::new(&protocols, name, self.naming.clone()));
             connector = connector.with_tap(Frames { trace, shown });
@@ -229,7 +230,7 @@ pub fn link_name(url: &str) -> String {
 
 /// What `-v` and `--trace` do with the frames.
 struct Frames {
-    trace: Option<Log<BufWriter<File>>>,
+    trace: Option<Trace>,
     shown: Option<Shown>,
 }
 

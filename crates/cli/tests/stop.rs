@@ -34,6 +34,27 @@ fn every_drive_is_told_as_soon_as_it_is_found() {
     sim.end();
 }
 
+/// Who stops can do without a file of frames, and hears that there is none.
+#[test]
+fn a_trace_that_cannot_be_written_keeps_no_motor_turning() {
+    let sim = Served::new("tmcl:1");
+    let missing = std::env::temp_dir().join(format!("polepair-none-{}/trace", std::process::id()));
+    let missing = missing.to_str().expect("a path");
+    let full = cfg!(target_os = "linux").then_some(("/dev/full", "frames are missing in it"));
+    for (file, said) in [(missing, "No frame is kept.")].into_iter().chain(full) {
+        ok(&["spin", &sim.url, "300rpm", "--detach"]);
+        let ran = timed(&["stop", &sim.url, "--trace", file]);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        assert!(ran.err.contains("axis 1 is stopped\n"), "{}", ran.err);
+        let warnings = ran.err.lines().filter(|line| line.starts_with("warning: "));
+        assert_eq!(warnings.filter(|line| line.contains(said)).count(), 1, "{}", ran.err);
+    }
+    // Whoever looks wants the frames.
+    let ran = polepair(&["get", &sim.url, "actual velocity", "--trace", missing]);
+    assert_eq!((ran.code, ran.err.contains("error[E301]")), (3, true), "{}", ran.err);
+    sim.end();
+}
+
 #[test]
 fn everybody_is_told_at_once_where_the_protocol_can() {
     let sim = Served::new("tml:255");
@@ -89,7 +110,7 @@ fn one_that_does_not_answer_keeps_no_other_turning() {
     assert_eq!(ran.code, 7, "{}", ran.err);
     assert!(ran.err.contains("axis 3 is stopped\n"), "{}", ran.err);
     assert!(ran.err.contains("error[E401]: axis 1 does not answer"), "{}", ran.err);
-    assert!(ran.err.contains("error[E702]: 1 stops of 2 are not confirmed."), "{}", ran.err);
+    assert!(ran.err.contains("error[E702]: one stop of 2 is not confirmed."), "{}", ran.err);
     assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
     sim.end();
 }

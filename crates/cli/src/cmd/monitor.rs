@@ -11,20 +11,18 @@ mod seen;
 mod served;
 mod traffic;
 
-use std::fs::File;
-use std::io::{BufWriter, IsTerminal as _};
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use polepair_capture::Rules;
-use polepair_link::tap::Log;
 
 use crate::ears::Ears;
 use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{self, Problem, Result};
-use crate::{terminal, value};
+use crate::{terminal, trace, value};
 use model::Monitor;
 use remote::Remote;
 
@@ -127,7 +125,8 @@ impl Options {
     fn open(&self) -> Result<Monitor> {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
-        let ears = Ears::keeping(self.trace()?);
+        let trace = self.trace.as_deref().map(|path| trace::create(path, &self.url)).transpose()?;
+        let ears = Ears::keeping(trace);
         let taps = ears.clone();
         let connector = self.profiles.connector()?.with_taps(move |wire| taps.on(wire));
         let period = Duration::from_secs_f64(1.0 / self.rate);
@@ -137,13 +136,6 @@ impl Options {
         }
         let link = connector.connect(&self.url).map_err(outcome::error)?;
         Monitor::commanding(link, &self.url, rules, ears, period)
-    }
-
-    fn trace(&self) -> Result<Option<Log<BufWriter<File>>>> {
-        let Some(path) = &self.trace else { return Ok(None) };
-        let file = File::create(path).map_err(|error| problem::file(path, "write", &error))?;
-        let name = crate::target::link_name(&self.url);
-        Ok(Some(Log::new(BufWriter::new(file), &name)))
     }
 }
 

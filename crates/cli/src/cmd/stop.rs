@@ -156,7 +156,10 @@ fn stops_failed(mut failed: Vec<Problem>, of: usize) -> Result {
         return Err(failed.remove(0));
     }
     failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
-    let what = format!("{} stops of {of} are not confirmed.", failed.len());
+    let what = match failed.len() {
+        1 => format!("one stop of {of} is not confirmed."),
+        count => format!("{count} stops of {of} are not confirmed."),
+    };
     Err(Problem::new(Exit::Partial, "E702", what).hint("cut the power of these drives"))
 }
 
