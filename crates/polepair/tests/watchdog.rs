@@ -57,7 +57,7 @@ fn each_that_there_is_stops_the_motor_when_its_host_falls_silent() {
 fn nothing_moves_where_there_is_nothing_to_prove() {
     for (url, said) in [
         ("sim:tmcl?", "off"),
-        ("sim:thruster?", "cannot be read"),
+        ("sim:thruster?", "does not tell"),
         ("sim:modbus-rtu?fn00=1&", "none"),
         ("sim:cia402:5?heartbeat=100&", "off"),
     ] {

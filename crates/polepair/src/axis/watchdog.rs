@@ -63,7 +63,9 @@ impl fmt::Display for WatchdogState {
                     said(*after)
                 )
             }
-            Self::Untold => f.write_str("whether it is on cannot be read"),
+            Self::Untold => {
+                f.write_str("unknown: it can be set, and the drive does not tell how it is set")
+            }
         }
     }
 }
@@ -99,7 +101,10 @@ impl Axis {
             }
             Watchdog::Configurable { .. } => {
                 let name = self.watchdog_parameter().map_or("?", name);
-                format!("the drive stops after the time in `{name}` without requests, 0 is never")
+                format!(
+                    "off while `{name}` is 0: the motor keeps doing what it was last told; else the \
+                     drive stops after that time without requests"
+                )
             }
             Watchdog::Heartbeat { consumer, reaction } => format!(
                 "the drive does what `{}` says when the heartbeat in `{}` stays out; with 0 in \

@@ -68,7 +68,8 @@ impl Seat {
         }
         if let Some(holder) = self.live(now).filter(|_| !take) {
             let what = format!("{} commands this axis", holder.session);
-            return Err(lease(what).hint("wait until it is given back, or take it over"));
+            return Err(lease(what)
+                .hint("wait until it is given back, or take it over on the server's page"));
         }
         let lost = self.end();
         self.epoch += 1;
@@ -123,7 +124,7 @@ impl Seat {
                 Err(lease(what).hint("what was said under an older lease is not carried out"))
             }
             Some(holder) => Err(lease(format!("{} commands this axis", holder.session))
-                .hint("wait until it is given back, or take it over")),
+                .hint("wait until it is given back, or take it over on the server's page")),
             None => Err(lease("nobody has the lease of this axis").hint("take it, and renew it")),
         }
     }
