@@ -16,7 +16,7 @@ use polepair_core::drives;
 use polepair_core::units::Unit;
 use polepair_link::clock;
 
-pub use motion::{ANSWER_MAX, Order, argument, fresh, run, state};
+pub use motion::{ANSWER_MAX, Order, argument, fresh, read, run, silent, state};
 
 use crate::outcome::sentence;
 use crate::problem::{Problem, Result};
@@ -64,20 +64,22 @@ reads only, while nobody commands an axis there; Ctrl-C breaks that off.";
 pub struct Join {
     /// Have this `polepair serve` do it: http://127.0.0.1:7365. URL is then which of its axes:
     /// numbers, names, LINK#NUMBER, or all
-    #[arg(long, value_name = "URL")]
+    #[arg(long, value_name = "URL", global = true)]
     server: Option<String>,
     /// A token of the server; without it POLEPAIR_TOKEN, else, on this machine, the one of your own
     /// server
-    #[arg(long, value_name = "FILE", requires = "server")]
+    #[arg(long, value_name = "FILE", global = true, hide_short_help = true)]
     token_file: Option<PathBuf>,
     /// The certificate that an https server must have, or its SHA-256; without it your own server's
-    #[arg(long, value_name = "FILE|SHA256", requires = "server")]
+    #[arg(long, value_name = "FILE|SHA256", global = true)]
+    #[arg(hide_short_help = true)]
     certificate: Option<String>,
     /// The certificate that is shown to a server with --client-ca, in PEM
-    #[arg(long, value_name = "FILE", requires = "server")]
+    #[arg(long, value_name = "FILE", global = true, hide_short_help = true)]
     client_cert: Option<PathBuf>,
     /// Its key; without it --client-cert holds both
-    #[arg(long, value_name = "FILE", requires = "client_cert")]
+    #[arg(long, value_name = "FILE", global = true)]
+    #[arg(hide_short_help = true)]
     client_key: Option<PathBuf>,
 }
 
@@ -107,9 +109,41 @@ impl Join {
         })
     }
 
+    /// The same grammar, in which the help of verbs that are nothing for a server does not show it.
+    pub fn left_out(command: Command) -> Command {
+        let own = Self::augment_args(Command::new(""));
+        command.mut_subcommands(|verb| {
+            match VERBS.iter().any(|(word, _)| *word == verb.get_name()) {
+                true => verb,
+                false => verb.args(own.get_arguments().cloned().map(|arg| arg.hide(true))),
+            }
+        })
+    }
+
     /// Whether a server is named.
-    pub const fn is_wanted(&self) -> bool {
-        self.server.is_some()
+    ///
+    /// # Errors
+    /// A usage error where something is said of a server, and none is named: the options may stand before
+    /// the verb and behind it, so the grammar cannot tell.
+    pub fn is_wanted(&self) -> Result<bool> {
+        let missing = |option: &str, needs: &str| {
+            Problem::usage("E242", format!("{option} needs {needs} beside it."))
+        };
+        let Self { server, token_file, certificate, client_cert, client_key } = self;
+        let about_one = [
+            ("--token-file", token_file.is_some()),
+            ("--certificate", certificate.is_some()),
+            ("--client-cert", client_cert.is_some()),
+            ("--client-key", client_key.is_some()),
+        ];
+        let is_wanted = server.is_some();
+        match about_one.iter().find(|(_, given)| *given) {
+            Some((option, _)) if !is_wanted => Err(missing(option, "--server URL")),
+            _ if client_key.is_some() && client_cert.is_none() => {
+                Err(missing("--client-key", "--client-cert FILE"))
+            }
+            _ => Ok(is_wanted),
+        }
     }
 
     /// Joins it, and hears what it has.

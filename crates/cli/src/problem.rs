@@ -49,6 +49,13 @@ impl Problem {
         Self::new(Exit::Interrupted, "E130", "")
     }
 
+    /// Says whom it is about, where several were told.
+    #[must_use]
+    pub fn of(mut self, label: &str) -> Self {
+        self.what = format!("{label}: {}", self.what);
+        self
+    }
+
     /// Adds the reason.
     #[must_use]
     pub fn why(mut self, why: impl Into<String>) -> Self {

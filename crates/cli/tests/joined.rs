@@ -97,7 +97,8 @@ fn what_is_there_is_shown_as_on_a_link() {
     let csv = server.ok(&["scan", "--format", "csv"]);
     assert!(csv.contains("\n3,0,,tmcm-171,"), "{csv}");
     let info = server.info();
-    for line in ["axis 1: ", "position 0 deg", "commanded by nobody", "faults none"] {
+    let watchdog = "watchdog off: the motor keeps doing what it was last told (`serial heartbeat`)";
+    for line in ["axis 1: ", "position 0 deg", "commanded by nobody", watchdog, "faults none"] {
         assert!(info.contains(line), "{line}: {info}");
     }
     let get = server.ok(&["get", "all", "max current"]);
@@ -112,6 +113,63 @@ fn what_is_there_is_shown_as_on_a_link() {
     let watched =
         server.ok(&["watch", "1", "position", "--rate", "50", "--for", "200ms", "--format", "csv"]);
     assert!(watched.starts_with("time [s],position [deg]\n0.000000,0"), "{watched}");
+}
+
+/// What is shown of a drive that is silent is old, and its end says so.
+#[test]
+fn a_silent_drive_and_a_lost_link_are_told_with_what_is_known_of_them() {
+    let drive = Served::new("tmcl:1");
+    let server = Server::new(&[&drive.url]);
+    server.ok(&["info"]);
+    signal("STOP", drive.id());
+    until(|| server.run(&["info"]).code != 0, || {});
+    let ran = server.run(&["info"]);
+    assert_eq!(ran.code, 4, "{}{}", ran.out, ran.err);
+    assert!(ran.err.contains("axis 1 has not answered for 2 s"), "{}", ran.err);
+    assert!(ran.out.contains(" s old)"), "{}", ran.out);
+    let ran = server.run(&["stop", "1"]);
+    assert_eq!(ran.code, 4, "{}", ran.err);
+    let ran = server.run(&["info"]);
+    assert!(ran.out.contains("MAY BE TURNING"), "{}", ran.out);
+    signal("CONT", drive.id());
+    drop(drive);
+    until(|| server.run(&["info"]).err.contains("LINK 0 IS LOST"), || {});
+}
+
+/// Who is in a hurry writes the options where they come to mind.
+#[test]
+fn the_server_may_be_named_behind_the_verb() {
+    let server = Server::new(&["sim:tmcl"]);
+    let tokens = server.tokens();
+    for words in [
+        ["stop", "--server", &server.url, "--token-file", &tokens],
+        ["--token-file", &tokens, "stop", "--server", &server.url],
+    ] {
+        let ran = polepair(&words);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        assert!(ran.err.contains("axis 1 is stopped"), "{}", ran.err);
+    }
+    for (words, needs) in [
+        (["stop", "sim:tmcl", "--token-file", &tokens], "--token-file needs --server URL"),
+        (["--client-key", &tokens, "stop", "sim:tmcl"], "--client-key needs --server URL"),
+    ] {
+        let ran = polepair(&words);
+        assert_eq!((ran.code, ran.err.contains(needs)), (2, true), "{}", ran.err);
+    }
+    let ran = polepair(&["ports", "--server", &server.url]);
+    assert!(ran.err.contains("`ports` is nothing that a server does"), "{}", ran.err);
+    assert!(!polepair(&["ports", "--help"]).out.contains("--server"));
+    assert!(polepair(&["stop", "--help"]).out.contains("--server"));
+}
+
+#[test]
+fn what_a_value_means_for_one_of_several_axes_names_that_axis() {
+    let server = Server::new(&["sim:tmcl?axes=2"]);
+    let ran = server.run(&["spin", "all", "20mm/s", "--for", "1s"]);
+    assert_eq!(ran.code, 2, "{}", ran.err);
+    assert!(ran.err.contains("]: axis 1: "), "{}", ran.err);
+    let ran = polepair(&["spin", "sim:tmcl?axes=2", "20mm/s", "--for", "1s"]);
+    assert!(ran.err.contains("]: axis 1: "), "{}", ran.err);
 }
 
 #[test]

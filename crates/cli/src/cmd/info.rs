@@ -65,12 +65,32 @@ impl Info {
     /// The same by a server.
     pub fn joined(self, server: &Joined) -> Result {
         let mut out = Output::stdout();
-        for axis in server.pick(&self.target)? {
-            let state = joined::state(server, &axis)?;
-            out.buffer().extend_from_slice(served(&axis, &state).as_bytes());
+        let axes = server.pick(&self.target)?;
+        let (mut failed, mut shown) = (Vec::new(), 0);
+        for axis in &axes {
+            let state = joined::state(server, axis)?;
+            let silent = joined::silent(axis, &state);
+            // A drive that says nothing is not asked for more.
+            let watchdog = match silent {
+                Some(_) => axis.watchdog.clone(),
+                None => watchdog_by(server, axis),
+            };
+            out.buffer().extend_from_slice(served(axis, &state, watchdog).as_bytes());
+            match silent {
+                Some(problem) => failed.push(problem),
+                None => shown += 1,
+            }
         }
         out.flush()?;
-        Ok(Exit::Ok)
+        let links = server.bench.links.iter();
+        for link in links.filter(|link| axes.iter().any(|axis| axis.link == link.id)) {
+            joined::wanting(link).iter().for_each(|line| say(line));
+        }
+        match failed.len() {
+            0 => Ok(Exit::Ok),
+            _ if shown == 0 => Err(failed.remove(0)),
+            _ => missing(failed, shown),
+        }
     }
 }
 
@@ -78,7 +98,7 @@ impl Info {
 const OLD_MS: f64 = 1500.0;
 
 /// What a server knows of an axis.
-fn served(axis: &AxisInfo, state: &AxisState) -> String {
+fn served(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
     let mut table = Table::default();
     let mut row = |word: &str, value: String| table.row([format!("  {word}"), value]);
     row("profile", format!("{} ({})", axis.profile, axis.protocol));
@@ -106,16 +126,32 @@ fn served(axis: &AxisInfo, state: &AxisState) -> String {
     row("armed", if state.armed { "yes" } else { "no" }.to_owned());
     let owner = state.lease.as_ref().map_or("nobody", |lease| &lease.owner);
     row("commanded by", owner.to_owned());
-    row("watchdog", axis.watchdog.clone());
+    row("watchdog", watchdog);
     if state.faults.is_empty() {
         row("faults", "none".to_owned());
     }
     let mut text = format!("{}: {}\n{}", axis.label, axis.drive, table.render(false));
+    if state.owed.is_some() {
+        text.push_str(
+            "  MAY BE TURNING: it was told to stop and was not seen standing, cut its supply\n",
+        );
+    }
     for fault in &state.faults {
         text.push_str(&format!("  FAULT {}\n", fault.name));
         text.push_str(&reasons(&fault.cause, &fault.remedy));
     }
     text
+}
+
+/// How the drive's own watchdog is set, as a server reads it; the rule alone where it cannot.
+fn watchdog_by(server: &Joined, axis: &AxisInfo) -> String {
+    match server.gateway.watchdog(axis.id) {
+        Ok(told) => match told.parameter {
+            Some(name) => format!("{} (`{name}`)", told.text),
+            None => told.text,
+        },
+        Err(_) => axis.watchdog.clone(),
+    }
 }
 
 fn describe(axis: &Axis) -> Result<String> {

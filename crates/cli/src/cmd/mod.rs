@@ -70,7 +70,7 @@ impl Arguments {
         let names = |word: std::ffi::OsString| {
             word.to_str().is_some_and(|word| word == "--server" || word.starts_with("--server="))
         };
-        let command = Self::command();
+        let command = Join::left_out(Self::command());
         let command = match std::env::args_os().any(names) {
             true => Join::reworded(command),
             false => command,
@@ -169,7 +169,7 @@ pub enum Verb {
 
 /// Carries a verb out: on a server if one is named.
 pub fn run(arguments: Arguments) -> Result {
-    if arguments.join.is_wanted() { joined(arguments) } else { here(arguments.verb) }
+    if arguments.join.is_wanted()? { joined(arguments) } else { here(arguments.verb) }
 }
 
 fn joined(Arguments { join, verb, word }: Arguments) -> Result {

@@ -333,7 +333,11 @@ fn arriving(
 }
 
 fn each(axes: &[Axis], command: impl Fn(&Axis) -> Result<Command>) -> Result<Vec<(Axis, Command)>> {
-    axes.iter().map(|axis| command(axis).map(|command| (axis.clone(), command))).collect()
+    let one = |axis: &Axis| match axes.len() {
+        1 => command(axis),
+        _ => command(axis).map_err(|problem| problem.of(&axis.label())),
+    };
+    axes.iter().map(|axis| one(axis).map(|command| (axis.clone(), command))).collect()
 }
 
 fn told(axis: &AxisInfo, verb: Verb, name: &str, text: &Option<String>) -> Result<Option<f64>> {
@@ -383,9 +387,12 @@ fn orders(
     verb: Verb,
     arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
 ) -> Result<Vec<Order>> {
-    let all = server.pick(target)?.into_iter().map(|axis| {
-        let arguments = arguments(&axis)?;
-        Ok(Order { axis, verb, arguments })
+    let axes = server.pick(target)?;
+    let alone = axes.len() == 1;
+    let all = axes.into_iter().map(|axis| {
+        let arguments = arguments(&axis);
+        let arguments = if alone { arguments } else { arguments.map_err(|p| p.of(&axis.label)) };
+        Ok(Order { verb, arguments: arguments?, axis })
     });
     all.collect()
 }

@@ -8,7 +8,7 @@ use clap::Args;
 use polepair::axis::Pending;
 use polepair::{Amount, Axis};
 use polepair_client::message::{Change, Given, WriteParameters};
-use polepair_core::profile::{Access, Parameter, ParameterId};
+use polepair_core::profile::{Access, Parameter, ParameterId, Persistence};
 
 use crate::cmd::get::named;
 use crate::joined::{self, Joined};
@@ -172,8 +172,10 @@ impl Set {
         out.line(&format!("{}{} = {shown}", session.who(axis), parameter.name));
         if value.raw == raw {
             if axis.profile().reach.contains(&id) {
+                let kept = parameter.persistence == Persistence::Storable && !self.store;
+                let lost = if kept { " It is lost at power-off: --store keeps it." } else { "" };
                 say(&format!(
-                    "{} is reached by its {}: change the connection string too, once it acts. {}",
+                    "{} is reached by its {}: change the connection string too, once it acts. {}{lost}",
                     axis.label(),
                     parameter.name,
                     parameter.about

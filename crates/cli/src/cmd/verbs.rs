@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::Axis;
-use polepair_client::message::Arguments;
+use polepair_client::message::{Arguments, AxisInfo};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 
@@ -24,6 +24,8 @@ const LOOKS_MAX: u32 = 10;
 const POWERED: &str = "is powered";
 /// Of one that took the command to switch its motor off, where nobody looked.
 const SWITCHED_OFF: &str = "took the command to switch its motor off";
+/// Of one that says itself that its motor is off.
+const UNPOWERED: &str = "has no power now";
 const CLEARED: &str = "has its faults cleared";
 
 /// Powers the motor, holding it where it stands.
@@ -77,7 +79,7 @@ impl Enable {
 
     /// The same by a server.
     pub fn joined(self, server: &Joined) -> Result {
-        told(server, &self.target, &["arm", Verb::Enable.name()], self.dry_run, POWERED)
+        told(server, &self.target, &["arm", Verb::Enable.name()], self.dry_run, |_| Ok(POWERED))
     }
 }
 
@@ -88,7 +90,17 @@ impl Disable {
 
     /// The same by a server.
     pub fn joined(self, server: &Joined) -> Result {
-        told(server, &self.target, &[Verb::Disable.name()], self.dry_run, SWITCHED_OFF)
+        let seen = |axis: &AxisInfo| {
+            for _ in 0..LOOKS_MAX {
+                match joined::read(server, axis, Signal::Enabled)?.and_then(|read| read.value) {
+                    Some(0.0) => return Ok(UNPOWERED),
+                    Some(_) => {}
+                    None => return Ok(SWITCHED_OFF),
+                }
+            }
+            Err(still_powered(&axis.label))
+        };
+        told(server, &self.target, &[Verb::Disable.name()], self.dry_run, seen)
     }
 }
 
@@ -99,12 +111,18 @@ impl Clear {
 
     /// The same by a server.
     pub fn joined(self, server: &Joined) -> Result {
-        told(server, &self.target, &[Verb::Clear.name()], self.dry_run, CLEARED)
+        told(server, &self.target, &[Verb::Clear.name()], self.dry_run, |_| Ok(CLEARED))
     }
 }
 
 /// Has a server say verbs to axes, under a lease for as long.
-fn told(server: &Joined, target: &Target, verbs: &[&str], dry: bool, done: &str) -> Result {
+fn told(
+    server: &Joined,
+    target: &Target,
+    verbs: &[&str],
+    dry: bool,
+    done: impl Fn(&AxisInfo) -> Result<&'static str>,
+) -> Result {
     joined::no_dry_run(dry)?;
     let live = server.gateway.live().map_err(joined::refused)?;
     for axis in server.pick(target)? {
@@ -114,7 +132,7 @@ fn told(server: &Joined, target: &Target, verbs: &[&str], dry: bool, done: &str)
             said.map_err(joined::refused)?;
         }
         lease.give_back().map_err(joined::refused)?;
-        say(&format!("{} {done}", axis.label));
+        say(&format!("{} {}", axis.label, done(&axis)?));
     }
     Ok(Exit::Ok)
 }
@@ -159,12 +177,9 @@ fn without_power(axis: &Axis) -> Result<String> {
     }
     let velocity = read(Signal::Velocity);
     if powered.is_some_and(|powered| powered.raw != 0) {
-        let what = format!("{} took the command, and its motor has power still.", axis.label());
-        return Err(Problem::new(Exit::Negative, "E111", what)
-            .why("It says so itself.")
-            .hint("cut its supply if something turns"));
+        return Err(still_powered(&axis.label()));
     }
-    let off = if powered.is_some() { "has no power now" } else { SWITCHED_OFF };
+    let off = if powered.is_some() { UNPOWERED } else { SWITCHED_OFF };
     Ok(match velocity {
         Some(velocity) if axis.turns() == Some(true) => {
             format!(
@@ -173,6 +188,14 @@ fn without_power(axis: &Axis) -> Result<String> {
         }
         _ => off.to_owned(),
     })
+}
+
+/// It took the command and says that its motor has power.
+fn still_powered(label: &str) -> Problem {
+    let what = format!("{label} took the command, and its motor has power still.");
+    Problem::new(Exit::Negative, "E111", what)
+        .why("It says so itself.")
+        .hint("cut its supply if something turns")
 }
 
 /// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has

@@ -240,14 +240,21 @@ fn hold(live: &Live, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
 
 /// Ends when the drive has been silent for too long.
 fn check_heard(taken: &Taken<'_>) -> Result<()> {
-    let silent = taken.lease.state().is_some_and(|state| is_silent(&state));
-    if !silent || clock::now().since(taken.since) < SILENT_MAX {
+    if clock::now().since(taken.since) < SILENT_MAX {
         return Ok(());
     }
-    let what = format!("{} has not answered for 2 s.", taken.axis.label);
-    Err(Problem { may_turn: true, ..Problem::new(Exit::NoReply, "E401", what) }
-        .why("Nobody knows what the motor does.")
-        .hint("the supply, the wire and the adapter between the server and the drive"))
+    let silent = taken.lease.state().and_then(|state| silent(taken.axis, &state));
+    silent.map_or(Ok(()), |problem| Err(Problem { may_turn: true, ..problem }))
+}
+
+/// What is wrong with a drive that the server has not heard lately.
+pub fn silent(axis: &AxisInfo, state: &AxisState) -> Option<Problem> {
+    is_silent(state).then(|| {
+        let what = format!("{} has not answered for 2 s.", axis.label);
+        Problem::new(Exit::NoReply, "E401", what)
+            .why("Nobody knows what the motor does.")
+            .hint("the supply, the wire and the adapter between the server and the drive")
+    })
 }
 
 /// Whether nothing of what is known was heard lately.
@@ -361,9 +368,14 @@ pub fn state(server: &Joined, axis: &AxisInfo) -> Result<AxisState> {
     }
 }
 
+/// A signal as it is now, in SI.
+pub fn read(server: &Joined, axis: &AxisInfo, signal: Signal) -> Result<Option<SignalValue>> {
+    read_since(server, axis, signal, clock::now() + FRESH_MAX)
+}
+
 /// A signal as it is now, with its unit.
 pub fn fresh(server: &Joined, axis: &AxisInfo, signal: Signal) -> Result<Option<String>> {
-    let read = read_since(server, axis, signal, clock::now() + FRESH_MAX)?;
+    let read = read(server, axis, signal)?;
     let value = read.as_ref().and_then(|read| Some((read.value?, &*read.unit)));
     Ok(value.map(|(value, unit)| signal_shown(axis, signal.name(), value, unit)))
 }
