@@ -7,7 +7,7 @@
 
 use super::ascii;
 use super::opcode::Opcode;
-use super::session::{Answer, Ask, Session};
+use super::session::{Answer, Ask, Burst, Session};
 use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::HostOptions;
@@ -229,11 +229,11 @@ impl Station<Stream> for SerialHost {
         if now < self.quiet {
             self.session.hold(self.quiet);
         }
-        let burst = self.session.wants_burst() && out.len() >= BURST;
+        let burst = self.session.burst(now).filter(|_| out.len() > BURST);
         let on_wire_ns = match burst {
             // Their own answers may be as many, and are nobody's.
-            true => (self.on_wire_ns.0, (1 + DATAGRAM as u64) * self.on_wire_ns.1),
-            false => self.on_wire_ns,
+            Some(_) => (self.on_wire_ns.0, (1 + DATAGRAM as u64) * self.on_wire_ns.1),
+            None => self.on_wire_ns,
         };
         let request = self.session.transmit(now, on_wire_ns)?;
         self.shifted = false;
@@ -245,9 +245,9 @@ impl Station<Stream> for SerialHost {
         self.sent = bytes;
         self.echo_due = true;
         *out.first_chunk_mut()? = bytes;
-        if burst {
+        if let Some(burst) = burst {
             self.quiet = self.quiet.max(now.plus_ns(on_wire_ns.1));
-            return Some(repeat_shifted(bytes, out));
+            return Some(repeat_shifted(bytes, out, burst));
         }
         Some(DATAGRAM)
     }
@@ -440,11 +440,16 @@ pub(super) fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
 }
 
 /// A datagram nine times, with a byte between: whatever a module that counts to nine has counted, one of
-/// them is the next that it takes, and its count is then as before. Returns how many bytes that are.
-fn repeat_shifted(datagram: [u8; DATAGRAM], out: &mut [u8]) -> usize {
+/// them is the next that it takes, and its count is then as before, or one further. Returns how many
+/// bytes that are.
+fn repeat_shifted(datagram: [u8; DATAGRAM], out: &mut [u8], burst: Burst) -> usize {
     for place in out[..BURST].chunks_exact_mut(DATAGRAM + 1) {
         place[..DATAGRAM].copy_from_slice(&datagram);
         place[DATAGRAM] = 0;
+    }
+    if burst.shifts {
+        out[BURST] = 0;
+        return BURST + 1;
     }
     BURST
 }

@@ -25,6 +25,7 @@ use crate::proto::proven::Proven;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
 use proof::{PROBES, Waiting};
+pub(super) use quiet::Burst;
 use quiet::Quiet;
 
 /// Times an idempotent request is sent at most.
@@ -290,7 +291,7 @@ impl Session {
         now: Instant,
         (soonest_ns, on_wire_ns): (u64, u64),
     ) -> Option<Request> {
-        let burst = self.wants_burst();
+        let burst = self.burst(now).is_some();
         let pending = self.pending.as_mut()?;
         if pending.sent || now < pending.not_before {
             return None;

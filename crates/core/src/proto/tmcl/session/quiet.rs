@@ -22,6 +22,13 @@ pub(super) struct Quiet {
     sends: u8,
 }
 
+/// A stop that goes out once for every place of a module's count.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::proto::tmcl) struct Burst {
+    /// It moves the module's count on by one: the stop alone that follows may then be understood.
+    pub shifts: bool,
+}
+
 impl Session {
     /// Notes that a request was not answered.
     pub(super) fn unheard(&mut self, now: Instant, pending: &Pending) {
@@ -35,7 +42,7 @@ impl Session {
             *quiet = Some(fresh);
         }
         if let Some(quiet) = quiet {
-            quiet.sends = quiet.sends.saturating_add(1);
+            quiet.sends = quiet.sends.checked_add(1).unwrap_or(u8::MAX - 1);
         }
         self.suspicious = true;
     }
@@ -54,29 +61,36 @@ impl Session {
         self.quiet.iter().flatten().find(|quiet| quiet.module == module)
     }
 
-    /// True while the request to be sent next goes to a module that may have lost count of bytes.
+    /// True while the request to be sent next goes to a module that may have lost count of bytes, and is no
+    /// stop: a stop waits for no byte before it.
     pub(in crate::proto::tmcl) fn wants_shift(&self, now: Instant) -> bool {
-        let Some(pending) = self.pending.as_ref().filter(|pending| !pending.sent) else {
-            return false;
-        };
-        let module = pending.ask.request.address;
-        // Others hear it too: it is for none that was never there.
-        let worth = self.knows(module) || self.heard == [0; 4];
-        let quiet = self.quiet_of(module).filter(|_| worth);
-        !self.wants_burst()
-            && quiet.is_some_and(|quiet| {
-                let past = now >= quiet.since.plus_ns(SHIFT_TIMEOUTS * self.timeout_ns);
-                past && quiet.sends >= SENDS_MIN
-            })
+        let pending = self.pending.as_ref().filter(|pending| !pending.sent && !is_stop(pending));
+        pending.is_some_and(|pending| self.is_out_of_step(now, pending.ask.request.address))
     }
 
-    /// True while the request to be sent next is a stop to a module that did not answer: it goes out so
-    /// that the module takes it wherever it is in its count.
-    pub(in crate::proto::tmcl) fn wants_burst(&self) -> bool {
-        let Some(pending) = self.pending.as_ref().filter(|pending| !pending.sent) else {
-            return false;
-        };
-        let stop = pending.ask.class == Class::Stop && pending.ask.request.opcode == Opcode::Mst;
-        stop && self.quiet_of(pending.ask.request.address).is_some()
+    /// How the stop is repeated that is to be sent next, where its module did not answer the one before:
+    /// it goes out so that the module takes it wherever it is in its count. On a two-wire line its answer
+    /// meets the bytes that are still being sent, so nothing is heard of that; every second stop goes
+    /// out alone, to be answered.
+    pub(in crate::proto::tmcl) fn burst(&self, now: Instant) -> Option<Burst> {
+        let pending = self.pending.as_ref().filter(|pending| !pending.sent && is_stop(pending))?;
+        let module = pending.ask.request.address;
+        let odd = self.quiet_of(module).is_some_and(|quiet| quiet.sends % 2 == 1);
+        odd.then(|| Burst { shifts: self.is_out_of_step(now, module) })
     }
+
+    /// Whether a module may have lost count of bytes, by what it did not answer so far.
+    fn is_out_of_step(&self, now: Instant, module: u8) -> bool {
+        // Others hear the byte too: it is for none that was never there.
+        let worth = self.knows(module) || self.heard == [0; 4];
+        let quiet = self.quiet_of(module).filter(|_| worth);
+        quiet.is_some_and(|quiet| {
+            let past = now >= quiet.since.plus_ns(SHIFT_TIMEOUTS * self.timeout_ns);
+            past && quiet.sends >= SENDS_MIN
+        })
+    }
+}
+
+fn is_stop(pending: &Pending) -> bool {
+    pending.ask.class == Class::Stop && pending.ask.request.opcode == Opcode::Mst
 }

@@ -2,7 +2,9 @@
 
 extern crate std;
 
+use core::cell::Cell;
 use std::boxed::Box;
+use std::rc::Rc;
 use std::vec::Vec;
 
 use super::pair::{Wire, request, sixty};
@@ -64,6 +66,28 @@ fn a_module_that_is_late_stays_in_step() {
             assert!(stop(&mut wire), "{late_ms}");
             assert_eq!(sixty(&mut wire, 0), (0, 0), "{late_ms}: {:?}", wire.host);
         }
+    }
+}
+
+/// On two wires nothing is heard of a module while the host sends: the stop alone that follows is
+/// answered.
+#[test]
+fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
+    for quirks in [Quirks::default(), Quirks { byte_timeout_ms: None, ..Quirks::default() }] {
+        let mut wire = Wire::new(9600, quirks);
+        assert_eq!(wire.read(4), Ok(4007));
+        let sends = Rc::new(Cell::new(false));
+        let long = Rc::clone(&sends);
+        wire.requests = Box::new(move |_, bytes| {
+            long.set(bytes.len() > DATAGRAM);
+            None
+        });
+        wire.replies = Box::new(move |n, _| (n == 2 || sends.get()).then(Vec::new));
+        let start = wire.now;
+        while !stop(&mut wire) {
+            assert!(wire.now.since(start).as_millis() < 1000, "{:?}", wire.host);
+        }
+        assert_eq!(sixty(&mut wire, 0), (0, 0), "{:?}", wire.host);
     }
 }
 
