@@ -59,9 +59,9 @@ impl Output {
         Ok(Self { sink: Box::new(file), name, gathered: Vec::new() })
     }
 
-    /// stdout, or the file if there is one.
+    /// stdout, or the file if there is one; `-` is stdout, as for other programs.
     pub fn to(path: Option<&Path>) -> Result<Self> {
-        path.map_or_else(|| Ok(Self::stdout()), Self::file)
+        path.filter(|path| *path != "-").map_or_else(|| Ok(Self::stdout()), Self::file)
     }
 
     /// What is to be written next.

@@ -40,6 +40,7 @@ fn settings_go_from_one_drive_to_another_and_leave_its_address_alone() {
     let saved = polepair(&["config", "save", &first.url, file.path()]);
     assert_eq!(saved.code, 0, "{}", saved.err);
     let text = file.text();
+    assert_eq!(ok(&["config", "save", &first.url, "-"]), text);
     let names = text.lines().filter_map(|line| line.split_once(" = ")).map(|(name, _)| name);
     let names: Vec<&str> = names.skip(2).map(|name| name.trim_matches('"')).collect();
     assert!(names.is_sorted() && names.len() > 30, "{text}");

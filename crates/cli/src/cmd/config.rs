@@ -113,7 +113,7 @@ impl Save {
         let mut out = Output::to(self.file.as_deref())?;
         out.buffer().extend_from_slice(settings.to_string().as_bytes());
         out.flush()?;
-        if let Some(file) = &self.file {
+        if let Some(file) = self.file.as_deref().filter(|file| *file != "-") {
             let count: usize = settings.axes.iter().map(AxisSettings::len).sum();
             say(&format!("{} saved in {}", plural(count as u64, "setting"), file.display()));
         }
