@@ -162,6 +162,20 @@ impl Memory {
     }
 }
 
+/// The hash of what a transmission asks. A TMCL stop that is sent once for every place of a module's
+/// count asks what one of them asks.
+fn content(bytes: &[u8]) -> u64 {
+    const DATAGRAM: usize = 9;
+    let (places, rest) = bytes.as_chunks::<{ DATAGRAM + 1 }>();
+    match places {
+        [first, others @ ..] if others.len() == DATAGRAM - 1 => {
+            let same = others.iter().all(|place| place == first) && rest.iter().all(|b| *b == 0);
+            if same { hash(&first[..DATAGRAM]) } else { hash(bytes) }
+        }
+        _ => hash(bytes),
+    }
+}
+
 fn hash(bytes: &[u8]) -> u64 {
     let mut history = History::default();
     history.note_bytes(bytes);
@@ -426,7 +440,7 @@ impl SerialWire {
         let label = Label {
             tag,
             answers: plug.heard.tag,
-            content: hash(bytes),
+            content: content(bytes),
             question: plug.heard.content,
             tainted: !plug.head && plug.taint,
             copy: false,
