@@ -164,7 +164,11 @@ impl Witness {
         }
         let top = velocity.max(asked).max(asked_before).max(turned);
         if turns > top * (1.0 + OVERSHOOT.0) + OVERSHOOT.1 {
-            return Some(("I14", format!("turns at {turns:.2} rad/s, held to {velocity:.2}")));
+            let lag = is.position - truth.position;
+            let what = format!(
+                "turns at {turns:.2} rad/s, held to {velocity:.2}, set to {asked:.2} and {lag:.3} rad behind"
+            );
+            return Some(("I14", what));
         }
         let drawn = truth.current.abs();
         let over = drawn > current * (1.0 + RIPPLE) + ROUNDING;
