@@ -1,6 +1,7 @@
 """A drive on a pty that answers well and misbehaves when told to.
 
-TMCL: a read of parameter p gives 1000 p. Modbus RTU: register a holds a. Every write is counted.
+TMCL: a read of parameter p gives 1000 p. Modbus RTU: register a holds a. Every write is counted,
+and every other request that is no read.
 A fault is a function (number of the request, request, reply) -> list of (delay in seconds, bytes),
 or None for the plain reply at once.
 """
@@ -24,6 +25,9 @@ def crc(data):
 
 
 class Tmcl:
+    # GAP, GGP, GIO, GCO, the program's status, the version: a host draws its probes among them.
+    READS = (6, 10, 15, 31, 135, 136)
+
     @staticmethod
     def length(buffer):
         return 9
@@ -32,15 +36,18 @@ class Tmcl:
     def answer(request, writes):
         address, opcode, kind = request[:3]
         value = struct.unpack(">i", request[4:8])[0]
-        if opcode == 136:
+        status = 100
+        if sum(request[:8]) & 255 != request[8]:
+            status = 1  # wrong checksum: nothing is executed
+        elif opcode == 136:
             value = 0x0063_0100
         elif opcode == 6:
             value = 1000 * kind
-        elif opcode in (10, 15, 135):
+        elif opcode in Tmcl.READS:
             value = 0
         else:
             writes.append((opcode, kind, value))
-        reply = bytes([2, address, 100, opcode]) + struct.pack(">i", value)
+        reply = bytes([2, address, status, opcode]) + struct.pack(">i", value)
         return reply + bytes([sum(reply) & 255])
 
 
