@@ -19,6 +19,7 @@
 //! # Ok::<(), polepair_serve::message::Refused>(())
 //! ```
 
+mod absent;
 mod asked;
 mod captures;
 mod clash;
@@ -227,6 +228,8 @@ impl Bench {
             false => bench.look_after(&roots, scribe)?,
         }
         dead.into_iter().try_for_each(|(id, error)| bench.open_later(id, error, &connector))?;
+        let absent = |n: &usize| !bench.0.links[*n].absent().is_empty();
+        (0..bench.0.links.len()).filter(absent).try_for_each(|n| bench.await_absent(n))?;
         Ok(bench)
     }
 

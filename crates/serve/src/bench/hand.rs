@@ -343,24 +343,16 @@ impl Hand {
         if let Some((_, error)) = self.wire.lost() {
             return Err(error);
         }
-        let refused = |what: String, hint: &str| Err(look::refused(what).hint(hint));
-        for watched in &self.axes {
-            let (label, state) = (watched.axis.label(), axis_state(watched.id, &watched.axis));
-            if let Some(holder) = watched.seat.holder() {
-                let what = format!("{} commands {label}", holder.session);
-                return refused(what, "wait until it is given back: it could not be commanded");
-            }
-            if watched.owed.is_some() {
-                return refused(format!("{label} is being stopped"), "wait until it stands");
-            }
-            if state.armed || state.moving == Some(true) {
-                return refused(format!("{label} is armed or turns"), "stop and disarm it first");
-            }
-            if state.enabled == Some(true) {
-                return refused(format!("{label} is powered"), "disable it first");
+        self.wire.at_rest()?;
+        let powered =
+            |watched: &&Watched| axis_state(watched.id, &watched.axis).enabled == Some(true);
+        match self.axes.iter().find(powered) {
+            None => Ok(()),
+            Some(watched) => {
+                let what = format!("{} is powered", watched.axis.label());
+                Err(look::refused(what).hint("disable it first"))
             }
         }
-        Ok(())
     }
 
     fn gone(&mut self, session: &Session) {

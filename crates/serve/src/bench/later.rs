@@ -9,10 +9,11 @@ use polepair_link::clock;
 use serde_json::json;
 use tokio::sync::oneshot;
 
+use super::absent;
 use super::open::{AXES_MAX, Link, tapped};
 use super::shared::{Event, SERVER, held};
 use super::threads::no_thread;
-use super::wire::{Go, StopThese};
+use super::wire::Go;
 use super::{Bench, Inner, REASON_MAX, Reply, Session};
 use crate::message::{Deed, DismissAbsent, DismissReason, LinkView, Refused, Unreached};
 
@@ -137,12 +138,7 @@ impl Bench {
         };
         self.0.traffic.explain_by(n, link.decoder());
         // Who stopped everything meant these as well, and could not reach them.
-        let lock = shared.lock().clone();
-        if let Some(lock) = lock {
-            let axes = (0..link.wire.axes.len()).map(|place| (place, 0)).collect();
-            let (who, reason, since) = (lock.by.as_str().into(), lock.reason, shared.now());
-            link.wire.stop(StopThese { axes, who, reason, since, report: None });
-        }
+        self.stop_if_locked(n, 0);
         let axes: Vec<u16> = link.wire.axes.iter().map(|(id, _)| *id).collect();
         let detail = json!({ "link": link.id, "url": link.url, "open": true, "axes": axes });
         shared.noted(&SERVER.into(), Deed::Link, None, detail);
@@ -165,12 +161,14 @@ fn keep_trying(bench: &Weak<Inner>, n: usize, connector: &Connector, url: &str) 
             Err(error) => Err(error.into()),
         };
         match taken {
-            Ok(()) => return,
+            Ok(()) => break,
             // It is open, and only what it says by itself is not heard.
             Err(error) if bench.0.links[n].was_opened() => {
-                return tracing::warn!(%error, "what drives send unasked is not heard");
+                tracing::warn!(%error, "what drives send unasked is not heard");
+                break;
             }
             Err(error) => bench.show_why(n, error),
         }
     }
+    absent::keep_asking(bench, n);
 }

@@ -85,9 +85,14 @@ impl Search {
     }
 
     /// What the connection string opened, and which wire of that it is.
-    fn root(&self) -> Result<(MutexGuard<'_, polepair::Link>, usize), Refused> {
+    pub fn root(&self) -> Result<(MutexGuard<'_, polepair::Link>, usize), Refused> {
         let (root, place) = self.root.get().ok_or_else(|| refused("the link is not open"))?;
         Ok((held(root), *place))
+    }
+
+    /// With which names and profiles drives are looked for.
+    pub fn connector(&self) -> &Connector {
+        &self.connector
     }
 
     /// The last look.
@@ -357,7 +362,8 @@ impl Bench {
         Reply::of(told, Ok(()))
     }
 
-    fn take_these(&self, n: usize, found: &[Found]) -> Result<TakenIn, Refused> {
+    /// Makes axes of drives that were found. At the wire's desk.
+    pub(super) fn take_these(&self, n: usize, found: &[Found]) -> Result<TakenIn, Refused> {
         let link = &self.0.links[n];
         let _one_at_a_time = held(&self.0.growing);
         if link.wire.looking.is_on() {

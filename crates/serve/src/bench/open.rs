@@ -269,6 +269,16 @@ impl Link {
         *held(&self.absent) = absent.into_iter().map(told).collect();
     }
 
+    /// The numbers of its axes that are not there.
+    pub fn absent(&self) -> Vec<u32> {
+        held(&self.absent).iter().map(|axis| axis.number).collect()
+    }
+
+    /// One of them is there.
+    pub fn joined(&self, number: u32) {
+        held(&self.absent).retain(|axis| axis.number != number);
+    }
+
     /// It was opened after all, as one wire. Its axes are still to join.
     pub fn opened_later(&self, opened: &polepair::Link, absent: Vec<(u32, Error)>) {
         self.search.opened(&Arc::new(Mutex::new(opened.clone())), 0);

@@ -14,10 +14,11 @@ use tokio::sync::oneshot;
 use super::grown::Grown;
 use super::hand::Hand;
 use super::lease::Session;
-use super::look::Looking;
+use super::look::{self, Looking};
 use super::open::AXES_MAX;
 use super::owed::Report;
 use super::shared::held;
+use super::state::axis_state;
 use crate::message::{DismissStop, LeaseGranted, LeaseTold, Outcome, Refused, StopOwed};
 
 /// Orders that wait for one wire; stops have places of their own.
@@ -49,6 +50,8 @@ pub(super) struct Wire {
     called: AtomicBool,
     /// Orders and stops so far.
     said: AtomicU64,
+    /// Stops so far.
+    stops_said: AtomicU64,
 }
 
 /// What a hand is told.
@@ -205,6 +208,7 @@ impl Wire {
             clash: Mutex::default(),
             called: AtomicBool::new(false),
             said: AtomicU64::new(0),
+            stops_said: AtomicU64::new(0),
         }
     }
 
@@ -272,6 +276,7 @@ impl Wire {
     /// Orders a stop: there is always room for one.
     pub fn stop(&self, mut stop: StopThese) {
         self.looking.break_off();
+        self.stops_said.fetch_add(1, Ordering::SeqCst);
         {
             let mut stops = held(&self.stops);
             // Numbered where it is queued: no later stop comes before an earlier one.
@@ -285,6 +290,31 @@ impl Wire {
             }
         }
         self.call();
+    }
+
+    /// How often one was ordered so far.
+    pub fn stops(&self) -> u64 {
+        self.stops_said.load(Ordering::SeqCst)
+    }
+
+    /// Whether no axis of it is commanded, owed a stop, armed or turning: then nobody waits for what is
+    /// asked of others there.
+    pub fn at_rest(&self) -> Result<(), Refused> {
+        let refused = |what: String, hint: &str| Err(look::refused(what).hint(hint));
+        for (place, (id, axis)) in self.axes.iter().enumerate() {
+            let (label, state) = (axis.label(), axis_state(*id, axis));
+            if let Some(lease) = self.lease(place) {
+                let what = format!("{} commands {label}", lease.owner);
+                return refused(what, "wait until it is given back: it could not be commanded");
+            }
+            if self.owed(place).is_some() {
+                return refused(format!("{label} is being stopped"), "wait until it stands");
+            }
+            if state.armed || state.moving == Some(true) {
+                return refused(format!("{label} is armed or turns"), "stop and disarm it first");
+            }
+        }
+        Ok(())
     }
 
     /// The next stop.

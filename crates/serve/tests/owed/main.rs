@@ -56,7 +56,7 @@ struct Site {
 
 impl Site {
     fn new(word: &str, scheme: &str) -> Self {
-        Self::owing(word, scheme, |url, _| {
+        Self::owing((word, scheme, "1"), |url, _, _| {
             // A TS from the factory obeys pulses: mode 1 is speed.
             if scheme == "modbus-rtu" {
                 let link = polepair::connect(url).unwrap();
@@ -70,17 +70,16 @@ impl Site {
 
     /// The same where something was done to the drive before, and a stop is owed since then.
     fn owing(
-        word: &str,
-        scheme: &str,
-        before: impl FnOnce(&str, &DriveLine) -> Vec<(String, u32)>,
+        (word, scheme, axes): (&str, &str, &str),
+        before: impl FnOnce(&str, &DriveLine, &Proxy) -> Vec<(String, u32)>,
     ) -> Self {
         let end = TcpServer::bind("127.0.0.1:0").unwrap();
         let proxy = Proxy::to(end.address());
         let description = simulate::rack_of_words(&[word], 1).unwrap();
         let line = simulate::lines(&description, 1).unwrap().remove(0);
         let served = line.clone().serve::<Stream>(Box::new(end));
-        let url = format!("{scheme}+tcp://{}#1", proxy.address);
-        let owed_before = before(&url, &line);
+        let url = format!("{scheme}+tcp://{}#{axes}", proxy.address);
+        let owed_before = before(&url, &line, &proxy);
         let kept = Arc::new(Kept::default());
         let options = Options {
             journal: kept.clone(),
@@ -166,7 +165,21 @@ impl Site {
 }
 
 fn truth(line: &DriveLine) -> Truth {
-    line.bench(0, |bench| bench.truth(clock::now())).expect("it has a motor")
+    truth_of(line, 0)
+}
+
+fn truth_of(line: &DriveLine, drive: usize) -> Truth {
+    line.bench(drive, |bench| bench.truth(clock::now())).expect("it has a motor")
+}
+
+/// Has every motor of a line turn, by a program that then goes.
+fn turn_all(url: &str, line: &DriveLine) {
+    let link = polepair::connect(url).unwrap();
+    for (drive, axis) in link.axes().iter().enumerate() {
+        axis.arm(true);
+        axis.velocity("20 rad/s").unwrap();
+        until("it turns", || truth_of(line, drive).velocity.abs() > 10.0);
+    }
 }
 
 fn until(what: &str, mut is_so: impl FnMut() -> bool) {
@@ -286,17 +299,56 @@ fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly()
 
 #[test]
 fn what_the_server_before_owed_a_stop_is_stopped_by_the_next() {
-    let site = Site::owing("tmcl:1", "tmcl", |url, line| {
-        let link = polepair::connect(url).unwrap();
-        let axis = &link.axes()[0];
-        axis.arm(true);
-        axis.velocity("20 rad/s").unwrap();
-        until("it turns", || truth(line).velocity.abs() > 10.0);
+    let site = Site::owing(("tmcl:1", "tmcl", "1"), |url, line, _| {
+        turn_all(url, line);
         vec![(url.to_owned(), 1)]
     });
     site.paid();
     assert_eq!(site.kept.of(Deed::StopOwed).len(), 0, "it was written down already");
     until("the journal has it", || site.kept.of(Deed::StopEnded).len() == 1);
+}
+
+#[test]
+fn an_axis_that_was_not_there_is_stopped_when_it_answers_though_the_others_turn() {
+    let is_for_3: fn(&[u8]) -> bool = |frame| frame.first() == Some(&3);
+    let site = Site::owing(("tmcl:1,3", "tmcl", "1,3"), |url, line, proxy| {
+        turn_all(url, line);
+        proxy.set(Mode::Lose(is_for_3));
+        vec![(url.to_owned(), 3)]
+    });
+    let link = || site.bench.snapshot().links[0].clone();
+    assert_eq!((link().absent[0].number, &*link().owed), (3, &[3][..]));
+    let lost = site.proxy.lost();
+    until("it is asked for again", || site.proxy.lost() > lost);
+    site.proxy.set(Mode::Pass);
+    until("it joins", || link().absent.is_empty());
+    until("its debt ends", || site.bench.axis(1).is_ok_and(|state| state.owed.is_none()));
+    let turns = |drive| truth_of(&site.line, drive).velocity.abs();
+    assert!(turns(1) < STANDS, "{}", turns(1));
+    assert!(turns(0) > 10.0, "nobody said that this one is to stop: {}", turns(0));
+    assert!(link().owed.is_empty());
+    assert_eq!(site.kept.of(Deed::TakeIn).len(), 1);
+    until("the journal has it", || site.kept.of(Deed::StopEnded).len() == 1);
+}
+
+#[test]
+fn an_axis_that_is_owed_nothing_joins_once_the_others_are_at_rest() {
+    let is_for_3: fn(&[u8]) -> bool = |frame| frame.first() == Some(&3);
+    let mut site = Site::owing(("tmcl:1,3", "tmcl", "1,3"), |_, _, proxy| {
+        proxy.set(Mode::Lose(is_for_3));
+        Vec::new()
+    });
+    let epoch = site.spin();
+    site.proxy.set(Mode::Pass);
+    std::thread::sleep(Duration::from_secs(5));
+    assert_eq!(site.bench.snapshot().axes.len(), 1, "a look would delay who commands axis 1");
+    drop(site.bench.stop(&"bob".into(), &StopOrder::default()));
+    site.paid();
+    // Its holder gives it back.
+    let _ = site.bench.lease(0, &site.ann, LeaseAct::Drop, epoch).wait();
+    until("it joins", || site.bench.snapshot().axes.len() == 2);
+    let bench = site.bench.snapshot();
+    assert!(bench.links[0].absent.is_empty() && bench.axes[1].number == 3, "{bench:?}");
 }
 
 #[test]
