@@ -111,6 +111,12 @@ impl Live {
         self.known().here()
     }
 
+    /// For how long the server has said nothing: it is asked twice a second.
+    #[must_use]
+    pub fn silence(&self) -> Duration {
+        self.known().silence()
+    }
+
     /// Takes an axis, if nobody else has it.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use polepair::Axis;
-use polepair_client::message::{AxisInfo, AxisState};
+use polepair_client::message::{AxisInfo, AxisState, SignalValue};
 use polepair_core::profile::{Severity, Signal};
 
 use crate::joined::{self, Joined};
@@ -89,7 +89,11 @@ impl Info {
         match failed.len() {
             0 => Ok(Exit::Ok),
             _ if shown == 0 => Err(failed.remove(0)),
-            _ => missing(failed, shown),
+            count => {
+                failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
+                let what = format!("{count} of {} axes do not answer.", count + shown);
+                Err(Problem::new(Exit::Partial, "E704", what).why("What is shown of them is old."))
+            }
         }
     }
 }
@@ -117,18 +121,15 @@ fn served(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
             Some(_) if read.signal == Signal::Mode.name() => state.mode.clone().unwrap_or_default(),
             Some(value) => joined::signal_shown(axis, &read.signal, value, &read.unit),
         };
-        let age = match read.age_ms > OLD_MS {
-            true => format!(" ({:.1} s old)", read.age_ms / 1e3),
-            false => String::new(),
-        };
-        row(&read.signal, shown + &age);
+        row(&read.signal, shown + &age(read));
     }
     row("armed", if state.armed { "yes" } else { "no" }.to_owned());
     let owner = state.lease.as_ref().map_or("nobody", |lease| &lease.owner);
     row("commanded by", owner.to_owned());
     row("watchdog", watchdog);
     if state.faults.is_empty() {
-        row("faults", "none".to_owned());
+        let read = state.signals.iter().find(|read| read.signal == Signal::Fault.name());
+        row("faults", "none".to_owned() + &read.map_or_else(String::new, age));
     }
     let mut text = format!("{}: {}\n{}", axis.label, axis.drive, table.render(false));
     if state.owed.is_some() {
@@ -141,6 +142,14 @@ fn served(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
         text.push_str(&reasons(&fault.cause, &fault.remedy));
     }
     text
+}
+
+/// How old a value is, where it is old.
+fn age(read: &SignalValue) -> String {
+    match read.age_ms > OLD_MS {
+        true => format!(" ({:.1} s old)", read.age_ms / 1e3),
+        false => String::new(),
+    }
 }
 
 /// How the drive's own watchdog is set, as a server reads it; the rule alone where it cannot.

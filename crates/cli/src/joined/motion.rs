@@ -29,6 +29,11 @@ const FRESH_MAX: Duration = Duration::from_secs(1);
 /// How long a drive may be silent while its motor is held in motion. A server tells an axis' state every
 /// second, though nothing of it has changed.
 const SILENT_MAX: Duration = Duration::from_millis(2500);
+/// How long the server may be silent before nothing that it told of a drive is news. It answers twice a
+/// second; that it is gone is known later.
+const SERVER_SILENT_MAX: Duration = Duration::from_millis(1500);
+/// How long a motor whose lease was lost is waited for: who took it, or stopped it, has it stand.
+const LOST_MAX: Duration = Duration::from_secs(3);
 /// Slower than this it stands, rad/s or m/s.
 const STANDS: f64 = 0.05;
 
@@ -99,6 +104,7 @@ pub fn run(server: &Joined, orders: &[Order], then: Then) -> Result {
     let arrived = ended.is_ok() && matches!(then, Then::Arrive(_));
     // Whoever has no link to a drive any more cannot stop it: neither we, nor the server.
     let cut = taken.iter().find_map(|taken| taken.cut(&live));
+    let ours = taken.iter().all(|taken| taken.lease.check().is_ok());
     let stopped = finish(server, taken, arrived);
     match (ended, cut) {
         (Ok(()), _) => stopped.map(|()| Exit::Ok),
@@ -121,9 +127,10 @@ pub fn run(server: &Joined, orders: &[Order], then: Then) -> Result {
             say("interrupted: the motion was stopped");
             Err(Problem::interrupted())
         }
-        // Whatever was feared when it ended, the stop was acknowledged.
+        // What was feared when it ended is over where the stop was acknowledged. An axis that is ours no
+        // more was told none by us.
         (Err(problem), None) => {
-            let may_turn = problem.may_turn && stopped.is_err();
+            let may_turn = problem.may_turn && (stopped.is_err() || !ours);
             Err(Problem { may_turn, ..problem })
         }
     }
@@ -229,18 +236,43 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
 fn hold(live: &Live, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
     hold_while(seconds, (&clock::now, &clock::sleep_until), |_| {
         for taken in taken {
-            taken.lease.check().map_err(refused)?;
+            check_ours(live, taken)?;
             live.linked(taken.axis.id).map_err(refused)?;
-            check_heard(taken)?;
+            check_heard(live, taken)?;
             check_fault(taken)?;
         }
         Ok(())
     })
 }
 
-/// Ends when the drive has been silent for too long.
-fn check_heard(taken: &Taken<'_>) -> Result<()> {
-    if clock::now().since(taken.since) < SILENT_MAX {
+/// Ends when the axis is ours no more. The server stops it then; whether it stands is looked for.
+fn check_ours(live: &Live, taken: &Taken<'_>) -> Result<()> {
+    let Err(why) = taken.lease.check() else { return Ok(()) };
+    let may_turn = !comes_to_rest(live, taken);
+    Err(Problem { may_turn, ..refused(why) })
+}
+
+/// Whether an axis that is ours no more stands by what was read since, or is somebody else's.
+fn comes_to_rest(live: &Live, taken: &Taken<'_>) -> bool {
+    let begun = clock::now();
+    while clock::now().since(begun) < LOST_MAX && live.check().is_ok() {
+        let since = clock::now().since(begun).as_secs_f64() * 1e3;
+        let is_over = taken.lease.state().is_some_and(|state| {
+            let stands = state.owed.is_none() && state.moving != Some(true);
+            state.lease.is_some() || stands && newest_ms(&state) < since
+        });
+        if is_over {
+            return true;
+        }
+        clock::sleep_until(clock::now() + LOOK);
+    }
+    false
+}
+
+/// Ends when the drive has been silent for too long, by what the server says.
+fn check_heard(live: &Live, taken: &Taken<'_>) -> Result<()> {
+    let is_news = live.silence() < SERVER_SILENT_MAX;
+    if !is_news || clock::now().since(taken.since) < SILENT_MAX {
         return Ok(());
     }
     let silent = taken.lease.state().and_then(|state| silent(taken.axis, &state));
@@ -250,7 +282,8 @@ fn check_heard(taken: &Taken<'_>) -> Result<()> {
 /// What is wrong with a drive that the server has not heard lately.
 pub fn silent(axis: &AxisInfo, state: &AxisState) -> Option<Problem> {
     is_silent(state).then(|| {
-        let what = format!("{} has not answered for 2 s.", axis.label);
+        let seconds = newest_ms(state) / 1e3;
+        let what = format!("{} has not answered for {seconds:.1} s.", axis.label);
         Problem::new(Exit::NoReply, "E401", what)
             .why("Nobody knows what the motor does.")
             .hint("the supply, the wire and the adapter between the server and the drive")
@@ -259,8 +292,12 @@ pub fn silent(axis: &AxisInfo, state: &AxisState) -> Option<Problem> {
 
 /// Whether nothing of what is known was heard lately.
 fn is_silent(state: &AxisState) -> bool {
-    let newest = state.signals.iter().map(|told| told.age_ms).fold(f64::MAX, f64::min);
-    !state.signals.is_empty() && newest > SILENT_MAX.as_secs_f64() * 1e3
+    !state.signals.is_empty() && newest_ms(state) > SILENT_MAX.as_secs_f64() * 1e3
+}
+
+/// How old the newest of what is known is, ms.
+fn newest_ms(state: &AxisState) -> f64 {
+    state.signals.iter().map(|told| told.age_ms).fold(f64::MAX, f64::min)
 }
 
 /// Ends with the drive's fault, if the server has read one since the axis is ours.

@@ -73,6 +73,11 @@ impl Known {
         self.told().server = (server_ms, clock::now());
     }
 
+    /// How long the server has said nothing.
+    pub fn silence(&self) -> Duration {
+        clock::now().since(self.told().server.1)
+    }
+
     pub fn set_lease(&self, axis: u16, lease: Result<u64, Refused>) {
         self.told().leases.insert(axis, lease);
     }
