@@ -116,8 +116,8 @@ export const WORDS = {
     "未确认静止：{count} 个轴。请切断以下轴的电源：",
   ],
   unreached_title: [
-    "Not reached by STOP ALL: every motor of a link that is not open. Cut the supply of what turns there.",
-    "全部停止未送达：未打开链路上的所有电机。请切断其中仍在转动者的电源。",
+    "Not reached by STOP ALL: every motor of a link that is not open, and axes that are not there. Cut the supply of what turns.",
+    "全部停止未送达：未打开链路上的所有电机，以及不存在的轴。请切断仍在转动者的电源。",
   ],
   owed_list: ["Axes that were not seen standing", "未确认静止的轴"],
   owed_card: [

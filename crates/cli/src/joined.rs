@@ -23,26 +23,38 @@ use crate::problem::{Problem, Result};
 use crate::target::Target;
 use crate::value;
 
-/// Verbs that a server carries out, and whether they are about all axes where none is named.
-const VERBS: [(&str, bool); 17] = [
-    ("clear", false),
-    ("disable", false),
-    ("dismiss", false),
-    ("enable", false),
-    ("get", false),
-    ("home", false),
-    ("info", true),
-    ("jog", false),
-    ("monitor", true),
-    ("move", false),
-    ("scan", true),
-    ("set", false),
-    ("spin", false),
-    ("stop", true),
-    ("torque", false),
-    ("watch", false),
-    ("watchdog", true),
+/// Verbs that a server carries out, and which axes they are about.
+const VERBS: [(&str, Axes); 18] = [
+    ("clear", Axes::Named),
+    ("disable", Axes::Named),
+    ("dismiss", Axes::Named),
+    ("enable", Axes::Named),
+    ("get", Axes::Named),
+    ("home", Axes::Named),
+    ("info", Axes::AllUnlessNamed),
+    ("jog", Axes::Named),
+    ("monitor", Axes::AllUnlessNamed),
+    ("move", Axes::Named),
+    ("release", Axes::None),
+    ("scan", Axes::AllUnlessNamed),
+    ("set", Axes::Named),
+    ("spin", Axes::Named),
+    ("stop", Axes::AllUnlessNamed),
+    ("torque", Axes::Named),
+    ("watch", Axes::Named),
+    ("watchdog", Axes::AllUnlessNamed),
 ];
+
+/// Which axes of a server a verb is about.
+#[derive(Clone, Copy, PartialEq)]
+enum Axes {
+    /// Those that are named.
+    Named,
+    /// Those that are named, else all.
+    AllUnlessNamed,
+    /// It is about the server.
+    None,
+}
 
 /// Options that help does not show, because they are about links.
 const FOR_LINKS: [&str; 9] =
@@ -51,7 +63,7 @@ const FOR_LINKS: [&str; 9] =
 /// What a stop of all axes does besides.
 const STOP: &str = "\
 Without AXES everything stops, whoever commands it, and motion is locked until somebody releases it:
-on the server's page, or by POST /api/v1/release. With AXES these stop, and nothing is locked.";
+on the server's page, or by `release`. With AXES these stop, and nothing is locked.";
 
 /// What a scan does there.
 const SCAN: &str = "\
@@ -90,7 +102,11 @@ impl Join {
             let axes = |url: Arg| {
                 let url =
                     url.value_name("AXES").help("Axes of the server: 1,3, a name, LINK#1, all");
-                if *all { url.required(false).default_value(ALL) } else { url }
+                if *all == Axes::AllUnlessNamed {
+                    url.required(false).default_value(ALL)
+                } else {
+                    url
+                }
             };
             let dry = *verb != "set";
             let its = |arg: Arg| match arg.get_id().as_str() {
@@ -121,28 +137,29 @@ impl Join {
     }
 
     /// Whether a server is named.
+    pub fn is_wanted(&self) -> bool {
+        self.server.is_some()
+    }
+
+    /// Whether what is said of a server is complete: the options may stand before the verb and behind it,
+    /// so the grammar cannot tell.
     ///
     /// # Errors
-    /// A usage error where something is said of a server, and none is named: the options may stand before
-    /// the verb and behind it, so the grammar cannot tell.
-    pub fn is_wanted(&self) -> Result<bool> {
-        let missing = |option: &str, needs: &str| {
-            Problem::usage("E242", format!("{option} needs {needs} beside it."))
-        };
+    /// A usage error where something is said of a server, and none is named.
+    pub fn check(&self) -> Result<()> {
         let Self { server, token_file, certificate, client_cert, client_key } = self;
-        let about_one = [
-            ("--token-file", token_file.is_some()),
-            ("--certificate", certificate.is_some()),
-            ("--client-cert", client_cert.is_some()),
-            ("--client-key", client_key.is_some()),
+        let needs = [
+            ("--token-file", token_file.is_some(), "--server URL", server.is_some()),
+            ("--certificate", certificate.is_some(), "--server URL", server.is_some()),
+            ("--client-cert", client_cert.is_some(), "--server URL", server.is_some()),
+            ("--client-key", client_key.is_some(), "--server URL", server.is_some()),
+            ("--client-key", client_key.is_some(), "--client-cert FILE", client_cert.is_some()),
         ];
-        let is_wanted = server.is_some();
-        match about_one.iter().find(|(_, given)| *given) {
-            Some((option, _)) if !is_wanted => Err(missing(option, "--server URL")),
-            _ if client_key.is_some() && client_cert.is_none() => {
-                Err(missing("--client-key", "--client-cert FILE"))
+        match needs.iter().find(|(_, given, _, beside)| *given && !beside) {
+            Some((option, _, needed, _)) => {
+                Err(Problem::usage("E242", format!("{option} needs {needed} beside it.")))
             }
-            _ => Ok(is_wanted),
+            None => Ok(()),
         }
     }
 

@@ -215,6 +215,14 @@ impl Gateway {
         })
     }
 
+    /// Lets axes move again after everything was stopped. Nothing moves by it.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn release(&self) -> Result<(), Refused> {
+        self.wait(self.0.rest.post("/api/v1/release", &serde_json::json!({})))
+    }
+
     /// Has an axis owed its stop no more, though nobody saw it stand. The journal keeps who said so.
     ///
     /// # Errors

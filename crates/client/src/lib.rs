@@ -25,7 +25,7 @@ mod wire;
 pub use gateway::{Gateway, Options};
 pub use lease::{Lease, Pending};
 pub use live::{Frames, Live, Watched};
-pub use pick::{ALL, pick, unit};
+pub use pick::{ALL, linked, pick, pick_each, unit};
 pub use polepair_messages as message;
 pub use polepair_messages::Refused;
 pub use secret::state_folder;

@@ -8,62 +8,119 @@ use crate::Refused;
 /// The word for every axis.
 pub const ALL: &str = "all";
 
-/// `all`, or names and numbers with commas between them, or numbers of a link: `LINK#1,2`, where the
-/// link goes by its number or by its URL. A number alone has to be one axis' alone, and no axis is named
-/// twice: it would be told twice.
+/// `all`, or names and numbers with commas between them; behind `LINK#` those of a link, which goes by
+/// its number or its URL: `1,3`, `0#1,2`, `0#1,1#2`. A number alone has to be one axis' alone, and no
+/// axis is named twice: it would be told twice.
 ///
 /// # Errors
-/// `E212` for what is not there or may be several, `E210` for an axis that is named twice.
+/// `E212` for what the server does not have or may have several of, `E210` for an axis that is named twice;
+/// the error of its link for one that is not there.
 pub fn pick(bench: &BenchView, words: &str) -> Result<Vec<AxisInfo>, Refused> {
+    let axes = pick_each(bench, words)?.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let is_twice =
+        |(at, axis): &(usize, &AxisInfo)| axes[..*at].iter().any(|its| its.id == axis.id);
+    match axes.iter().enumerate().find(is_twice) {
+        None => Ok(axes),
+        Some((_, axis)) => {
+            let what = format!("{words:?} names axis {} twice", full(axis));
+            Err(Refused::new("E210", what).hint("name each axis once"))
+        }
+    }
+}
+
+/// As [`pick`], each by itself, for whom the others matter though one is not there.
+///
+/// # Errors
+/// `E212` for a link that the server has not, and for `all` where it has no axis.
+pub fn pick_each(
+    bench: &BenchView,
+    words: &str,
+) -> Result<Vec<Result<AxisInfo, Refused>>, Refused> {
     if words == ALL {
         return match bench.axes.is_empty() {
             true => Err(no_such(bench, words)),
-            false => Ok(bench.axes.clone()),
+            false => Ok(bench.axes.iter().cloned().map(Ok).collect()),
         };
     }
-    let (link, numbers) = match words.rsplit_once('#') {
-        Some(("", numbers)) => (None, numbers),
-        Some((link, numbers)) => (Some(linked(bench, link)?), numbers),
-        None => (None, words),
-    };
-    let mut axes: Vec<AxisInfo> = Vec::new();
-    for word in numbers.split(',') {
-        let axis = one(bench, link, word.trim())?;
-        if axes.iter().any(|its| its.id == axis.id) {
-            let what = format!("{words:?} names axis {} twice", full(&axis));
-            return Err(Refused::new("E210", what).hint("name each axis once"));
-        }
-        axes.push(axis);
+    let mut axes = Vec::new();
+    let (mut link, mut segments) = (None, words.split('#').peekable());
+    while let Some(segment) = segments.next() {
+        let (numbers, next) = match segments.peek() {
+            Some(_) => before_link(bench, segment)?,
+            None => (Some(segment), None),
+        };
+        let numbers = numbers.iter().flat_map(|numbers| numbers.split(','));
+        axes.extend(numbers.map(|word| one(bench, link, word.trim())));
+        link = next.or(link);
     }
     Ok(axes)
 }
 
-/// A link by its number or its URL.
-fn linked(bench: &BenchView, word: &str) -> Result<u16, Refused> {
-    let plain = |url: &str| url.split('#').next().unwrap_or_default().to_owned();
-    let is = |link: &&LinkView| word.parse() == Ok(link.id) || plain(&link.url) == word;
-    let found = bench.links.iter().find(is).map(|link| link.id);
+/// What stands before a `#`: axes of the link before, and a link, whose URL may have commas.
+fn before_link<'a>(
+    bench: &'a BenchView,
+    segment: &'a str,
+) -> Result<(Option<&'a str>, Option<&'a LinkView>), Refused> {
+    if segment.is_empty() {
+        return Ok((None, None));
+    }
+    let commas =
+        segment.match_indices(',').map(|(at, _)| (Some(&segment[..at]), &segment[at + 1..]));
+    let mut ways = std::iter::once((None, segment)).chain(commas);
+    let found = ways.find_map(|(axes, word)| Some((axes, Some(linked(bench, word.trim())?))));
     found.ok_or_else(|| {
         let known = bench.links.iter().map(|link| format!("{} ({})", link.id, link.url));
+        let word = segment.rsplit(',').next().unwrap_or(segment).trim();
         Refused::new("E212", format!("the server has no link {word:?}")).hint(has(known))
     })
 }
 
-fn one(bench: &BenchView, link: Option<u16>, word: &str) -> Result<AxisInfo, Refused> {
-    let on_link = |axis: &&AxisInfo| link.is_none_or(|link| axis.link == link);
+/// A link by its number, its URL, or its URL without axes.
+#[must_use]
+pub fn linked<'a>(bench: &'a BenchView, word: &str) -> Option<&'a LinkView> {
+    let plain = |url: &str| url.split('#').next() == Some(word);
+    bench
+        .links
+        .iter()
+        .find(|link| word.parse() == Ok(link.id) || link.url == word || plain(&link.url))
+}
+
+fn one(bench: &BenchView, link: Option<&LinkView>, word: &str) -> Result<AxisInfo, Refused> {
+    let on_link = |axis: &&AxisInfo| link.is_none_or(|link| axis.link == link.id);
     let named = |axis: &&AxisInfo| {
         (!axis.name.is_empty() && axis.name == word) || word.parse() == Ok(axis.number)
     };
     let found: Vec<_> = bench.axes.iter().filter(on_link).filter(named).collect();
     match found[..] {
         [one] => Ok(one.clone()),
-        [] => Err(no_such(bench, word)),
+        [] => {
+            let links = bench.links.iter().filter(|its| link.is_none_or(|link| its.id == link.id));
+            let mut absent = links.filter_map(|link| not_there(link, word.parse().ok()?));
+            Err(absent.next().unwrap_or_else(|| no_such(bench, word)))
+        }
         _ => {
             let all: Vec<_> = found.into_iter().map(full).collect();
             let what = format!("the server has several axes {word:?}: {}", all.join(", "));
             Err(Refused::new("E212", what).hint("name the link as well"))
         }
     }
+}
+
+/// Why an axis that the server's link should have is not there.
+fn not_there(link: &LinkView, number: u32) -> Option<Refused> {
+    let LinkView { id, absent, owed, error, .. } = link;
+    let absent = absent.iter().find(|axis| axis.number == number).map(|axis| &axis.error);
+    let is_owed = owed.contains(&number);
+    let why = absent.or(error.as_ref().filter(|_| is_owed))?;
+    let what =
+        format!("axis {number} of link {id} is not there, and was told nothing: {}", why.message);
+    let hint = match is_owed {
+        true => {
+            "cut its supply: the server before was told to stop it, and it is as soon as it answers"
+        }
+        false => "cut its supply if it turns; it joins the server as soon as it answers",
+    };
+    Some(Refused { executed: Some(false), message: what, hint: hint.to_owned(), ..why.clone() })
 }
 
 fn no_such(bench: &BenchView, word: &str) -> Refused {

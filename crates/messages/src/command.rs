@@ -137,20 +137,23 @@ pub struct StopOrder {
 pub struct Stopped {
     /// Each axis.
     pub axes: Vec<AxisStopped>,
-    /// Where everything was to be stopped: links that are not open. How many motors they have is not
-    /// known, and none of them was told.
+    /// Where everything was to be stopped: who was not told.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unreached: Vec<Unreached>,
 }
 
-/// A link whose motors a stop of everything did not reach.
+/// What a stop of everything did not reach: an axis that is not there, or all of a link that is not open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Unreached {
     /// Index among the links.
     pub link: u16,
     /// Its connection string.
     pub url: String,
-    /// Why it is not open.
+    /// The number of an axis of it that is not there; none where the link is not open: how many motors
+    /// it has is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub number: Option<u32>,
+    /// Why it was not told.
     pub error: Refused,
 }
 

@@ -1,7 +1,8 @@
 //! `polepair --server URL dismiss AXES`
 
 use clap::{Args, ValueEnum};
-use polepair_client::message::{DismissAbsent, DismissReason, DismissStop, LinkView};
+use polepair_client::linked;
+use polepair_client::message::{DismissAbsent, DismissReason, DismissStop};
 
 use crate::joined::{self, Joined};
 use crate::problem::{Exit, Problem, Result};
@@ -75,9 +76,7 @@ impl Dismiss {
 fn absent(server: &Joined, words: &str) -> Option<(String, u32)> {
     let (word, number) = words.rsplit_once('#')?;
     let number = number.parse().ok()?;
-    let plain = |url: &str| url.split('#').next().is_some_and(|plain| plain == word);
-    let is = |link: &&LinkView| word.parse() == Ok(link.id) || link.url == word || plain(&link.url);
-    match server.bench.links.iter().find(is) {
+    match linked(&server.bench, word) {
         Some(link) => link.owed.contains(&number).then(|| (link.url.clone(), number)),
         None => word.contains(':').then(|| (word.to_owned(), number)),
     }

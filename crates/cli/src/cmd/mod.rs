@@ -19,6 +19,7 @@ mod params;
 mod ports;
 mod program;
 mod record;
+mod release;
 mod replay;
 mod scan;
 mod serve;
@@ -122,6 +123,8 @@ pub enum Verb {
     Stop(stop::Stop),
     /// Owe axes of a server their stop no more, though nobody saw them stand
     Dismiss(dismiss::Dismiss),
+    /// Let the axes of a server move again after everything was stopped
+    Release(release::Release),
     /// Clear faults
     Clear(verbs::Clear),
     /// Turn a motor at a speed until Ctrl-C
@@ -169,7 +172,8 @@ pub enum Verb {
 
 /// Carries a verb out: on a server if one is named.
 pub fn run(arguments: Arguments) -> Result {
-    if arguments.join.is_wanted()? { joined(arguments) } else { here(arguments.verb) }
+    arguments.join.check()?;
+    if arguments.join.is_wanted() { joined(arguments) } else { here(arguments.verb) }
 }
 
 fn joined(Arguments { join, verb, word }: Arguments) -> Result {
@@ -182,6 +186,7 @@ fn joined(Arguments { join, verb, word }: Arguments) -> Result {
         Verb::Disable(verb) => verb.joined(&join.open()?),
         Verb::Stop(verb) => verb.joined(join),
         Verb::Dismiss(verb) => verb.joined(&join.open()?),
+        Verb::Release(verb) => verb.joined(join),
         Verb::Clear(verb) => verb.joined(&join.open()?),
         Verb::Spin(verb) => verb.joined(&join.open()?),
         Verb::Move(verb) => verb.joined(&join.open()?),
@@ -213,6 +218,7 @@ fn here(verb: Verb) -> Result {
         Verb::Disable(verb) => verb.run(),
         Verb::Stop(verb) => verb.run(),
         Verb::Dismiss(verb) => verb.run(),
+        Verb::Release(verb) => verb.run(),
         Verb::Clear(verb) => verb.run(),
         Verb::Spin(verb) => verb.run(),
         Verb::Move(verb) => verb.run(),

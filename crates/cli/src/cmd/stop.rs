@@ -5,8 +5,8 @@ use std::io::IsTerminal as _;
 use clap::Args;
 use polepair::axis::Standing;
 use polepair::stop::{self as stopping, Event};
-use polepair_client::message::{AxisStopped, StopClass, StopOrder, Stopped, Unreached};
-use polepair_client::{Gateway, Refused};
+use polepair_client::message::{AxisInfo, AxisStopped, StopClass, StopOrder, Stopped, Unreached};
+use polepair_client::{Gateway, Refused, pick_each};
 use polepair_core::axis::{Command, Verb};
 
 use crate::joined::{self, Join, Joined};
@@ -83,24 +83,37 @@ impl Stop {
 /// nor a slow answer stands in its way.
 fn all(gateway: &Gateway) -> Result {
     let Stopped { axes: stopped, unreached } = stop(gateway, None)?;
-    say("motion is locked until it is released: on the server's page, or POST /api/v1/release");
+    say(
+        "motion is locked until it is released: on the server's page, or by `polepair --server URL release`",
+    );
     let named = Joined::new(gateway.clone()).map(|joined| joined.bench.axes).unwrap_or_default();
     let label = |id| named.iter().find(|axis| axis.id == id).map(|axis| axis.label.clone());
     let number = |id| format!("the server's axis {id}");
     let told =
         stopped.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
-    tell(told.collect(), unreached)
+    tell(told.collect(), unreached.into_iter().map(not_reached).collect())
 }
 
-/// Stops axes that are named.
+/// Stops axes that are named. One that is not there keeps none of the others from it.
 fn some(server: &Joined, target: &Target) -> Result {
-    let axes = server.pick(target)?;
-    let mut stopped = stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?.axes;
+    let named = pick_each(&server.bench, target.axes()?).map_err(joined::refused)?;
+    let (mut axes, mut failed) = (Vec::<AxisInfo>::new(), Vec::new());
+    for named in named {
+        match named {
+            Ok(axis) if axes.iter().any(|its| its.id == axis.id) => {}
+            Ok(axis) => axes.push(axis),
+            Err(error) => failed.push(joined::refused(error)),
+        }
+    }
+    let mut stopped = Vec::new();
+    if !axes.is_empty() {
+        stopped = stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?.axes;
+    }
     let told = axes.into_iter().map(|axis| {
         let at = stopped.iter().position(|stopped| stopped.id == axis.id);
         (axis.label, at.map(|at| stopped.swap_remove(at)))
     });
-    tell(told.collect(), Vec::new())
+    tell(told.collect(), failed)
 }
 
 fn stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<Stopped> {
@@ -108,10 +121,9 @@ fn stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<Stopped> {
     gateway.stop(&order).map_err(joined::refused)
 }
 
-/// Says how far the stop of each axis came, and which links it did not reach.
-fn tell(told: Vec<(String, Option<AxisStopped>)>, unreached: Vec<Unreached>) -> Result {
-    let of = told.len() + unreached.len();
-    let mut failed: Vec<Problem> = unreached.into_iter().map(not_reached).collect();
+/// Says how far the stop of each axis came, beside what was not reached.
+fn tell(told: Vec<(String, Option<AxisStopped>)>, mut failed: Vec<Problem>) -> Result {
+    let of = told.len() + failed.len();
     for (label, how) in told {
         match how.map(|how| (how.class, how.error)) {
             Some((StopClass::Standing, _)) => say(&format!("{label} is stopped")),
@@ -129,12 +141,19 @@ fn tell(told: Vec<(String, Option<AxisStopped>)>, unreached: Vec<Unreached>) -> 
     }
 }
 
-/// A link is not open: nobody knows how many motors it has.
-fn not_reached(Unreached { link, url, error }: Unreached) -> Problem {
-    let what = format!("no motor of link {link} was told to stop: {url} is not open.");
-    Problem::new(error.exit(), error.code, what)
-        .why(sentence(&error.message))
-        .hint("cut the supply of what turns there; it is told to stop as soon as the link is open")
+/// An axis that is not there, or a link that is not open: nobody knows how many motors that has.
+fn not_reached(Unreached { link, url, number, error }: Unreached) -> Problem {
+    let (what, hint) = match number {
+        Some(number) => (
+            format!("axis {number} of link {link} was not told to stop: it is not there."),
+            "cut its supply if it turns; it is told to stop as soon as it answers",
+        ),
+        None => (
+            format!("no motor of link {link} was told to stop: {url} is not open."),
+            "cut the supply of what turns there; it is told to stop as soon as the link is open",
+        ),
+    };
+    Problem::new(error.exit(), error.code, what).why(sentence(&error.message)).hint(hint)
 }
 
 /// It was not seen standing; the server goes on with it.

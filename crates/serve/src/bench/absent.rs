@@ -34,7 +34,7 @@ impl Bench {
     /// Whose turn it is: those that the server before owed a stop, and one of the others between them.
     fn next_absent(&self, n: usize, queue: &mut VecDeque<u32>, others: &mut usize) -> Option<u32> {
         let link = &self.0.links[n];
-        let absent = link.absent();
+        let absent: Vec<u32> = link.absent().iter().map(|axis| axis.number).collect();
         queue.retain(|number| absent.contains(number));
         if queue.is_empty() {
             let owed = self.0.shared.owed_before_on(&link.url);

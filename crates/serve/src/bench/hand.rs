@@ -458,7 +458,9 @@ impl Hand {
         }
         if let Some(lock) = self.shared.lock().as_ref().filter(|_| moves) {
             let what = format!("motion is locked since {} stopped everything", lock.by);
-            return Err(Refused::new("gateway.locked", what).hint("release it first"));
+            let hint =
+                "release it first: on the server's page, or by `polepair --server URL release`";
+            return Err(Refused::new("gateway.locked", what).hint(hint));
         }
         let held = watched.seat.held(session, epoch, self.shared.now());
         held.map_err(|refused| watched.unheld(refused))?;

@@ -88,14 +88,20 @@ impl Bench {
         link.wire.end_watch();
     }
 
-    /// Links that are not open, whose axes nobody knows.
+    /// Links that are not open, whose axes nobody knows, and axes that are not there on the others.
     pub(super) fn unreached(&self) -> Vec<Unreached> {
-        let dead = self.0.links.iter().filter(|link| !link.was_opened());
-        let told = |link: &Link| {
-            let (_, error) = link.wire.lost()?;
-            Some(Unreached { link: link.id, url: link.url.clone(), error })
-        };
-        dead.filter_map(told).collect()
+        let each = self.0.links.iter().flat_map(|link| {
+            let why =
+                link.wire.lost().filter(|_| !link.was_opened()).map(|(_, error)| (None, error));
+            let absent = link.absent().into_iter().map(|axis| (Some(axis.number), axis.error));
+            why.into_iter().chain(absent).map(|(number, error)| Unreached {
+                link: link.id,
+                url: link.url.clone(),
+                number,
+                error,
+            })
+        });
+        each.collect()
     }
 
     /// Shows why a link is not open, when that is another reason than before.

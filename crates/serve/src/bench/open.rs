@@ -269,9 +269,9 @@ impl Link {
         *held(&self.absent) = absent.into_iter().map(told).collect();
     }
 
-    /// The numbers of its axes that are not there.
-    pub fn absent(&self) -> Vec<u32> {
-        held(&self.absent).iter().map(|axis| axis.number).collect()
+    /// Its axes that are not there.
+    pub fn absent(&self) -> Vec<AbsentAxis> {
+        held(&self.absent).clone()
     }
 
     /// One of them is there.
@@ -344,7 +344,7 @@ impl Link {
             },
             since_ms: lost.as_ref().map(|(since, _)| Clock::ms(*since)),
             error: lost.map(|(_, error)| error),
-            absent: held(&self.absent).clone(),
+            absent: self.absent(),
             owed: Vec::new(),
             load: self.load(),
             counters: self.counters(),
