@@ -88,8 +88,9 @@ impl Journal {
             }
         });
         let verified = verified.map_err(failed)?.map_err(|broken| {
+            let changed = "Somebody or something has changed what was written.";
             Refusal::usage("E253", format!("{}: {broken}", path.display()))
-                .why("Somebody or something has changed what was written.")
+                .why(format!("{changed}{}", owed_by(path)))
                 .hint("keep the file for whoever looks into that, and begin another one")
         })?;
         if verified.cut > 0 {
@@ -151,24 +152,7 @@ impl Journal {
     /// # Errors
     /// When the file cannot be read.
     pub fn owed(&self) -> std::io::Result<Vec<(String, u32)>> {
-        let mut owed = Vec::new();
-        for line in BufReader::new(File::open(&self.path)?).lines() {
-            let line = line?;
-            // Most lines are about something else, and there may be many.
-            let is_meant = ["\"stop_owed\"", "\"stop_ended\""].iter().any(|d| line.contains(d));
-            let Some(record) = is_meant.then(|| serde_json::from_str::<JournalRecord>(&line).ok())
-            else {
-                continue;
-            };
-            let Some(JournalRecord { deed, detail, .. }) = record else { continue };
-            let number = detail["number"].as_u64().and_then(|number| u32::try_from(number).ok());
-            let (Some(link), Some(number)) = (detail["link"].as_str(), number) else { continue };
-            owed.retain(|axis: &(String, u32)| (&*axis.0, axis.1) != (link, number));
-            if deed == Deed::StopOwed {
-                owed.push((link.to_owned(), number));
-            }
-        }
-        Ok(owed)
+        read_owed(&self.path)
     }
 
     /// Records after the one of that number, or from the first; at most `count`, and [`RECORDS_MAX`].
@@ -202,6 +186,47 @@ impl Journal {
 
     fn written(&self) -> MutexGuard<'_, Written> {
         self.written.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Axes that are owed a stop by what a journal says, though some of its records may be broken.
+fn read_owed(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
+    let mut owed = Vec::new();
+    for line in BufReader::new(File::open(path)?).split(b'\n') {
+        let line = line?;
+        let line = String::from_utf8_lossy(&line);
+        // Most lines are about something else, and there may be many.
+        let is_meant = ["\"stop_owed\"", "\"stop_ended\""].iter().any(|d| line.contains(d));
+        let Some(record) = is_meant.then(|| serde_json::from_str::<JournalRecord>(&line).ok())
+        else {
+            continue;
+        };
+        let Some(JournalRecord { deed, detail, .. }) = record else { continue };
+        let number = detail["number"].as_u64().and_then(|number| u32::try_from(number).ok());
+        let (Some(link), Some(number)) = (detail["link"].as_str(), number) else { continue };
+        owed.retain(|axis: &(String, u32)| (&*axis.0, axis.1) != (link, number));
+        if deed == Deed::StopOwed {
+            owed.push((link.to_owned(), number));
+        }
+    }
+    Ok(owed)
+}
+
+/// The same in a sentence for whoever cannot go on with that journal; empty where nobody is.
+fn owed_by(path: &Path) -> String {
+    let owed = read_owed(path).unwrap_or_default();
+    let stop = |(link, number): (String, u32)| {
+        let url = link.split('#').next().unwrap_or_default().to_owned();
+        format!("`polepair stop {url}#{number}`")
+    };
+    let stops: Vec<String> = owed.into_iter().map(stop).collect();
+    match stops.is_empty() {
+        true => String::new(),
+        false => format!(
+            " By what can be read of it motors were told to stop and not seen standing; what stops \
+             them: {}.",
+            stops.join(", ")
+        ),
     }
 }
 

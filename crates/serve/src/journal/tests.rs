@@ -97,3 +97,23 @@ fn two_servers_do_not_write_one_journal() {
     assert_eq!(Journal::open(&path).unwrap_err().code, "E312");
     std::fs::remove_file(path).unwrap();
 }
+
+#[test]
+fn a_broken_journal_names_whom_it_owes_a_stop() {
+    let path = written("owing", 2);
+    let (journal, _) = Journal::open(&path).unwrap();
+    let owed = |number: u32| json!({ "link": "tmcl:///dev/ttyUSB0#1,3", "number": number });
+    journal.write("server", Deed::StopOwed, Some(0), &owed(1)).unwrap();
+    journal.write("server", Deed::StopOwed, Some(1), &owed(3)).unwrap();
+    journal.write("server", Deed::StopEnded, Some(0), &owed(1)).unwrap();
+    drop(journal);
+    let mut bytes = std::fs::read(&path).unwrap();
+    // Nobody's text any more.
+    bytes[20] = 0xFF;
+    std::fs::write(&path, bytes).unwrap();
+    let refusal = Journal::open(&path).unwrap_err();
+    assert_eq!(refusal.code, "E253");
+    assert!(refusal.why.contains("`polepair stop tmcl:///dev/ttyUSB0#3`"), "{refusal:?}");
+    assert!(!refusal.why.contains("#1"), "{refusal:?}");
+    std::fs::remove_file(path).unwrap();
+}
