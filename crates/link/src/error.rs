@@ -164,7 +164,8 @@ const fn hint(cause: Cause) -> &'static str {
         Cause::NotFound => "`polepair ports` lists what is there; check plug and cable.",
         Cause::Busy => {
             "Close the other program (a terminal, a vendor's tool, ModemManager), then try again. Where \
-             it is `polepair serve`, join it: `polepair --server http://127.0.0.1:7365 scan`."
+             it is `polepair serve`, give this verb to it: `--server URL`, with the address that it \
+             printed behind `ready` (http://127.0.0.1:7365 unless it was told another)."
         }
         Cause::Gone => "Plug it in again, or check power and network at the far end.",
         Cause::Refused => {

@@ -199,6 +199,12 @@ pub fn left(url: Option<&str>, label: &str, number: &str, state: &AxisState) -> 
     let speed = state.signals.iter().find(|told| told.signal == Signal::Velocity.name());
     let speed = speed.and_then(|told| Some(joined::shown(told.value?, &told.unit)));
     let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
+    if state.owed.is_some() && url.is_some() {
+        return Some(format!(
+            "{label} was told to stop and not seen standing: the server says it again; if it turns, cut \
+             its supply"
+        ));
+    }
     turns(state).then(|| match url {
         Some(url) => format!(
             "{label} turned{speed} when last asked and was left so; this stops it: \
@@ -416,5 +422,7 @@ mod tests {
             error: None,
         });
         assert_eq!(alarm(&state), 1);
+        // It is owed that whatever it was last read to do.
+        assert!(told(&state).is_some_and(|told| told.contains("not seen standing")));
     }
 }
