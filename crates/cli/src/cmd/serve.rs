@@ -88,7 +88,7 @@ impl Serve {
         for (link, number) in server.owed() {
             say(&format!(
                 "axis {number} of {link} was told to stop and not seen standing when the server \
-                 before ended; it is stopped as soon as its link is there. Cut its supply if it turns."
+                 before ended; it is stopped as soon as it answers. Cut its supply if it turns."
             ));
         }
         for link in server.bench().snapshot().links {
