@@ -31,6 +31,11 @@ pub fn listen(wake: impl Fn() + Send + 'static) {
     }
 }
 
+/// Has a write at a limit of a file's size fail, and not end the process.
+pub fn outlive_file_limit() {
+    system::outlive_file_limit();
+}
+
 /// Says what may be turning because of this process until the answer is dropped. Meanwhile it is not
 /// suspended: Ctrl-Z ends what waits, too, for nobody would watch the motor.
 pub fn hold(url: &str) -> Holding {
@@ -91,14 +96,20 @@ mod system {
         SIGXCPU, SIGXFSZ,
     };
     use signal_hook::iterator::Signals;
+    use std::sync::Arc;
 
     /// Signals that end a process unless it hears them. (SIGPIPE is ignored from the beginning.)
-    pub const ENDING: &[i32] = &[
-        SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGALRM, SIGVTALRM, SIGPROF, SIGUSR1, SIGUSR2, SIGXCPU,
-        SIGXFSZ,
-    ];
+    pub const ENDING: &[i32] =
+        &[SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGALRM, SIGVTALRM, SIGPROF, SIGUSR1, SIGUSR2, SIGXCPU];
     /// Ctrl-Z.
     pub const SUSPENDING: &[i32] = &[SIGTSTP];
+
+    /// Has a write at the limit of a file's size (`ulimit -f`) fail as any other, where SIGXFSZ would
+    /// end the process: who only keeps records goes on.
+    pub fn outlive_file_limit() {
+        // Refused for lack of memory alone.
+        let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
+    }
 
     /// Hears these signals on a thread of its own.
     pub fn hear(signals: &[i32]) {
@@ -113,6 +124,9 @@ mod system {
 
 #[cfg(not(unix))]
 mod system {
+    /// No such signal.
+    pub fn outlive_file_limit() {}
+
     pub const ENDING: &[i32] = &[0];
     pub const SUSPENDING: &[i32] = &[];
 

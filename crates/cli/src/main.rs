@@ -23,6 +23,7 @@ mod value;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    interrupt::outlive_file_limit();
     let arguments = match cmd::Arguments::read() {
         Ok(arguments) => arguments,
         Err(error) => return usage(&error),

@@ -5,6 +5,7 @@
 mod dead;
 mod heartbeat;
 mod killed;
+mod limited;
 mod load;
 mod lost;
 mod many;

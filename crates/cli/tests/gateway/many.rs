@@ -14,7 +14,7 @@ const CONNECTIONS: usize = 600;
 #[test]
 fn idle_sockets_beyond_what_can_be_open_keep_nobody_out() {
     let folder = Folder::new();
-    let site = Site::with_files(&folder, &["sim:tmcl"], FILES);
+    let site = Site::limited(&folder, &["sim:tmcl"], &format!("-n {FILES}"));
     let mut first = site.live();
     let idle: Vec<TcpStream> = (0..CONNECTIONS).map(|_| site.connect()).collect();
     assert!(site.get("/api/v1/bench").contains("tmcm"), "who has a token gets in");

@@ -66,13 +66,13 @@ impl Site {
         Self::of(folder, run::command(&[&own[..], urls].concat()))
     }
 
-    /// The same by a process that may have so many files open.
-    pub fn with_files(folder: &Folder, urls: &[&str], files: u32) -> Self {
+    /// The same by a process with a limit of the shell's `ulimit`: `-n 64`.
+    pub fn limited(folder: &Folder, urls: &[&str], limit: &str) -> Self {
         let state = folder.path("state");
         let own = ["serve", "--bind", "127.0.0.1:0", "--state", &state];
         let serve = run::command(&[&own[..], urls].concat());
         let mut command = Command::new("sh");
-        command.args(["-c", &format!("ulimit -n {files}; exec \"$0\" \"$@\"")]);
+        command.args(["-c", &format!("ulimit {limit}; exec \"$0\" \"$@\"")]);
         command.arg(serve.get_program()).args(serve.get_args());
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         Self::of(folder, command)
