@@ -4,6 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 pub use polepair::faults;
 use polepair::{Connector, Error, Sent};
+use polepair_core::error::Outcome;
 use polepair_link::LinkError;
 
 use crate::problem::{Exit, Problem};
@@ -46,7 +47,9 @@ pub fn link_error(link: &LinkError) -> Problem {
 
 /// One sentence of why, where the exit code alone does not say it.
 fn why(error: &Error) -> String {
+    let partly = matches!(error, Error::Failed { outcome: Outcome::Partly(..), .. });
     let told = match (error.exit(), error.executed()) {
+        (Exit::NoReply, _) if partly => "Not every request was answered, repeats included.",
         (Exit::NoReply, _) => "Nothing came back within the time allowed, repeats included.",
         (Exit::Corrupt, _) => "Noise, a second host, or two drives with one address can do that.",
         (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",

@@ -5,6 +5,7 @@ mod run;
 
 use run::{Served, ok, polepair};
 use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
 /// A stop of everybody ends by itself in this time, whoever is there.
@@ -119,7 +120,7 @@ fn one_that_does_not_answer_keeps_no_other_turning() {
 /// motor in its third byte, status 4 for a motor that it has not.
 #[test]
 fn a_module_with_several_motors_has_all_of_them_stopped() {
-    let server = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let server = TcpListener::bind("127.0.0.1:0").expect("a port");
     let url = format!("tmcl+tcp://{}#1", server.local_addr().expect("an address"));
     let module = std::thread::spawn(move || {
         let (mut wire, _) = server.accept().expect("a host");
@@ -178,5 +179,105 @@ fn who_holds_the_port_is_named_with_what_stops_him() {
     assert!(ran.err.contains("error[E312]") && ran.err.contains(&who), "{}", ran.err);
     assert_eq!(holder.interrupt().code, 130);
     assert_eq!(timed(&["stop", &sim.url]).code, 0);
+    sim.end();
+}
+
+/// A TCP connection to a simulated drive whose answers are all lost, or go back with another's.
+fn lossy(url: &str, back: fn(&[u8], &mut Vec<u8>) -> Vec<u8>) -> String {
+    let at = url.find("127.0.0.1:").expect("on TCP");
+    let (drive, rest) =
+        url[at..].split_at(url[at..].find(['#', '?', '/']).unwrap_or(url.len() - at));
+    let (drive, server) = (drive.to_owned(), TcpListener::bind("127.0.0.1:0").expect("a port"));
+    let port = server.local_addr().expect("an address").port();
+    std::thread::spawn(move || {
+        for mut near in server.incoming().flatten() {
+            let mut far = TcpStream::connect(&drive).expect("the drive");
+            let (mut asks, mut told) = (near.try_clone().unwrap(), far.try_clone().unwrap());
+            std::thread::spawn(move || {
+                // Ends with the program that asks.
+                let _ = std::io::copy(&mut asks, &mut told);
+                let _ = told.shutdown(std::net::Shutdown::Both);
+            });
+            std::thread::spawn(move || {
+                let (mut heard, mut kept) = ([0; 256], Vec::new());
+                while let Ok(len @ 1..) = far.read(&mut heard) {
+                    let _ = near.write_all(&back(&heard[..len], &mut kept));
+                }
+            });
+        }
+    });
+    format!("{}127.0.0.1:{port}{rest}", &url[..at])
+}
+
+/// Of a drive whose answers are lost it is not known what it is; what stops all that it may be goes out.
+#[test]
+fn a_drive_that_cannot_be_identified_is_sent_the_stop_that_all_known_ones_share() {
+    for (drive, set, spin, speed) in [
+        ("modbus-rtu:1", "control mode=1", "300rpm", "motor speed"),
+        ("modbus-ascii:1", "control mode=1", "300rpm", "motor speed"),
+        ("canopen:5", "", "100rpm", "velocity actual"),
+    ] {
+        let sim = Served::with(&[drive, "--tcp", "127.0.0.1:0"]);
+        if !set.is_empty() {
+            ok(&["set", &sim.url, set]);
+        }
+        ok(&["spin", &sim.url, spin, "--detach"]);
+        let ran = timed(&["stop", &lossy(&sim.url, |_, _| Vec::new())]);
+        assert_eq!(ran.code, 4, "{drive}: {}", ran.err);
+        for said in [
+            "is told to stop\n",
+            "may still turn: cut its supply\n",
+            "error[E401]",
+            "it was sent the stop that known drives of this protocol share, and was not seen to stand",
+            "say what it is by `?profile=`: ",
+        ] {
+            assert!(ran.err.contains(said), "{drive}: {}", ran.err);
+        }
+        assert!(!ran.err.contains("othing was sent"), "{}", ran.err);
+        let read = ok(&["get", &sim.url, speed]);
+        assert!(read.contains(" = 0 ") || read.contains(" = -0"), "{drive}: {read}");
+        sim.end();
+    }
+}
+
+/// Its own stop is told and seen as soon as it says what it is.
+#[test]
+fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
+    let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
+    ok(&["set", &sim.url, "control mode=1"]);
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let late = |heard: &[u8], lost: &mut Vec<u8>| {
+        lost.push(0);
+        if lost.len() > 12 { heard.to_vec() } else { Vec::new() }
+    };
+    let ran = timed(&["stop", &lossy(&sim.url, late)]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("axis 1 is stopped\n"), "{}", ran.err);
+    sim.end();
+}
+
+/// Answers that each come to the next question say nothing of what a drive is: it is no drive of a kind
+/// that nobody knows.
+#[test]
+fn answers_to_other_questions_keep_no_motor_turning() {
+    let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
+    ok(&["set", &sim.url, "control mode=1"]);
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let shifted = |heard: &[u8], kept: &mut Vec<u8>| std::mem::replace(kept, heard.to_vec());
+    let ran = timed(&["stop", &lossy(&sim.url, shifted)]);
+    assert!([4, 5].contains(&ran.code), "{}", ran.err);
+    assert!(ran.err.contains("may still turn: cut its supply\n"), "{}", ran.err);
+    assert_eq!(ok(&["get", &sim.url, "internal speed"]), "internal speed = 0 rpm\n");
+    sim.end();
+}
+
+#[test]
+fn who_cannot_be_identified_is_not_said_to_have_no_power() {
+    let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
+    let ran = timed(&["disable", &lossy(&sim.url, |_, _| Vec::new())]);
+    assert_eq!(ran.code, 4, "{}", ran.err);
+    for said in ["error[E401]", "say what it is by `?profile=`: ", "cut the power"] {
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
     sim.end();
 }

@@ -214,7 +214,7 @@ fn look_for(
         }
         asked.push(number);
         match probe {
-            Probe::Found { profile, identified, stray } => {
+            Probe::Found { profile, identified, stray, .. } => {
                 let profile = chosen.unwrap_or(profile);
                 let said = format!("answers: {} ({identified})", profile.title);
                 hear(Check::ok(&about, said));

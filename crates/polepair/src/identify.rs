@@ -14,6 +14,8 @@ use std::time::Duration;
 
 /// How long one question may take, with all its repeats.
 const QUESTION_MAX: Duration = Duration::from_secs(5);
+/// So long drives are asked again what they are by those who bring motors to rest.
+pub(crate) const AGAIN_MAX: Duration = Duration::from_secs(3);
 /// Products that are asked for at one address at most.
 const CANDIDATES_MAX: usize = 64;
 
@@ -48,6 +50,7 @@ impl fmt::Display for Identified {
 /// Asks drives on one line what they are.
 pub(crate) struct Prober<'a> {
     line: &'a Line,
+    known: Vec<&'static Profile>,
     candidates: Vec<(&'static Profile, Identity)>,
     patience: Option<Duration>,
     looking: bool,
@@ -63,17 +66,18 @@ pub(crate) enum Probe {
     Damaged(Heard),
     /// The host may not ask there; nothing was sent.
     Forbidden(&'static str),
-    /// Somebody is there.
-    Found { profile: &'static Profile, identified: Identified, stray: u64 },
+    /// Somebody is there; doubtful where it is no known drive and an answer was
+    /// corrupt or to another question.
+    Found { profile: &'static Profile, identified: Identified, stray: u64, doubtful: bool },
 }
 
 impl<'a> Prober<'a> {
     pub(crate) fn new(line: &'a Line, config: &Config) -> Self {
         let speaks = |p: &&'static Profile| p.protocol == line.spoken.profile;
-        let known = config.all_profiles().filter(speaks);
-        let candidates = known.filter_map(|p| Some((p, p.identity?)));
+        let known: Vec<_> = config.all_profiles().filter(speaks).collect();
+        let candidates = known.iter().filter_map(|p| Some((*p, p.identity?)));
         let candidates = candidates.take(CANDIDATES_MAX).collect();
-        Self { line, candidates, patience: None, looking: false, broken: &|| false }
+        Self { line, known, candidates, patience: None, looking: false, broken: &|| false }
     }
 
     /// Asks for one product alone: whoever is another is served by the generic profile.
@@ -104,6 +108,7 @@ impl<'a> Prober<'a> {
     /// What is at the address, or that nobody is.
     pub(crate) fn identify(&self, number: u32) -> Result<(&'static Profile, Identified), Error> {
         match self.probe(number)? {
+            Probe::Found { doubtful: true, .. } => Err(self.confused(number)),
             Probe::Found { profile, identified, .. } => Ok((profile, identified)),
             Probe::Forbidden(hint) => Err(self.forbidden(number, hint)),
             Probe::Silent(heard) | Probe::Damaged(heard) => Err(self.silent(number, heard)),
@@ -129,6 +134,39 @@ impl<'a> Prober<'a> {
         }
     }
 
+    /// The same error for those who bring motors to rest: who names the drive needs no answer.
+    pub(crate) fn naming(&self, error: Error) -> Error {
+        let Error::Failed { what, went, outcome, heard, may_turn, hint } = error else {
+            return error;
+        };
+        let names: Vec<&str> = self.known.iter().map(|profile| profile.name).collect();
+        let hint = format!("say what it is by `?profile=`: {}; {hint}", names.join(", "));
+        Error::Failed { what, went, outcome, heard, may_turn, hint }
+    }
+
+    /// The profiles of drives that speak the line's protocol.
+    pub(crate) fn known(&self) -> &[&'static Profile] {
+        &self.known
+    }
+
+    /// The error for an address where nothing that comes fits what was asked.
+    pub(crate) fn confused(&self, number: u32) -> Error {
+        let what = format!(
+            "axis {number} cannot be identified on {}: what came was corrupt or answered other questions",
+            self.describe()
+        );
+        let hint = "look for two drives with one address, a second host, late answers (`?timeout=`) \
+                    or noise; `-v` shows the frames";
+        Error::Failed {
+            what,
+            went: String::new(),
+            outcome: Outcome::NotDone(Failure::Misbehaved),
+            heard: Box::default(),
+            may_turn: false,
+            hint: hint.into(),
+        }
+    }
+
     fn describe(&self) -> String {
         self.line.link.describe()
     }
@@ -141,7 +179,7 @@ impl<'a> Prober<'a> {
         let (connection, before) = self.line.probe(&axes, self.looking)?;
         // Somebody may have spoken just now: this host has not heard it.
         connection.with(|axes, now| axes.disturbed(now));
-        let (mut heard, mut best) = (false, None::<(u32, usize, i64)>);
+        let (mut heard, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
         let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
             if (self.broken)() {
@@ -167,7 +205,10 @@ impl<'a> Prober<'a> {
                         best = Some((sure, n, raw));
                     }
                 }
-                Some(outcome) => heard |= answered(outcome),
+                Some(outcome) => {
+                    heard |= answered(outcome);
+                    doubtful |= misbehaved(outcome);
+                }
                 None => {}
             }
             if silent(outcome) && !heard {
@@ -183,7 +224,9 @@ impl<'a> Prober<'a> {
             }
         }
         if !heard && !(self.broken)() {
-            heard = self.generic_answers(&connection, before, generic)?;
+            let answer = self.generic_answers(&connection, before, generic)?;
+            heard = answer.is_none_or(answered);
+            doubtful |= answer.is_some_and(misbehaved);
         }
         let counters = connection.with(|axes, _| axes.counters());
         let stray = counters.unaccounted();
@@ -191,30 +234,36 @@ impl<'a> Prober<'a> {
             Some((_, n, raw)) => {
                 let (profile, identity) = self.candidates[n];
                 let firmware = firmware(raw, identity.firmware);
-                Probe::Found { profile, identified: Identified::Asked { firmware }, stray }
+                Probe::Found {
+                    profile,
+                    identified: Identified::Asked { firmware },
+                    stray,
+                    doubtful: false,
+                }
             }
             None if heard => {
-                Probe::Found { profile: generic, identified: Identified::Generic, stray }
+                Probe::Found { profile: generic, identified: Identified::Generic, stray, doubtful }
             }
             None => Probe::Silent(Heard::of(&counters)),
         })
     }
 
-    /// Whether anything at all answers for the generic profile's first readable parameter; an
-    /// address without any is taken as it is.
+    /// What came for the generic profile's first readable parameter; `None` where it has none: its
+    /// address is taken as it is.
     fn generic_answers(
         &self,
         connection: &Connection,
         before: usize,
         generic: &'static Profile,
-    ) -> Result<bool, Error> {
+    ) -> Result<Option<Outcome>, Error> {
         let readable = generic.parameters.iter().position(|p| p.access != Access::Write);
-        let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return Ok(true) };
+        let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return Ok(None) };
         let question = Ask::Parameter(ParameterId(id));
         let outcome = self.ask(connection, before + self.candidates.len(), question);
         match outcome.and_then(Outcome::failure) {
             Some(Failure::LinkDown) => Err(self.lost(connection)),
-            _ => Ok(outcome.is_some_and(answered)),
+            // What cannot be asked is silence too.
+            _ => Ok(Some(outcome.unwrap_or(Outcome::NotDone(Failure::Silent)))),
         }
     }
 
@@ -248,6 +297,10 @@ fn same(asked: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
 /// Somebody said something, if only no.
 pub(crate) const fn answered(outcome: Outcome) -> bool {
     matches!(outcome.failure(), None | Some(Failure::Refused { .. } | Failure::Misbehaved))
+}
+
+const fn misbehaved(outcome: Outcome) -> bool {
+    matches!(outcome.failure(), Some(Failure::Misbehaved))
 }
 
 fn silent(outcome: Option<Outcome>) -> bool {

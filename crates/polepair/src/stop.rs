@@ -16,10 +16,12 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod unidentified;
+
 use crate::axis::{Axis, Running, Standing};
 use crate::connect::{Connector, Line};
 use crate::error::{Error, Exit};
-use crate::identify::{Probe, Prober};
+use crate::identify::{AGAIN_MAX, Probe, Prober};
 use crate::listen::Opened;
 use crate::scan::{self, Found, Progress};
 use crate::url::{Number, Target, Url};
@@ -220,9 +222,10 @@ fn look(
     let wanted = if named { url.axes.clone() } else { scan::everybody(line)? };
     stopped.patience = if named { None } else { Some(patience(url, line)?) };
     let chosen = connector.chosen_profile(url, &line.spoken)?;
+    let generic = line.spoken.generic;
     let prober = Prober::new(line, &connector.config).patient(stopped.patience);
     let end = clock::now() + SEARCH_MAX;
-    let (mut found, mut deaf) = (Vec::new(), Vec::new());
+    let (mut found, mut deaf, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
     for (done, &number) in wanted.iter().enumerate() {
         if !named && clock::now() > end {
             stopped.left = wanted.last().map(|last| (number, *last));
@@ -232,25 +235,31 @@ fn look(
         stopped.asked += 1;
         let probe = prober.probe(number)?;
         let missing = match probe {
-            Probe::Found { .. } => None,
+            Probe::Found { doubtful: false, .. } => None,
+            Probe::Found { .. } => Some(prober.confused(number)),
             _ if !named => continue,
             Probe::Forbidden(hint) => Some(prober.forbidden(number, hint)),
             Probe::Silent(heard) | Probe::Damaged(heard) => Some(prober.silent(number, heard)),
         };
-        let one = match (chosen, probe) {
-            (Some(profile), _) => Found::named(line, number, profile),
-            (None, Probe::Found { profile, identified, .. }) => {
-                Found { identified, ..Found::named(line, number, profile) }
+        let (one, verb) = match (chosen, probe) {
+            (Some(profile), _) => (Found::named(line, number, profile), verb),
+            (None, Probe::Found { profile, identified, doubtful: false, .. }) => {
+                (Found { identified, ..Found::named(line, number, profile) }, verb)
             }
-            (None, _) => Found::named(line, number, line.spoken.generic),
+            (None, _) if generic.plan(verb).is_some() => {
+                (Found::named(line, number, generic), verb)
+            }
+            (None, _) => {
+                let shared = unidentified::shared(prober.known(), verb);
+                let told =
+                    shared.map(|(profile, verb)| (Found::named(line, number, profile), verb));
+                unknown.extend(missing.map(|error| (number, told.clone(), error)));
+                let Some(told) = told else { continue };
+                tell_one(connector, line, &told, hear)?;
+                continue;
+            }
         };
-        for axis in connector.axes_found(line, std::slice::from_ref(&one))? {
-            // One that only listens may obey. What it says is heard when all are waited for.
-            if let Ok(mut running) = tell(&axis, verb) {
-                let _ = running.wait(TELL);
-                hear(Event::Told(&axis));
-            }
-        }
+        tell_one(connector, line, &(one.clone(), verb), hear)?;
         match missing {
             None => found.push(one),
             Some(error) => deaf.push((one, error)),
@@ -258,17 +267,59 @@ fn look(
     }
     for (one, error) in deaf {
         // It may have lost count of bytes, which a stop that is said several times does not mind.
-        let axes = connector.axes_found(line, std::slice::from_ref(&one))?;
-        let heard = axes.iter().any(|axis| {
-            let told = tell(axis, verb).and_then(|mut running| running.wait(DEAF));
-            !matches!(told, Err(ref error) if error.exit() == Exit::NoReply)
-        });
-        match heard {
-            true => found.push(one),
-            false => stopped.axes.push((format!("axis {}", one.number), Err(error))),
+        match tell_again(connector, line, &(one.clone(), verb))? {
+            Err(ref told) if told.exit() == Exit::NoReply => {
+                stopped.axes.push((format!("axis {}", one.number), Err(error)));
+            }
+            _ => found.push(one),
         }
     }
+    let end = clock::now() + AGAIN_MAX;
+    for (number, told, error) in unknown {
+        let one = loop {
+            let one = unidentified::again(&prober, line, number)?;
+            if one.is_some() || clock::now() > end {
+                break one;
+            }
+        };
+        if let Some(one) = one {
+            tell_one(connector, line, &(one.clone(), verb), hear)?;
+            found.push(one);
+            continue;
+        }
+        let ended = told.map(|told| tell_again(connector, line, &told)).transpose()?;
+        let error = unidentified::error(&prober, error, ended);
+        stopped.axes.push((format!("axis {number}"), Err(error)));
+    }
     Ok(found)
+}
+
+/// Tells a drive to stop, and waits for no more than the others can.
+fn tell_one(
+    connector: &Connector,
+    line: &Line,
+    (one, verb): &(Found, Verb),
+    hear: &mut dyn FnMut(Event<'_>),
+) -> Result<(), Error> {
+    for axis in connector.axes_found(line, std::slice::from_ref(one))? {
+        // One that only listens may obey. What it says is heard when all are waited for.
+        if let Ok(mut running) = tell(&axis, *verb) {
+            let _ = running.wait(TELL);
+            hear(Event::Told(&axis));
+        }
+    }
+    Ok(())
+}
+
+/// Tells one that did not answer, and how that ended.
+fn tell_again(
+    connector: &Connector,
+    line: &Line,
+    (one, verb): &(Found, Verb),
+) -> Result<Result<(), Error>, Error> {
+    let axes = connector.axes_found(line, std::slice::from_ref(one))?;
+    let told = |axis: &Axis| tell(axis, *verb).and_then(|mut running| running.wait(DEAF));
+    Ok(axes.iter().try_for_each(|axis| told(axis).map(drop)))
 }
 
 /// How long an address has: the string's word, else what a drive needs.

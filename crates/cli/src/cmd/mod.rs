@@ -285,6 +285,7 @@ impl ProfileFile {
     /// The same for those who bring motors to rest: a profile that is wrong is told and done without.
     pub fn connector_to_stop(&self) -> Connector {
         let mut connector = discovered().for_stop();
+        outcome::count(&connector);
         match self.file.as_deref().map(|file| connector.config.add_profile(file)) {
             Some(Err(Error::File(error))) => passed_over(&error),
             Some(Err(error)) => say(&format!("warning: {error}")),

@@ -2,9 +2,10 @@
 
 use super::{Connector, Line, Link, expected};
 use crate::error::Error;
-use crate::identify::{Identified, Prober};
+use crate::identify::{AGAIN_MAX, Identified, Prober};
 use crate::url::{Number, Url};
 use polepair_core::profile::Profile;
+use polepair_link::clock;
 
 impl Connector {
     /// Opens a link as [`connect`](Self::connect), and leaves out the axes that do not answer, or are not
@@ -82,7 +83,19 @@ impl Connector {
                 let prober = Prober::new(line, &self.config);
                 expected(prober.expecting(profile), number, profile, place.as_ref())?
             }
-            (None, None) => Prober::new(line, &self.config).identify(number)?,
+            (None, None) => self.asked(line, number)?,
         })
+    }
+
+    /// What one says that it is. Who takes power off motors asks again and again.
+    fn asked(&self, line: &Line, number: u32) -> Result<(&'static Profile, Identified), Error> {
+        let (prober, end) = (Prober::new(line, &self.config), clock::now() + AGAIN_MAX);
+        loop {
+            match prober.identify(number) {
+                Err(Error::Failed { .. }) if self.stops && clock::now() < end => {}
+                Err(error) if self.stops => return Err(prober.naming(error)),
+                asked => return asked,
+            }
+        }
     }
 }

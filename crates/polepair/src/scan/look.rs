@@ -262,7 +262,7 @@ impl Look {
             Probe::Forbidden(hint) => {
                 self.scan.tried.push(format!("not address {number}: {hint}"));
             }
-            Probe::Found { profile, identified, stray } => {
+            Probe::Found { profile, identified, stray, .. } => {
                 let found = Found::named(&line, number, profile);
                 self.scan.found.push(Found { identified, clash: too_many(stray), ..found });
                 self.seats.push((line.wire, line.seat(number)));

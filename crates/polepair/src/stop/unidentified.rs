@@ -1,0 +1,67 @@
+//! What stops a drive that did not say what it is, where the protocol itself has no word for it: the
+//! writes that every profile of the protocol has alike, where no reading decides about them.
+
+use crate::connect::Line;
+use crate::error::Error;
+use crate::identify::{Identified, Probe, Prober};
+use crate::scan::Found;
+use polepair_core::axis::Verb;
+use polepair_core::error::Outcome;
+use polepair_core::plan::{Operand, Step};
+use polepair_core::profile::{Encoding, Profile};
+
+const SENT: &str =
+    "it was sent the stop that known drives of this protocol share, and was not seen to stand";
+
+/// A write by where it lies on the wire: space, number, encoding, raw value.
+type Written = (u8, u16, Encoding, i64);
+
+/// The stop that all known drives of a protocol share, as the profile and the verb that say it. A quick
+/// stop serves where a reading decides about the usual one. `None` where drives differ.
+pub(super) fn shared(known: &[&'static Profile], wanted: Verb) -> Option<(&'static Profile, Verb)> {
+    let (first, others) = known.split_first()?;
+    [wanted, Verb::QuickStop, Verb::Stop].into_iter().find_map(|verb| {
+        let writes = writes(first, verb)?;
+        let same = |other: &&'static Profile| self::writes(other, verb).as_ref() == Some(&writes);
+        others.iter().all(same).then_some((*first, verb))
+    })
+}
+
+/// What a plan writes before it waits; `None` where it does anything else first.
+fn writes(profile: &'static Profile, verb: Verb) -> Option<Vec<Written>> {
+    let write = |step: &Step| {
+        let Step::Write(id, Operand::Is(raw)) = step else { return None };
+        let found = profile.parameter(*id)?;
+        Some((found.space, found.index, found.encoding, *raw))
+    };
+    profile.plan(verb)?.before_wait().iter().map(write).collect()
+}
+
+/// Who is at the address after all.
+pub(super) fn again(prober: &Prober<'_>, line: &Line, number: u32) -> Result<Option<Found>, Error> {
+    Ok(match prober.probe(number)? {
+        Probe::Found { profile, identified, doubtful: false, .. } => {
+            let known = identified != Identified::Generic;
+            known.then(|| Found { identified, ..Found::named(line, number, profile) })
+        }
+        _ => None,
+    })
+}
+
+/// The error for a drive that was asked again and again what it is, and how its stop, if one was sent,
+/// ended.
+pub(super) fn error(prober: &Prober<'_>, silent: Error, told: Option<Result<(), Error>>) -> Error {
+    let Error::Failed { what, outcome, heard, hint, .. } = prober.naming(silent.clone()) else {
+        return silent;
+    };
+    let (went, outcome) = match (told, outcome) {
+        (None, _) => (
+            "it was told nothing: known drives of this protocol are stopped in different ways",
+            outcome,
+        ),
+        (Some(Err(Error::Failed { outcome: part @ Outcome::Partly(..), .. })), _) => (SENT, part),
+        (Some(_), Outcome::NotDone(failure)) => (SENT, Outcome::Unknown(failure)),
+        (Some(_), _) => (SENT, outcome),
+    };
+    Error::Failed { what, went: went.to_owned(), outcome, heard, may_turn: true, hint }
+}
