@@ -16,11 +16,13 @@ fn name(axis: &Axis) -> &'static str {
     id.and_then(|id| axis.profile().parameter(id)).map_or("", |parameter| parameter.name)
 }
 
-fn proven(axis: &Axis, after: Option<Duration>) -> Check {
+/// What was proven, and what was said of the setting that was made for that.
+fn proven(axis: &Axis, after: Option<Duration>) -> (Check, Option<Check>) {
     let mut checks = Vec::new();
     prove_watchdog(axis, after, &mut |check| checks.push(check)).unwrap();
-    assert_eq!(checks.len(), 1, "{checks:#?}");
-    checks.remove(0)
+    assert_eq!(checks.len(), 1 + usize::from(after.is_some()), "{checks:#?}");
+    let last = after.and_then(|_| checks.pop());
+    (checks.remove(0), last)
 }
 
 #[test]
@@ -45,8 +47,19 @@ fn each_that_there_is_stops_the_motor_when_its_host_falls_silent() {
     for url in ["sim:tmcl?", "sim:tmcl+can:3?", "sim:thruster?", "sim:cia402:5?heartbeat=100&"] {
         let link = open(url);
         let axis = &link.axes()[0];
-        let check = proven(axis, Some(HALF));
+        let before = axis.watchdog().unwrap();
+        let (check, last) = proven(axis, Some(HALF));
         assert_eq!(check.grade, Grade::Ok, "{url}: {check:#?}");
+        let last = last.unwrap().found;
+        match before {
+            WatchdogState::Untold => assert!(last.contains("stays set"), "{url}: {last}"),
+            _ => {
+                assert_eq!(axis.watchdog().unwrap(), before, "{url}");
+                assert!(last.contains("is set as before") && last.contains("off"), "{url}: {last}");
+            }
+        }
+        let kept = last.contains("in its permanent memory");
+        assert_eq!(kept, url.starts_with("sim:tmcl"), "{url}: {last}");
         assert!(check.found.contains("of silence"), "{url}: {check:#?}");
         let speed = link.simulation().unwrap().truth(0, 0).unwrap().velocity;
         assert!(speed.abs() < 0.1, "{url}: {speed}");
@@ -62,7 +75,7 @@ fn nothing_moves_where_there_is_nothing_to_prove() {
         ("sim:cia402:5?heartbeat=100&", "off"),
     ] {
         let link = open(url);
-        let check = proven(&link.axes()[0], None);
+        let (check, _) = proven(&link.axes()[0], None);
         assert_eq!(check.grade, Grade::Wrong, "{url}: {check:#?}");
         assert!(check.found.contains(said), "{url}: {check:#?}");
         assert!(link.simulation().unwrap().truth(0, 0).unwrap().position.abs() < 0.1, "{url}");
@@ -106,6 +119,17 @@ fn a_heartbeat_that_is_watched_has_to_lead_to_something() {
     assert_eq!(axis.watchdog().unwrap(), WatchdogState::Other { node: 3 });
     assert_eq!(axis.set_watchdog(Some(HALF)).unwrap(), WatchdogState::On(HALF));
     assert_eq!(axis.get_raw("lost connection option").unwrap(), 3, "quick stop");
-    let check = proven(axis, None);
+    let (check, _) = proven(axis, None);
     assert!(check.found.contains("sends none"), "{check:#?}");
+    // What it watches nobody may send: that is said with the state.
+    let said = axis.watchdog_in_words(axis.watchdog().unwrap());
+    assert!(
+        said.contains("watches node 127") && said.contains("this connection sends none"),
+        "{said}"
+    );
+    assert!(axis.watchdog_caution(false).is_some() && axis.watchdog_caution(true).is_none());
+    let sends = open("sim:cia402:5?heartbeat=100&");
+    let axis = &sends.axes()[0];
+    let said = axis.watchdog_in_words(axis.set_watchdog(Some(HALF)).unwrap());
+    assert_eq!(said, "on, the drive stops after 500 ms of silence");
 }

@@ -190,8 +190,8 @@ fn watchdog(axis: &Axis) -> Result<String> {
     let id = axis.watchdog_parameter();
     let parameter = id.and_then(|id| axis.profile().parameter(id));
     Ok(match parameter {
-        Some(parameter) => format!("{state} (`{}`)", parameter.name),
-        None => state.to_string(),
+        Some(parameter) => format!("{} (`{}`)", axis.watchdog_in_words(state), parameter.name),
+        None => axis.watchdog_in_words(state),
     })
 }
 

@@ -42,7 +42,7 @@ impl Watchdog {
             let state = match wanted {
                 None => axis.watchdog(),
                 Some(after) => {
-                    if let Some(caution) = axis.watchdog_caution() {
+                    if let Some(caution) = axis.watchdog_caution(after.is_none()) {
                         say(&format!("{}: {caution}", axis.label()));
                     }
                     axis.set_watchdog(after)
@@ -108,7 +108,7 @@ pub fn span(text: &str) -> Result<Option<Duration>> {
 fn shown(axis: &Axis, state: WatchdogState) -> String {
     let id = axis.watchdog_parameter();
     match id.and_then(|id| axis.profile().parameter(id)) {
-        Some(parameter) => format!("{state} ({})", parameter.name),
-        None => state.to_string(),
+        Some(parameter) => format!("{} ({})", axis.watchdog_in_words(state), parameter.name),
+        None => axis.watchdog_in_words(state),
     }
 }

@@ -115,14 +115,33 @@ impl Axis {
         }
     }
 
-    /// What to know before [`set_watchdog`](Self::set_watchdog): that the drive keeps it over power-off
-    /// by itself, that the host has to send a heartbeat. Nothing is asked.
+    /// How its watchdog is set, in words, and who has to send the heartbeat that it watches where this
+    /// connection sends none. Nothing is asked.
     #[must_use]
-    pub fn watchdog_caution(&self) -> Option<String> {
+    pub fn watchdog_in_words(&self, state: WatchdogState) -> String {
+        match (state, self.host) {
+            (WatchdogState::On(after), Some(host)) if self.owes_heartbeat() => format!(
+                "on, for a host that sends its heartbeat: the drive watches node {host} and stops {} \
+                 after the last one; without heartbeat= this connection sends none",
+                said(after)
+            ),
+            _ => state.to_string(),
+        }
+    }
+
+    /// Whether the drive watches heartbeats and this connection sends none.
+    pub(crate) fn owes_heartbeat(&self) -> bool {
+        matches!(self.profile.watchdog, Watchdog::Heartbeat { .. }) && self.heartbeat.is_none()
+    }
+
+    /// What to know before [`set_watchdog`](Self::set_watchdog) sets it, or switches it `off`: that the
+    /// drive keeps it over power-off by itself, that the host has to send a heartbeat. Nothing is asked.
+    #[must_use]
+    pub fn watchdog_caution(&self, off: bool) -> Option<String> {
         if let Watchdog::Heartbeat { .. } = self.profile.watchdog {
-            return Some(
-                "it holds for connections that send a heartbeat: heartbeat=100".to_owned(),
-            );
+            return (!off).then(|| {
+                "it holds for connections that send a heartbeat: heartbeat=100".to_owned()
+            });
         }
         let parameter = self.watchdog_parameter().and_then(|id| self.profile.parameter(id))?;
         let kept = parameter.persistence == Persistence::Always;
@@ -260,6 +279,27 @@ impl Axis {
             return Ok(!self.lacks(source.parameter));
         }
         self.read_if_any(source.parameter).map(|raw| raw.is_some())
+    }
+
+    /// Its watchdog's setting, raw, to be [put back](Self::put_back); `None` where the drive does not
+    /// tell it.
+    pub(crate) fn watchdog_setting(&self) -> Result<Option<Vec<(ParameterId, i64)>>, Error> {
+        let ids = match self.profile.watchdog {
+            Watchdog::Heartbeat { consumer, reaction } => vec![consumer, reaction],
+            _ => self.watchdog_parameter().into_iter().collect(),
+        };
+        let told = |id: &ParameterId| {
+            self.profile.parameter(*id).is_some_and(|found| found.access != Access::Write)
+        };
+        if !ids.iter().all(told) {
+            return Ok(None);
+        }
+        ids.into_iter().map(|id| Ok((id, self.read(id)?))).collect::<Result<_, _>>().map(Some)
+    }
+
+    /// Writes raw settings where the drive has others.
+    pub(crate) fn put_back(&self, settings: &[(ParameterId, i64)]) -> Result<(), Error> {
+        settings.iter().try_for_each(|(id, raw)| self.write_if_other(*id, *raw))
     }
 
     fn write_if_other(&self, id: ParameterId, raw: i64) -> Result<(), Error> {

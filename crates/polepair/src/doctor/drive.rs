@@ -131,10 +131,13 @@ fn watchdog(axis: &Axis) -> Check {
         Err(error) => return Check::error(&about, &error),
     };
     let said = match name {
-        "" => format!("its watchdog: {state}"),
-        name => format!("its watchdog ({name}): {state}"),
+        "" => format!("its watchdog: {}", axis.watchdog_in_words(state)),
+        name => format!("its watchdog ({name}): {}", axis.watchdog_in_words(state)),
     };
     match state {
+        WatchdogState::On(_) if axis.owes_heartbeat() => {
+            Check::look(&about, said, "add heartbeat=100 to the connection of whoever moves it")
+        }
         WatchdogState::On(_) => Check::ok(&about, said),
         WatchdogState::None => Check::look(
             &about,

@@ -4,7 +4,7 @@
 use super::Check;
 use crate::axis::{Axis, WatchdogState};
 use crate::error::{Error, Exit};
-use polepair_core::profile::{AxisKind, Signal, Watchdog};
+use polepair_core::profile::{AxisKind, ParameterId, Persistence, Signal, Watchdog};
 use std::time::Duration;
 
 /// How long the motor may take until it is seen to turn.
@@ -30,8 +30,9 @@ pub const fn proving_speed(kind: AxisKind) -> &'static str {
 }
 
 /// Turns the motor at [`proving_speed`], says nothing for as long as the drive's watchdog and the way
-/// to rest take, and asks then whether it stands. With `after` the watchdog is set to that first. The
-/// motor is stopped and switched off in any case. It must be free to turn: this moves it.
+/// to rest take, and asks then whether it stands. With `after` the watchdog is set to that first, and put
+/// back at the end. The motor is stopped and switched off in any case. It must be free to turn: this
+/// moves it.
 ///
 /// # Errors
 /// [`Error`] by blame: nothing is proven then.
@@ -40,11 +41,54 @@ pub fn prove_watchdog(
     after: Option<Duration>,
     hear: &mut dyn FnMut(Check),
 ) -> Result<(), Error> {
+    let Some(after) = after else { return prove(axis, axis.watchdog()?, hear) };
+    if let Watchdog::None | Watchdog::Fixed { .. } = axis.profile().watchdog {
+        return axis.set_watchdog(Some(after)).map(drop);
+    }
+    let before = axis.watchdog_setting()?;
+    let proven = axis.set_watchdog(Some(after)).and_then(|state| prove(axis, state, hear));
+    hear(match &proven {
+        Ok(()) => put_back(axis, before),
+        // It may be what stops a motor that was not seen to stand.
+        Err(_) => {
+            let said = "its watchdog stays set: the motor was not seen to stand";
+            Check::look(&axis.label(), said, "`polepair watchdog URL off`, or a time")
+        }
+    });
+    proven
+}
+
+/// Sets the watchdog to what it was, where that is known.
+fn put_back(axis: &Axis, before: Option<Vec<(ParameterId, i64)>>) -> Check {
     let about = axis.label();
-    let state = match after {
-        Some(after) => axis.set_watchdog(Some(after))?,
-        None => axis.watchdog()?,
+    let Some(before) = before else {
+        let said = "its watchdog stays set: the drive does not tell how it was set before";
+        return Check::look(&about, said, "`polepair watchdog URL off`, or a time");
     };
+    let kept = |id: &ParameterId| {
+        let parameter = axis.profile().parameter(*id);
+        parameter.is_some_and(|found| found.persistence == Persistence::Always)
+    };
+    let memory = match before.iter().any(|(id, _)| kept(id)) {
+        true => ", in its permanent memory",
+        false => "",
+    };
+    match axis.put_back(&before).and_then(|()| axis.watchdog()) {
+        Ok(state) => {
+            let state = axis.watchdog_in_words(state);
+            Check::ok(&about, format!("its watchdog is set as before{memory}: {state}"))
+        }
+        Err(error) => Check::wrong(
+            &about,
+            error.exit(),
+            format!("its watchdog could not be set as before{memory}: {error}"),
+            "`polepair watchdog URL` shows how it is set, and sets it",
+        ),
+    }
+}
+
+fn prove(axis: &Axis, state: WatchdogState, hear: &mut dyn FnMut(Check)) -> Result<(), Error> {
+    let about = axis.label();
     let after = match state {
         WatchdogState::On(after) if after <= AFTER_MAX => after,
         other => {

@@ -87,9 +87,9 @@ fn shown(axis: &Axis, state: WatchdogState) -> WatchdogTold {
             WatchdogState::NoReaction(_) => WatchdogSet::NoReaction,
             WatchdogState::Untold => WatchdogSet::Untold,
         },
-        text: state.to_string(),
+        text: axis.watchdog_in_words(state),
         after_ms: state.after().map(|after| after.as_secs_f64() * 1e3),
         parameter: parameter.map(|parameter| parameter.name.to_owned()),
-        caution: axis.watchdog_caution().unwrap_or_default(),
+        caution: axis.watchdog_caution(false).unwrap_or_default(),
     }
 }
