@@ -3,6 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 
 pub use polepair::faults;
+use polepair::heard::Heard;
 use polepair::{Connector, Error, Sent};
 use polepair_core::error::Outcome;
 use polepair_link::LinkError;
@@ -38,6 +39,14 @@ pub fn error(error: Error) -> Problem {
     };
     problem.may_turn = error.may_turn();
     problem.hint_if(Some(error.hint().trim()).filter(|hint| !hint.is_empty()))
+}
+
+/// What came of addresses that did not answer.
+pub fn unanswered(heard: &Heard) -> String {
+    match heard.is_nothing() {
+        true => "Every address that was tried stayed silent.".to_owned(),
+        false => format!("No address that was tried answered, but something came: {heard}."),
+    }
 }
 
 /// A link that the system took away or did not give.

@@ -164,7 +164,23 @@ fn a_stop_that_reaches_nobody_says_so() {
     let ran = timed(&["stop", sim.link()]);
     assert_eq!(ran.code, 4, "{}", ran.err);
     assert!(ran.err.contains("error[E403]: no drive answered.\n"), "{}", ran.err);
-    assert!(ran.err.contains("nothing was stopped"), "{}", ran.err);
+    assert!(ran.err.contains("stayed silent. No stop was sent."), "{}", ran.err);
+    sim.end();
+}
+
+/// A module that answers to another host answers nobody here, and is no silence.
+#[test]
+fn what_came_where_nobody_answered_is_told() {
+    let sim = Served::new("tmcl:1");
+    let url = format!("{}?host=3", sim.link());
+    for verb in ["stop", "scan"] {
+        let ran = timed(&[verb, &url]);
+        assert_eq!(ran.code, 4, "{}", ran.err);
+        assert!(ran.err.contains("answered, but something came: "), "{}", ran.err);
+        assert!(ran.err.contains("of others or to") && !ran.err.contains("silent"), "{}", ran.err);
+        let tried = "tried addresses that did not answer, though something came (";
+        assert_eq!(ran.err.contains(tried), verb == "scan", "{}", ran.err);
+    }
     sim.end();
 }
 

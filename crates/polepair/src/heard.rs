@@ -110,6 +110,12 @@ impl Heard {
         }
     }
 
+    /// What of it came from somebody else than the address that was asked: a drive acknowledges for those
+    /// behind it, and an adapter echoes, whoever is asked.
+    pub(crate) const fn of_others(self) -> Self {
+        Self { acknowledged: 0, relayed: 0, echoed: 0, ..self }
+    }
+
     /// What to try.
     #[must_use]
     pub const fn hint(&self) -> &'static str {

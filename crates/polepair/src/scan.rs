@@ -17,6 +17,7 @@ pub use look::{Answers, Look};
 use crate::bus::{self, Seat};
 use crate::connect::{Connector, Line};
 use crate::error::Error;
+use crate::heard::Heard;
 use crate::identify::Identified;
 use crate::registry::Listener;
 use crate::url::{Number, Target, Url};
@@ -50,6 +51,8 @@ pub struct Scan {
     pub axes: Vec<Answers>,
     /// Addresses that were not asked any more because the scan was broken off.
     pub unasked: usize,
+    /// What came where nobody answered.
+    pub heard: Heard,
     /// Why the link went away before all were asked, if it did.
     pub lost: Option<LinkError>,
 }

@@ -21,6 +21,7 @@ mod unidentified;
 use crate::axis::{Axis, Running, Standing};
 use crate::connect::{Connector, Line};
 use crate::error::{Error, Exit};
+use crate::heard::Heard;
 use crate::identify::{AGAIN_MAX, Probe, Prober};
 use crate::listen::Opened;
 use crate::scan::{self, Found, Progress};
@@ -66,6 +67,8 @@ pub struct Stopped {
     pub asked: usize,
     /// How long each had to answer; `None` where the host's own patience was the measure.
     pub patience: Option<Duration>,
+    /// What came where nobody answered, of addresses that nobody named.
+    pub heard: Heard,
     /// Addresses that there was no time left for: first, last.
     pub left: Option<(u32, u32)>,
 }
@@ -237,7 +240,11 @@ fn look(
         let missing = match probe {
             Probe::Found { doubtful: false, .. } => None,
             Probe::Found { .. } => Some(prober.confused(number)),
-            _ if !named => continue,
+            Probe::Silent(heard) | Probe::Damaged(heard) if !named => {
+                stopped.heard = stopped.heard.plus(heard.of_others());
+                continue;
+            }
+            Probe::Forbidden(_) if !named => continue,
             Probe::Forbidden(hint) => Some(prober.forbidden(number, hint)),
             Probe::Silent(heard) | Probe::Damaged(heard) => Some(prober.silent(number, heard)),
         };
@@ -248,6 +255,11 @@ fn look(
             }
             (None, _) if generic.plan(verb).is_some() => {
                 (Found::named(line, number, generic), verb)
+            }
+            (None, Probe::Forbidden(_)) => {
+                let error = missing.map(|error| (format!("axis {number}"), Err(error)));
+                stopped.axes.extend(error);
+                continue;
             }
             (None, _) => {
                 let shared = unidentified::shared(prober.known(), verb);

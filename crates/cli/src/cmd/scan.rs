@@ -93,7 +93,7 @@ impl Scan {
         }
         if scan.found.is_empty() {
             return Err(Problem::new(Exit::NoReply, "E403", "no drive answered.")
-                .why("Every address that was tried stayed silent.")
+                .why(outcome::unanswered(&scan.heard))
                 .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
                 .hint("polepair ports lists the adapters"));
         }

@@ -4,6 +4,7 @@ use std::io::IsTerminal as _;
 
 use clap::Args;
 use polepair::axis::Standing;
+use polepair::heard::Heard;
 use polepair::stop::{self as stopping, Event};
 use polepair_client::message::{AxisInfo, AxisStopped, StopClass, StopOrder, Stopped, Unreached};
 use polepair_client::{Gateway, Refused, pick_each};
@@ -233,19 +234,24 @@ pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
         }
     }
     match (failed.len(), obeyed) {
-        (0, 0) => Err(nobody(stopped.everybody)),
+        (0, 0) => Err(nobody(stopped.everybody, &stopped.heard)),
         (0, _) => Ok(Exit::Ok),
         (count, _) => stops_failed(failed, count + obeyed),
     }
 }
 
-fn nobody(everybody: bool) -> Problem {
-    let problem = Problem::new(Exit::NoReply, "E403", "no drive answered.");
-    let problem = match everybody {
-        true => problem.why("Everybody was told to stop, and nobody confirmed it."),
-        false => problem.why("Every address that was tried stayed silent; nothing was stopped."),
+fn nobody(everybody: bool, heard: &Heard) -> Problem {
+    let told = match everybody {
+        true => "Everybody was told to stop, and nobody confirmed it.",
+        false => "No stop was sent.",
     };
-    problem
-        .hint("cut the power if something turns")
-        .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
+    let problem = Problem::new(Exit::NoReply, "E403", "no drive answered.")
+        .why(format!("{} {told}", outcome::unanswered(heard)))
+        .hint("cut the power if something turns");
+    match heard.is_nothing() {
+        true => {
+            problem.hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
+        }
+        false => problem.hint(heard.hint()),
+    }
 }

@@ -271,17 +271,19 @@ impl Look {
         Ok(())
     }
 
-    /// Notes what came where nobody answered. That a drive acknowledges for those behind it, and that
-    /// an adapter echoes, says nothing of the address.
+    /// Notes what came where nobody answered.
     fn unanswered(&mut self, heard: Heard) {
-        self.heard = self.heard.plus(Heard { acknowledged: 0, relayed: 0, echoed: 0, ..heard });
+        self.heard = self.heard.plus(heard.of_others());
     }
 
     fn tell_damaged(&mut self) {
         let heard = std::mem::take(&mut self.heard);
         if !heard.is_nothing() {
             let hint = heard.hint();
-            self.scan.tried.push(format!("where nobody answered came {heard}: {hint}"));
+            self.scan.heard = self.scan.heard.plus(heard);
+            self.scan.tried.push(format!(
+                "addresses that did not answer, though something came ({heard}): {hint}"
+            ));
         }
         let damaged = std::mem::take(&mut self.damaged);
         if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
