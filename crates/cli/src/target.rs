@@ -73,8 +73,9 @@ impl Target {
 
     /// The same with the axes that answer; those that do not come beside it, each with what is wrong.
     pub fn open_present(&self) -> Result<(Session, Vec<Problem>)> {
-        let (link, absent) =
-            self.connector()?.connect_present(&self.url).map_err(outcome::error)?;
+        let connector = self.connector()?;
+        let (link, absent) = connector.connect_present(&self.url).map_err(outcome::error)?;
+        warn_of(&connector);
         let absent = absent.into_iter().map(|(_, error)| outcome::error(error)).collect();
         Ok((self.session(link, &self.url)?, absent))
     }

@@ -185,6 +185,19 @@ fn what_came_where_nobody_answered_is_told() {
 }
 
 #[test]
+fn one_that_does_not_answer_leaves_no_other_with_power() {
+    let sim = Served::new("tmcl:3");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let ran = polepair(&["disable", &format!("{}#1,3", sim.link())]);
+    assert_eq!(ran.code, 7, "{}", ran.err);
+    for said in ["axis 3 ", "error[E401]: axis 1 does not answer", "error[E704]: 1 of 2 axes"] {
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
+    assert_eq!(ok(&["get", &sim.url, "driver enable"]), "driver enable = off\n");
+    sim.end();
+}
+
+#[test]
 fn who_holds_the_port_is_named_with_what_stops_him() {
     let sim = Served::new("tmcl:1");
     let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");

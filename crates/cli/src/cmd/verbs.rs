@@ -146,11 +146,12 @@ fn simple(
     if dry_run {
         return target.rehearse(|_| Ok(Command::new(wanted)));
     }
-    let lost = |problem: Problem| match wanted {
-        Verb::Disable => problem.hint("cut the power if something turns"),
-        _ => problem,
+    const CUT: &str = "cut the power if something turns";
+    // One that does not answer leaves no other with power.
+    let (session, absent) = match wanted {
+        Verb::Disable => target.open_present().map_err(|problem| problem.hint(CUT))?,
+        _ => (target.open()?, Vec::new()),
     };
-    let session = target.open().map_err(lost)?;
     session.listen();
     let mut ended = Ok(());
     // Every axis is told, whatever becomes of one.
@@ -161,7 +162,16 @@ fn simple(
         }
         ended = ended.and(one.map(drop));
     }
-    ended.map(|()| Exit::Ok)
+    absent.iter().for_each(|problem| say(problem.render(false).trim_end()));
+    ended?;
+    match absent.len() {
+        0 => Ok(Exit::Ok),
+        count => {
+            let of = count + session.axes().len();
+            let what = format!("{count} of {of} axes could not be asked.");
+            Err(Problem::new(Exit::Partial, "E704", what).hint(CUT))
+        }
+    }
 }
 
 /// What is seen of a motor that was switched off: that it has power no more, and whether it turns.
