@@ -3,14 +3,21 @@
 use polepair_core::profile::{Parameter, Scale};
 use polepair_core::units::Unit;
 
-/// A span of time in seconds: `2`, `2s`, `500ms`, `1min`.
+/// A span of time in seconds, with its unit: `2s`, `500ms`, `1min`; `0` needs none.
 ///
 /// # Errors
 /// What is wrong with it, in words.
 pub fn span(text: &str) -> Result<f64, String> {
-    let measure = polepair::quantity::parse(text).map_err(|error| error.to_string())?;
-    let seconds = measure.in_unit(Unit::Second).map_err(|error| error.to_string())?;
-    if (0.0..=1e6).contains(&seconds) { Ok(seconds) } else { Err("not a span of time".to_owned()) }
+    let wrong = |why: String| format!("{why}; write 100ms, 5s or 1min");
+    let measure = polepair::quantity::parse(text).map_err(|error| wrong(error.to_string()))?;
+    if measure.quantity.is_none() && measure.si != 0.0 {
+        return Err(wrong("a time needs its unit".to_owned()));
+    }
+    let seconds = measure.in_unit(Unit::Second).map_err(|error| wrong(error.to_string()))?;
+    match (0.0..=1e6).contains(&seconds) {
+        true => Ok(seconds),
+        false => Err(wrong("not a span of time".to_owned())),
+    }
 }
 
 /// A number with at most six digits that matter, without trailing zeros.
@@ -56,7 +63,11 @@ mod tests {
     #[test]
     fn spans() {
         assert_eq!(span("500ms"), Ok(0.5));
-        assert_eq!(span("2"), Ok(2.0));
+        assert_eq!(span("0"), Ok(0.0));
+        for text in ["100", "2 rpm", "1,5s", "-1s"] {
+            let said = span(text).expect_err(text);
+            assert!(said.ends_with("; write 100ms, 5s or 1min"), "{said}");
+        }
         assert!(span("-1s").is_err() && span("2 rpm").is_err());
     }
 

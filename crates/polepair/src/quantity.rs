@@ -77,6 +77,10 @@ pub fn parse(text: &str) -> Result<Measure, Error> {
         return Ok(Measure { si: number as f64, quantity: None, linear: false });
     }
     let (number, unit) = split(text);
+    if let Some(point) = with_point(number, unit) {
+        let what = format!("`{text}` has a comma for its decimal point");
+        return Err(Error::usage("E217", what, format!("write `{point}`")));
+    }
     let si = number.parse::<f64>().ok().filter(|n| n.is_finite()).ok_or_else(|| {
         let what = format!("`{text}` does not begin with a number");
         Error::usage("E217", what, "write a number and a unit, such as `90 deg` or `1.2 A`")
@@ -133,9 +137,7 @@ impl Measure {
     pub fn si(self, unit: Unit) -> Result<f64, Error> {
         match self.quantity {
             None => Ok(self.si),
-            Some(quantity) if quantity != unit.quantity() => {
-                Err(mismatch(quantity, unit.quantity()))
-            }
+            Some(quantity) if quantity != unit.quantity() => Err(mismatch(quantity, unit)),
             Some(_) if self.linear != unit.is_linear() => {
                 let what = match unit.is_linear() {
                     true => "it goes along a line: what turns was given",
@@ -148,13 +150,26 @@ impl Measure {
     }
 }
 
-fn mismatch(found: Quantity, wanted: Quantity) -> Error {
+fn mismatch(found: Quantity, wanted: Unit) -> Error {
     let name = |quantity: Quantity| format!("{quantity:?}").to_lowercase();
-    let what = match wanted {
-        Quantity::Plain => format!("this has no unit, but a {} was given", name(found)),
-        _ => format!("a {} is wanted, but a {} was given", name(wanted), name(found)),
+    let (what, hint) = match wanted.quantity() {
+        Quantity::Plain => (
+            format!("this has no unit, but a {} was given", name(found)),
+            "write the number alone".to_owned(),
+        ),
+        quantity => (
+            format!("a {} is wanted, but a {} was given", name(quantity), name(found)),
+            format!("write it in {0}, such as `10 {0}`", wanted.symbol()),
+        ),
     };
-    Error::usage("E217", what, "")
+    Error::usage("E217", what, hint)
+}
+
+/// A number that was written with one decimal comma, with a point.
+fn with_point(number: &str, rest: &str) -> Option<String> {
+    let rest = rest.strip_prefix(',')?;
+    let decimals = rest.starts_with(|c: char| c.is_ascii_digit());
+    (decimals && !rest.contains(',') && !number.contains('.')).then(|| format!("{number}.{rest}"))
 }
 
 /// The number at the head, and the rest.
@@ -204,6 +219,28 @@ fn known_sentence() -> String {
 mod tests {
     use super::parse;
     use polepair_core::units::{Quantity, Unit};
+
+    #[test]
+    fn a_decimal_comma_is_told_with_the_point() {
+        for (text, point) in [("1,5rad", "1.5rad"), ("-0,5 A", "-0.5 A"), ("2,5", "2.5")] {
+            let error = parse(text).expect_err(text);
+            assert_eq!(
+                (error.code(), error.hint()),
+                ("E217", &*format!("write `{point}`")),
+                "{error}"
+            );
+            // Its unit may stand apart.
+            let same = |text: &str| parse(&text.replace(' ', "")).map(|found| found.si).ok();
+            assert_eq!(same(point), same(&text.replace(',', ".")));
+        }
+        assert!(!parse("1,000,5").expect_err("no number").hint().contains("1.000"));
+    }
+
+    #[test]
+    fn another_quantity_is_told_with_an_example() {
+        let error = parse("5 V").and_then(|five| five.si(Unit::Rpm)).expect_err("no speed");
+        assert_eq!(error.hint(), "write it in rpm, such as `10 rpm`");
+    }
 
     #[test]
     fn numbers_and_units_are_told_apart() {

@@ -6,13 +6,13 @@ use clap::Args;
 use polepair::Axis;
 use polepair::axis::WatchdogState;
 use polepair_client::message::{SetWatchdog, WatchdogTold};
-use polepair_core::units::Unit;
 
 use crate::joined::{self, Joined};
-use crate::outcome;
+use crate::outcome::{self, sentence};
 use crate::problem::{Exit, Problem, Result};
 use crate::target::Target;
 use crate::terminal::{Output, say};
+use crate::value;
 
 /// Shows what drives do by themselves when their host falls silent, or sets it.
 ///
@@ -94,14 +94,12 @@ pub fn span(text: &str) -> Result<Option<Duration>> {
     if text == "off" {
         return Ok(None);
     }
-    let wrong =
-        || Problem::usage("E217", format!("{text:?} is no time.")).hint("500ms, 2s, or off");
-    let measure = polepair::quantity::parse(text).map_err(|_| wrong())?;
-    if measure.quantity.is_none() {
-        return Err(wrong().why("A number needs its unit here."));
-    }
-    let seconds = measure.in_unit(Unit::Second).map_err(|_| wrong())?;
-    let span = Duration::try_from_secs_f64(seconds).map_err(|_| wrong())?;
+    let wrong = |why: String| {
+        Problem::usage("E217", format!("{text:?} is no time."))
+            .why(sentence(&why))
+            .hint("`off` has it stop nothing")
+    };
+    let span = Duration::from_secs_f64(value::span(text).map_err(wrong)?);
     Ok(Some(span).filter(|span| !span.is_zero()))
 }
 

@@ -159,7 +159,7 @@ mod tests {
     fn sizes_and_times() {
         assert_eq!(Rotation::parse("1.5MB"), Ok(Rotation::Size(1_500_000)));
         assert_eq!(Rotation::parse("2min"), Ok(Rotation::Time(Duration::from_secs(120))));
-        assert!(Rotation::parse("5").is_ok() && Rotation::parse("10 rpm").is_err());
+        assert!(Rotation::parse("5").is_err() && Rotation::parse("10 rpm").is_err());
         assert!(Rotation::parse("0.1kB").is_err() && Rotation::parse("1ms").is_err());
     }
 
