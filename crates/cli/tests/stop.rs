@@ -198,6 +198,16 @@ fn one_that_does_not_answer_leaves_no_other_with_power() {
 }
 
 #[test]
+fn an_axis_that_is_named_twice_is_stopped_once() {
+    let sim = Served::new("tmcl:1");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let ran = timed(&["stop", &format!("{},1", sim.url), "-v"]);
+    assert_eq!((ran.code, ran.err.matches("axis 1 is stopped").count()), (0, 1), "{}", ran.err);
+    assert_eq!(polepair(&["enable", &format!("{},1", sim.url)]).code, 2);
+    sim.end();
+}
+
+#[test]
 fn who_holds_the_port_is_named_with_what_stops_him() {
     let sim = Served::new("tmcl:1");
     let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");

@@ -99,7 +99,7 @@ impl Connector {
     /// # Errors
     /// [`Error::Usage`].
     pub fn url(&self, text: &str) -> Result<Url, Error> {
-        self.config.expand(text)?.parse()
+        Url::read(&self.config.expand(text)?, self.stops)
     }
 
     /// The connection strings of each protocol that a scan is to ask on one link:
@@ -109,10 +109,10 @@ impl Connector {
         let (head, rest) = text.split_at(text.find("://").unwrap_or(0));
         let (words, link) = head.split_at(head.find('+').unwrap_or(head.len()));
         if !words.contains(',') {
-            return Ok(vec![text.parse()?]);
+            return Ok(vec![Url::read(&text, self.stops)?]);
         }
         let words = words.split(',').map(str::trim);
-        words.map(|word| format!("{word}{link}{rest}").parse()).collect()
+        words.map(|word| Url::read(&format!("{word}{link}{rest}"), self.stops)).collect()
     }
 
     /// Opens the link of several protocols, once.

@@ -237,15 +237,22 @@ impl FromStr for Url {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
+        Self::read(text, false)
+    }
+}
+
+impl Url {
+    /// As it is parsed; for those who stop motors an axis that is `repeated` is one.
+    pub(crate) fn read(text: &str, repeated: bool) -> Result<Self, Error> {
         let (rest, fragment) = cut(text, '#');
         let (head, query) = cut(rest, '?');
         let keys = keys(query.unwrap_or_default())?;
         let fragment = fragment.unwrap_or_default();
         let url = match (head.strip_prefix("sim:"), head.strip_prefix("rack:")) {
-            (None, None) => wire(head, keys, axes(fragment)?)?,
+            (None, None) => wire(head, keys, axes(fragment, repeated)?)?,
             (what, file) => {
                 let (names, numbers) = named(fragment);
-                let axes = axes(&numbers)?;
+                let axes = axes(&numbers, repeated)?;
                 let target = match (what, file) {
                     (_, Some(file)) => rack(file)?,
                     (what, None) => sim(what.unwrap_or_default())?,
@@ -393,7 +400,7 @@ pub(crate) fn named(fragment: &str) -> (Vec<String>, String) {
 }
 
 /// `1,2`, `1-4`, `g3`, `g1+2`, `g*`.
-fn axes(fragment: &str) -> Result<Vec<u32>, Error> {
+fn axes(fragment: &str, repeated: bool) -> Result<Vec<u32>, Error> {
     let mut axes = Vec::new();
     for piece in fragment.split(',').filter(|_| !fragment.is_empty()) {
         let (first, last) = match piece.trim().strip_prefix('g') {
@@ -405,6 +412,9 @@ fn axes(fragment: &str) -> Result<Vec<u32>, Error> {
         }
         for axis in first..=last {
             if axes.contains(&axis) {
+                if repeated {
+                    continue;
+                }
                 let number = Number(axis);
                 return Err(wrong(format!("`#{fragment}` names axis {number} twice"), ""));
             }

@@ -13,7 +13,7 @@ use std::sync::PoisonError;
 impl Connector {
     /// For those who bring motors to rest: a drive's profile, set-up or data sheet that the connection
     /// string names and that is wrong, or that nobody knows, is [passed over](Self::passed_over), and
-    /// the drive is taken for what it answers.
+    /// the drive is taken for what it answers. An axis that the string names twice is one.
     #[must_use]
     pub fn for_stop(mut self) -> Self {
         self.stops = true;
