@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use polepair::axis::Stopping;
 use polepair::heard::{Heard, Silence};
 use polepair::{Error, connect};
 use polepair_link::pty::Pty;
@@ -103,6 +104,21 @@ fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
     let (heard, said) = ok.told("tml", "technosoft-f514l", 2, "APOS");
     assert!(heard.silence() == Silence::Relayed && heard.acknowledged == 0, "{said}");
     assert!(said.contains("the axis behind it is not"), "{said}");
+}
+
+/// A drive that takes its stop and then tells nothing was told to stop, and may turn.
+#[test]
+fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
+    let odd = Odd::giving(|_| vec![b'O']);
+    let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=300#1", odd.path);
+    let link = connect(&url).expect("a link");
+    let mut stopping = Stopping::begin(&link.axes()[0]);
+    stopping.settle(&link.axes()[0], Duration::from_secs(10));
+    let error = stopping.trouble().expect("nothing is told");
+    let said = error.to_string();
+    assert!(said.contains("was told to stop and not seen to stand: `"), "{said}");
+    assert!(!said.contains("not executed") && error.may_turn(), "{said}");
+    assert_eq!((error.code(), error.executed()), ("E401", None));
 }
 
 #[test]

@@ -15,6 +15,8 @@ use polepair_link::Cause;
 pub(crate) enum RequestKind {
     /// It changes nothing: there is nothing to execute.
     Question,
+    /// It asks whether a motor stands that was told to stop.
+    Standing,
     /// A plan of the profile.
     Verb(Verb),
     /// A parameter is set to this raw value, and kept over power-off if the last is true.
@@ -30,6 +32,11 @@ impl Axis {
     /// The error for an outcome that is not [`Outcome::Done`].
     pub(crate) fn failed(&self, what: &str, asked: RequestKind, outcome: Outcome) -> Error {
         let failure = outcome.failure().unwrap_or(Failure::Misbehaved);
+        // The stop was told: it is the question that was not carried out.
+        let outcome = match (asked, outcome) {
+            (RequestKind::Standing, Outcome::NotDone(failure)) => Outcome::Unknown(failure),
+            _ => outcome,
+        };
         if let (Failure::Impossible(why), Outcome::NotDone(_)) = (failure, outcome) {
             return self.refuse(what, why);
         }
@@ -69,7 +76,10 @@ impl Axis {
     /// Whether the motor may turn, and nothing can be done about it from here: the link is lost, or
     /// its stop was not answered.
     fn is_out_of_reach(&self, asked: RequestKind, failure: Failure) -> bool {
-        let stop = matches!(asked, RequestKind::Verb(Verb::Stop | Verb::QuickStop));
+        let stop = matches!(
+            asked,
+            RequestKind::Standing | RequestKind::Verb(Verb::Stop | Verb::QuickStop)
+        );
         match failure {
             Failure::LinkDown => stop || self.may_turn(),
             Failure::Silent | Failure::Misbehaved => stop,
@@ -90,7 +100,9 @@ impl Axis {
         let of_the_wire =
             matches!(failure, Failure::Silent | Failure::Misbehaved | Failure::LinkDown);
         match (asked, outcome) {
-            (RequestKind::Question, _) | (_, Outcome::Done(_)) => String::new(),
+            (RequestKind::Question | RequestKind::Standing, _) | (_, Outcome::Done(_)) => {
+                String::new()
+            }
             (_, Outcome::NotDone(_)) if of_the_wire => "it was not executed".to_owned(),
             (_, Outcome::NotDone(_)) => String::new(),
             (_, Outcome::Unknown(_)) => "it may have been executed".to_owned(),
@@ -103,7 +115,7 @@ impl Axis {
         let steps = match asked {
             RequestKind::Verb(verb) => self.profile.plan(verb).map(|plan| plan.steps.to_vec()),
             RequestKind::Setting(id, raw, keep) => Some(write_steps(self.profile, id, raw, keep)),
-            RequestKind::Question | RequestKind::Command => None,
+            RequestKind::Question | RequestKind::Standing | RequestKind::Command => None,
         };
         let steps = steps.unwrap_or_default();
         let named = |word: &str, mask: u64| {

@@ -6,6 +6,7 @@
 
 use std::time::Duration;
 
+use super::fail::RequestKind;
 use super::{Axis, Running};
 use crate::error::Error;
 use crate::url::Number;
@@ -99,7 +100,7 @@ impl Stopping {
     pub fn again(axis: &Axis) -> Self {
         let mut stopping = Self::new(axis);
         match axis.stop_spares() {
-            Some(ram) => match axis.start_read_once(ram.parameter) {
+            Some(ram) => match axis.start_spared(ram.parameter) {
                 Ok(running) => stopping.stage = Stage::Sparing(running, ram),
                 Err(error) => stopping.fail(error),
             },
@@ -364,7 +365,7 @@ impl Watch {
     }
 
     fn ask(&mut self, axis: &Axis, source: Source, now: Instant) {
-        match axis.start_read_once(source.parameter()) {
+        match axis.start_look(source.parameter()) {
             Ok(running) => self.asked = Some((running, now)),
             Err(Error::Unsupported { why: Unsupported::Busy, .. }) => {
                 self.next = now + LOOK_EVERY;
@@ -487,7 +488,8 @@ impl Axis {
     }
 
     fn start_stop(&self, part: StopPart, once: bool) -> Result<Running, Error> {
-        self.submit_now("stop".to_owned(), |axes, now, ticket| {
+        let asked = RequestKind::Verb(Verb::Stop);
+        self.submit_now("stop".to_owned(), asked, |axes, now, ticket| {
             axes.stop(now, ticket, self.index, part)?;
             if once {
                 axes.send_once(ticket);
@@ -496,11 +498,28 @@ impl Axis {
         })
     }
 
+    /// Asks what a stop that is said again hangs on.
+    fn start_spared(&self, id: ParameterId) -> Result<Running, Error> {
+        let what = format!("stop: reading `{}` first", self.parameter(id)?.name);
+        self.start_read_once(id, what, RequestKind::Verb(Verb::Stop))
+    }
+
+    /// Asks whether a motor stands that was told to stop.
+    fn start_look(&self, id: ParameterId) -> Result<Running, Error> {
+        let what =
+            format!("was told to stop and not seen to stand: `{}`", self.parameter(id)?.name);
+        self.start_read_once(id, what, RequestKind::Standing)
+    }
+
     /// As [`start_read`](Self::start_read), but waits for no room; and a drive that is silent is asked
     /// once.
-    fn start_read_once(&self, id: ParameterId) -> Result<Running, Error> {
-        let what = format!("reading `{}`", self.parameter(id)?.name);
-        self.submit_now(what, |axes, now, ticket| {
+    fn start_read_once(
+        &self,
+        id: ParameterId,
+        what: String,
+        asked: RequestKind,
+    ) -> Result<Running, Error> {
+        self.submit_now(what, asked, |axes, now, ticket| {
             axes.read(now, ticket, self.index, id)?;
             axes.send_once(ticket);
             Ok(())
@@ -510,10 +529,10 @@ impl Axis {
     fn submit_now(
         &self,
         what: String,
+        asked: RequestKind,
         request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<Running, Error> {
         let pending = self.connection.submit(request).map_err(|why| self.refuse(&what, why))?;
-        let asked = super::fail::RequestKind::Verb(Verb::Stop);
         Ok(Running { axis: self.clone(), pending, what, asked })
     }
 }
