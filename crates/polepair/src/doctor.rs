@@ -128,8 +128,12 @@ pub fn link(
         // Protocols of one bus share what is to be said of it.
         let first = heard.replace(line.wire) != Some(line.wire);
         if first {
-            let said = format!("{} opens, and nobody else has it", line.link.describe());
-            hear(Check::ok("port", said));
+            // A port of this machine is had by one program at a time.
+            let alone = match url.target {
+                Target::Serial { .. } | Target::Slcan { .. } => ", and nobody else has it",
+                _ => "",
+            };
+            hear(Check::ok("port", format!("{} opens{alone}", line.link.describe())));
         }
         if let Err(error) = examine(connector, &url, (line, first), &mut silent, hear) {
             hear(Check::error("line", &error));

@@ -19,6 +19,9 @@ const SHOWN_MAX: usize = 12;
 const TERMINATION: &str = "termination: 120 ohm at both ends, 60 between CAN-H and CAN-L with power \
                            off; one bit rate for all; power off before plugging a drive's connector";
 
+const MULTICAST: &str = "one group and port for everybody on this bus, and a network that passes \
+                         multicast on";
+
 /// What was heard in a while.
 #[derive(Default)]
 struct Heard {
@@ -50,7 +53,11 @@ pub(super) fn listen(
             let said = format!("{errors} error frames in {LISTEN_MS} ms");
             Check::wrong("errors", Exit::Corrupt, said, TERMINATION)
         }
-        (false, 0, 0) => Check::look("traffic", format!("silent for {LISTEN_MS} ms"), TERMINATION),
+        (false, 0, 0) => {
+            let remedy =
+                if matches!(url.target, Target::Udp { .. }) { MULTICAST } else { TERMINATION };
+            Check::look("traffic", format!("silent for {LISTEN_MS} ms"), remedy)
+        }
         (false, 0, count) => Check::ok("traffic", format!("{count} frames without an error")),
     });
     if rate > 0 && !heard.frames.is_empty() {

@@ -43,6 +43,15 @@ fn a_port_that_is_not_there_is_told_with_its_exit_code() {
 }
 
 #[test]
+#[cfg(unix)]
+fn a_bus_on_the_network_has_no_cable() {
+    let found = checks("canopen+udp://239.74.163.9:47119?timeout=20ms#5");
+    assert!(!about(&found, "port").found.contains("nobody else"), "{found:?}");
+    assert!(about(&found, "traffic").remedy.contains("multicast"), "{found:?}");
+    assert!(found.iter().all(|check| !check.remedy.contains("120 ohm")), "{found:?}");
+}
+
+#[test]
 fn a_bus_is_listened_to() {
     let found = checks("sim:tmcl+can?time=virtual");
     assert!(about(&found, "bit rate").found.contains("bit/s"), "{found:?}");
