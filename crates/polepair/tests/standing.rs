@@ -48,6 +48,18 @@ fn a_motor_that_its_load_turns_is_not_told_as_stopped() {
     }
 }
 
+/// The mode that a drive has when its motion runs is named, though it tells it with other bits then.
+#[test]
+fn a_mode_is_named_by_the_signals_words_or_its_parameters() {
+    let link = connect("sim:technosoft-f514l?time=virtual").expect("a drive");
+    let axis = &link.axes()[0];
+    let armed = axis.armed().expect("armed");
+    axis.velocity("60 rpm").expect("turns");
+    axis.get_raw("motion command").expect("told");
+    assert_eq!(axis.mode(&axis.state()).as_deref(), Some("speed profile"));
+    armed.release().expect("stands");
+}
+
 #[test]
 fn a_turning_motor_stands_when_its_stop_returns() {
     for url in BLIND {

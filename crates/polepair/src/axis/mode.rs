@@ -5,17 +5,22 @@ use polepair_core::axis::State;
 use polepair_core::profile::{Encoding, Signal};
 
 impl Axis {
-    /// The mode of operation that a state has, in the profile's words; its number where it has no
-    /// word, `None` while it was never read.
+    /// The mode of operation that a state has, in the profile's words: those of the signal, then of
+    /// its parameter; its number where it has no word, `None` while it was never read.
     #[must_use]
     pub fn mode(&self, state: &State) -> Option<String> {
         let source = self.profile.signal(Signal::Mode)?;
         let reading = state.reading(Signal::Mode);
         reading.at?;
         let own = self.profile.parameter(source.parameter).map_or(&[][..], |p| p.values);
-        let names = if source.values.is_empty() { own } else { source.values };
-        let word = names.iter().find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
-        Some(word.map_or_else(|| reading.raw.to_string(), str::to_owned))
+        let mut names = source.values.iter().chain(own);
+        let word = names.find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
+        // Bits, as manuals write them.
+        let number = || match reading.raw {
+            raw @ ..=9 => raw.to_string(),
+            raw => format!("{raw:X}h"),
+        };
+        Some(word.map_or_else(number, str::to_owned))
     }
 
     /// Whether the motor moves, by what was read last: the drive says that a move is under way, or it
