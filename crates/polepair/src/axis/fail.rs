@@ -3,6 +3,7 @@
 use super::Axis;
 use crate::error::Error;
 use crate::heard::Heard;
+use crate::identify::Identified;
 use polepair_core::axis::Verb;
 use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
 use polepair_core::lane::write_steps;
@@ -232,12 +233,14 @@ impl Axis {
             Unsupported::NoPlan => {
                 let verbs: Vec<&str> =
                     self.profile.plans.iter().map(|plan| plan.verb.name()).collect();
-                let can =
-                    if verbs.is_empty() { "nothing of the kind".into() } else { verbs.join(", ") };
-                (
-                    format!("{product} cannot do that, or it is not known how"),
-                    format!("it can {can}"),
-                )
+                let hint = match (&self.identified, verbs.is_empty()) {
+                    (Identified::Generic, _) => {
+                        "no known drive answers so; `?profile=` says what it is".to_owned()
+                    }
+                    (_, true) => "it can nothing of the kind".to_owned(),
+                    (_, false) => format!("it can {}", verbs.join(", ")),
+                };
+                (format!("{product} cannot do that, or it is not known how"), hint)
             }
             Unsupported::ReadOnly(id) => {
                 (format!("`{}` can only be read", name(id)), String::new())
