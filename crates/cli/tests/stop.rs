@@ -279,6 +279,38 @@ fn a_drive_that_cannot_be_identified_is_sent_the_stop_that_all_known_ones_share(
     }
 }
 
+/// The check of Modbus RTU (MODBUS over Serial Line V1.02, 6.2.2).
+fn crc(bytes: &[u8]) -> [u8; 2] {
+    let shift = |crc: u16, _| if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 };
+    let step = |crc: u16, byte: &u8| (0..8).fold(crc ^ u16::from(*byte), shift);
+    bytes.iter().fold(0xFFFF, step).to_le_bytes()
+}
+
+/// A device that answers every question with an exception is no known drive: it is told nothing.
+#[test]
+fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
+    let server = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let url = format!("modbus-rtu+tcp://{}#1", server.local_addr().expect("an address"));
+    let device = std::thread::spawn(move || {
+        let (mut wire, _) = server.accept().expect("a host");
+        let (mut asked, mut functions) = ([0; 8], Vec::new());
+        while wire.read_exact(&mut asked).is_ok() {
+            functions.push(asked[1]);
+            let reply = [asked[0], asked[1] | 0x80, 2];
+            wire.write_all(&[&reply[..], &crc(&reply)].concat()).expect("a host");
+        }
+        functions
+    });
+    let ran = timed(&["stop", &url]);
+    let functions = device.join().expect("a device");
+    assert_eq!(ran.code, 2, "{}", ran.err);
+    for said in ["may still turn: cut its supply\n", "error[E218]", "It was not sent;", "?profile="]
+    {
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
+    assert!(functions.iter().all(|function| (1..=4).contains(function)), "{functions:?}");
+}
+
 /// Its own stop is told and seen as soon as it says what it is.
 #[test]
 fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
