@@ -58,7 +58,10 @@ pub fn link_error(link: &LinkError) -> Problem {
 fn why(error: &Error) -> String {
     let partly = matches!(error, Error::Failed { outcome: Outcome::Partly(..), .. });
     let told = match (error.exit(), error.executed()) {
-        (Exit::NoReply, _) if partly => "Not every request was answered, repeats included.",
+        // Of several requests some may have been answered.
+        (Exit::NoReply, _) if partly || error.may_turn() => {
+            "Not every request was answered, repeats included."
+        }
         (Exit::NoReply, _) => "Nothing came back within the time allowed, repeats included.",
         (Exit::Corrupt, _) => "Noise, a second host, or two drives with one address can do that.",
         (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",
