@@ -284,14 +284,15 @@ impl Session {
     }
 
     /// The request to send now, if one waits. It and its reply are on the wire
-    /// for `soonest_ns` at least, `on_wire_ns` at most.
+    /// for `soonest_ns` at least, `on_wire_ns` at most. `burst`: it goes out at each place of its
+    /// module's count.
     #[inline]
     pub(super) fn transmit(
         &mut self,
         now: Instant,
         (soonest_ns, on_wire_ns): (u64, u64),
+        burst: bool,
     ) -> Option<Request> {
-        let burst = self.burst(now).is_some();
         let pending = self.pending.as_mut()?;
         if pending.sent || now < pending.not_before {
             return None;
