@@ -13,6 +13,7 @@
 //! probe's own answer comes while the next one is awaited, and is not taken for that. So a value that
 //! is wrong takes as many older replies as there are probes, of just these opcodes in this order.
 
+mod modules;
 mod proof;
 mod quiet;
 mod suspects;
@@ -24,6 +25,7 @@ use crate::proto::events::Events;
 use crate::proto::proven::Proven;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
+use modules::Modules;
 use proof::{PROBES, Waiting};
 pub(super) use quiet::Burst;
 use quiet::Quiet;
@@ -179,7 +181,9 @@ pub struct Session {
     recent_at: usize,
     events: Events<Answer, EVENTS_MAX>,
     /// Modules that ever answered.
-    heard: [u64; 4],
+    heard: Modules,
+    /// Modules of which nothing was heard since a request to them was not answered.
+    unheard: Modules,
     /// Replies that came sooner than the baud rate allows, in a row; past the limit the baud rate
     /// is taken for fiction (USB).
     early_streak: u8,
@@ -209,7 +213,8 @@ impl Session {
             suspicious: false,
             quiet: [None; SUSPECTS_MAX],
             events: Events::new(),
-            heard: [0; 4],
+            heard: Modules::NONE,
+            unheard: Modules::NONE,
             early_streak: 0,
             timely: 0,
             up: true,
@@ -355,7 +360,7 @@ impl Session {
             return false;
         };
         self.timely += 1;
-        self.heard[usize::from(reply.module >> 6)] |= 1 << (reply.module & 63);
+        self.heard.add(reply.module);
         self.counters.answered += 1;
         self.pending = None;
         self.events.push(To::Ticket(ticket), Ok(Answer::Reply(reply)));
@@ -549,7 +554,7 @@ impl Session {
         let Some(pending) = &self.pending else { return };
         let (probe, module) = (pending.ticket.is_none(), pending.ask.request.address);
         let doubtful = pending.attempts > 1 || pending.doubts.bad_sum;
-        self.heard[usize::from(module >> 6)] |= 1 << (module & 63);
+        self.heard.add(module);
         if self.early_streak < EARLY_MAX || self.timely >= TIMELY_MIN {
             self.early_streak = 0;
         }
@@ -598,7 +603,7 @@ impl Session {
         }
         // Others answer, this one never did: it is probably not there, and a probe would only
         // make a scan slower.
-        let worth = self.knows(pending.ask.request.address) || self.heard == [0; 4];
+        let worth = self.knows(pending.ask.request.address) || self.heard.is_empty();
         self.suspect(now, &pending, worth);
         if user {
             let damaged = pending.doubts.bad_sum && pending.doubts.bad_sum_of_module;
@@ -649,7 +654,7 @@ impl Session {
     }
 
     fn knows(&self, module: u8) -> bool {
-        self.heard[usize::from(module >> 6)] & 1 << (module & 63) != 0
+        self.heard.holds(module)
     }
 
     fn end(&mut self, ticket: Option<Ticket>, result: Result<Answer, Failure>) {

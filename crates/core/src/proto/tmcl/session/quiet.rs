@@ -3,7 +3,8 @@
 //! Some modules count to nine and know no pause: one that got a byte too many or too few takes no
 //! request any more. A single byte between two requests moves its count on by one, so that it is in
 //! step again after nine of them at most. A module that is only late must not get that byte, so it
-//! waits until the latest possible reply is past.
+//! waits until the latest possible reply is past. The others of the line count that byte too: while one of
+//! them answers, a module that does not is probably gone, and no byte is put between.
 
 use super::{Opcode, Pending, SUSPECTS_MAX, Session};
 use crate::station::Class;
@@ -44,6 +45,7 @@ impl Session {
         if let Some(quiet) = quiet {
             quiet.sends = quiet.sends.checked_add(1).unwrap_or(u8::MAX - 1);
         }
+        self.unheard.add(module);
         self.suspicious = true;
     }
 
@@ -54,6 +56,7 @@ impl Session {
                 *place = None;
             }
         }
+        self.unheard.remove(module);
         self.note_suspicion();
     }
 
@@ -79,11 +82,17 @@ impl Session {
         odd.then(|| Burst { shifts: self.is_out_of_step(now, module) })
     }
 
+    /// Whether a module answered what it was asked last.
+    fn is_in_step(&self, module: u8) -> bool {
+        self.knows(module) && !self.unheard.holds(module)
+    }
+
     /// Whether a module may have lost count of bytes, by what it did not answer so far.
     fn is_out_of_step(&self, now: Instant, module: u8) -> bool {
-        // Others hear the byte too: it is for none that was never there.
-        let worth = self.knows(module) || self.heard == [0; 4];
-        let quiet = self.quiet_of(module).filter(|_| worth);
+        // Others hear the byte too: it is for none that was never there, and puts out of step who counts.
+        let worth = self.knows(module) || self.heard.is_empty();
+        let alone = !self.recent.iter().any(|(to, ..)| *to != module && self.is_in_step(*to));
+        let quiet = self.quiet_of(module).filter(|_| worth && alone);
         quiet.is_some_and(|quiet| {
             let past = now >= quiet.since.plus_ns(SHIFT_TIMEOUTS * self.timeout_ns);
             past && quiet.sends >= SENDS_MIN

@@ -12,6 +12,7 @@ use crate::proto::HostOptions;
 use crate::proto::tmcl::device::{BadSum, Quirks};
 use crate::proto::tmcl::wire::{DATAGRAM, Request, checksum};
 use crate::proto::tmcl::{Answer, Ask, Opcode, SerialHost};
+use crate::station::Host;
 
 const BAD_SUMS: [BadSum; 3] = [BadSum::AnswerAlways, BadSum::AnswerIfMine, BadSum::Ignore];
 
@@ -88,6 +89,30 @@ fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
             assert!(wire.now.since(start).as_millis() < 1000, "{:?}", wire.host);
         }
         assert_eq!(sixty(&mut wire, 0), (0, 0), "{:?}", wire.host);
+    }
+}
+
+/// A module that is gone puts none out of step that answers, however often it is told to stop.
+#[test]
+fn a_module_that_is_gone_leaves_the_others_in_step() {
+    for (baud, doubt) in [(9600, None), (9600, Some(5)), (0, Some(5))] {
+        let mut wire = counting(baud, BadSum::AnswerIfMine);
+        wire.host = SerialHost::new(&HostOptions { doubt, ..HostOptions::new(baud) });
+        let gone = |opcode| Ask::of(Request { address: 3, ..request(opcode, 4, 0) });
+        wire.firmware.address = 3;
+        assert!(wire.ask(gone(Opcode::Gap)).is_ok());
+        wire.firmware.address = 1;
+        assert_eq!(wire.read(9), Ok(9007));
+        for round in 0..20 {
+            let opcode = if round % 3 == 2 { Opcode::Gap } else { Opcode::Mst };
+            assert!(wire.ask(gone(opcode)).is_err());
+            let start = wire.now;
+            assert!(stop(&mut wire), "{baud} {round}");
+            let took = wire.now.since(start).as_millis();
+            assert!(took < 50, "{baud} {round}: {took} ms");
+            assert_eq!(wire.read(9), Ok(9007), "{baud} {round}: {:?}", wire.host);
+        }
+        assert_eq!(wire.host.counters().silent, 20);
     }
 }
 
