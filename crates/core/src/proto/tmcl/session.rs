@@ -14,6 +14,7 @@
 //! is wrong takes as many older replies as there are probes, of just these opcodes in this order.
 
 mod modules;
+mod motors;
 mod proof;
 mod quiet;
 mod suspects;
@@ -26,6 +27,7 @@ use crate::proto::proven::Proven;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
 use modules::Modules;
+use motors::Motors;
 use proof::{PROBES, Waiting};
 pub(super) use quiet::Burst;
 use quiet::Quiet;
@@ -119,6 +121,8 @@ struct Doubts {
     bad_sum: bool,
     bad_sum_of_module: bool,
     early: bool,
+    /// The reply to another motor's stop may still come.
+    anothers: bool,
     /// A stop waits, or it was to be sent once: no further attempt.
     cut_short: bool,
 }
@@ -129,6 +133,7 @@ impl Doubts {
         bad_sum: false,
         bad_sum_of_module: false,
         early: false,
+        anothers: false,
         cut_short: false,
     };
 }
@@ -169,9 +174,11 @@ pub struct Session {
     pending: Option<Pending>,
     stop: Option<(Ticket, Ask)>,
     suspects: [Option<Suspect>; SUSPECTS_MAX],
-    /// Something is in doubt: a suspect, or a module that is not heard.
+    /// Something is in doubt: a suspect, a module that is not heard, or whose stop a reply is.
     suspicious: bool,
     quiet: [Option<Quiet>; SUSPECTS_MAX],
+    /// Whose stops may still be answered.
+    motors: Motors,
     /// Modules of which no older reply can come but those that are known of.
     proven: Proven,
     /// A request that waits for its module to be proven.
@@ -212,6 +219,7 @@ impl Session {
             suspects: [None; SUSPECTS_MAX],
             suspicious: false,
             quiet: [None; SUSPECTS_MAX],
+            motors: Motors::NONE,
             events: Events::new(),
             heard: Modules::NONE,
             unheard: Modules::NONE,
@@ -240,7 +248,7 @@ impl Session {
 
     /// Takes back what was not sent yet, for a stop.
     pub(super) fn recall(&mut self) -> Option<Ticket> {
-        if let Some(waiting) = self.waiting.take() {
+        if let Some(waiting) = self.waiting.take_if(|waiting| waiting.ask.class != Class::Stop) {
             return Some(waiting.ticket);
         }
         let unsent = |p: &&Pending| !p.sent && p.attempts == 0 && p.ask.class != Class::Stop;
@@ -277,7 +285,7 @@ impl Session {
         if stop || self.proven.holds(ask.request.address) {
             self.start(now, Some(ticket), ask);
         } else {
-            self.waiting = Some(Waiting::new(ticket, ask));
+            self.waiting = Some(Waiting::new(ticket, ask, false));
             self.prove(now);
         }
         Ok(())
@@ -305,6 +313,13 @@ impl Session {
         pending.burst = burst;
         let request = pending.ask.request;
         pending.sent = true;
+        if request.opcode == Opcode::Mst {
+            if pending.attempts == 0 {
+                pending.doubts.anothers = self.motors.may_be_anothers(&request);
+            }
+            self.motors.told(&request);
+            self.suspicious = true;
+        }
         self.recent[self.recent_at % RECENT_MAX] = (request.address, request.opcode.number(), now);
         self.recent_at = self.recent_at.wrapping_add(1);
         pending.earliest = now.plus_ns(soonest_ns);
@@ -506,7 +521,8 @@ impl Session {
             (request.address, request.opcode.number(), pending.attempts > 1);
         // What comes too soon is believed where no earlier request could own it; that shows that the
         // line has no baud rate.
-        let proof = pending.ticket.is_none() && self.waiting.is_some();
+        let probe = pending.ticket.is_none() && self.waiting.is_some();
+        let proof = probe && !self.proven.holds(module);
         if soon && self.early_streak < EARLY_MAX && !proof {
             if again || self.could_own(now, module, opcode) {
                 if let Some(pending) = &mut self.pending {
@@ -523,6 +539,9 @@ impl Session {
             waiting.soon &= soon;
         }
         self.timely = if soon { 0 } else { self.timely + 1 };
+        if pending.doubts.anothers && (refused || pending.ask.request.motor > 0) {
+            return self.say_behind_a_probe(now);
+        }
         if pending.doubts.ambiguous > 0 {
             pending.doubts.ambiguous -= 1;
             self.counters.late += 1;
@@ -551,7 +570,7 @@ impl Session {
 
     /// What is outstanding was answered: what that says of the module, and what comes next.
     fn close(&mut self, now: Instant) {
-        let Some(pending) = &self.pending else { return };
+        let Some(pending) = self.pending.take() else { return };
         let (probe, module) = (pending.ticket.is_none(), pending.ask.request.address);
         let doubtful = pending.attempts > 1 || pending.doubts.bad_sum;
         self.heard.add(module);
@@ -561,12 +580,14 @@ impl Session {
         self.counters.answered += 1;
         if probe {
             self.trust(module);
-        } else if doubtful && let Some(pending) = self.pending {
+        } else if doubtful {
             self.suspect(now, &pending, true);
         }
-        self.pending = None;
         if probe && self.waiting.is_some() {
             return self.proved(now);
+        }
+        if pending.ask.request.opcode != Opcode::Mst && self.waiting.is_none() {
+            self.stops_are_past(module);
         }
         self.next(now);
     }
@@ -636,7 +657,8 @@ impl Session {
         if let Some((ticket, ask)) = self.stop.take() {
             self.start(now, Some(ticket), ask);
         } else if let Some(waiting) = &mut self.waiting {
-            *waiting = Waiting::new(waiting.ticket, waiting.ask);
+            let proven = self.proven.holds(waiting.ask.request.address);
+            *waiting = Waiting::new(waiting.ticket, waiting.ask, proven);
             self.prove(now);
         } else if let Some(ask) = self.probe() {
             self.start(now, None, ask);

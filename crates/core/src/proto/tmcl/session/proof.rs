@@ -44,17 +44,17 @@ pub(super) struct Waiting {
 }
 
 impl Waiting {
-    /// Nothing proven yet.
-    pub(super) const fn new(ticket: Ticket, ask: Ask) -> Self {
+    /// Nothing proven yet. Of a module that is `proven` one answer more shows what is past.
+    pub(super) const fn new(ticket: Ticket, ask: Ask, proven: bool) -> Self {
         Self {
             ticket,
             ask,
-            proofs: PROOFS,
+            proofs: if proven { 1 } else { PROOFS },
             left: 2 * PROOFS,
-            soon: true,
+            soon: !proven,
             last: None,
             older: false,
-            olders: 0,
+            olders: if proven { OLDER_MAX } else { 0 },
         }
     }
 }
@@ -97,6 +97,7 @@ impl Session {
         let module = ask.request.address;
         self.waiting = None;
         self.proven.add(module);
+        self.stops_are_past(module);
         if soon {
             // Nobody else could own these answers: the line has no baud rate.
             self.early_streak = EARLY_MAX;

@@ -54,7 +54,7 @@ impl Session {
 
     pub(super) fn note_suspicion(&mut self) {
         let suspects = self.suspects.iter().any(Option::is_some);
-        self.suspicious = suspects || !self.unheard.is_empty();
+        self.suspicious = suspects || !self.unheard.is_empty() || !self.motors.is_empty();
     }
 
     pub(super) fn trusts(&mut self, now: Instant, module: u8) -> bool {

@@ -25,12 +25,16 @@ pub struct Bench {
     pub baud: u32,
     pub ascii: Option<crate::proto::tmcl::device::Echo>,
     pub done: Vec<Request>,
+    /// How many motors it has; it refuses the stop of any other.
+    pub motors: u8,
     pub event: Option<i32>,
 }
 
 impl Default for Bench {
     fn default() -> Self {
-        Self { address: MODULE, pause: 0, baud: 9600, ascii: None, done: Vec::new(), event: None }
+        let done = Vec::new();
+        let (address, motors) = (MODULE, u8::MAX);
+        Self { address, pause: 0, baud: 9600, ascii: None, done, motors, event: None }
     }
 }
 
@@ -88,6 +92,9 @@ impl Firmware for Bench {
                 value: request.value,
             }),
             (Opcode::Boot, _) => Response::Silent,
+            (Opcode::Mst, _) if request.motor >= self.motors => {
+                Response::refused(Status::InvalidValue, request)
+            }
             (Opcode::Ror | Opcode::Rol | Opcode::Mst | Opcode::Mvp | Opcode::Sap, _)
             | (Opcode::PositionReached | Opcode::EnterAscii, _) => Response::ok(request.value),
             _ => unknown,
