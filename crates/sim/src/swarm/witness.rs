@@ -8,8 +8,13 @@ use polepair_core::drives::bench::{Bounds, Truth};
 use polepair_core::plant::TICK_S;
 use polepair_core::time::Instant;
 
-/// The loops of a drive may overshoot a speed by this share of it, and by so many rad/s.
-const OVERSHOOT: (f64, f64) = (0.1, 5.0);
+/// The loops of a drive may overshoot a speed by this share of the step to it, and by so many rad/s. A PI
+/// loop that is critically damped overshoots a step by e⁻² of it (`Gains::tuned`): its answer to a step is
+/// 1 - e^-ωt (1 - ωt), which is greatest at ωt = 2. The step may be from as fast the other way: a set-point
+/// that stops at once, as AXISON has it on an axis that is on, leaves the motor's speed to the loops.
+const OVERSHOOT: (f64, f64) = (0.136, 5.0);
+/// After so long, ms, nothing of that is left: e^-ωt (ωt - 1) at 120 rad/s is below 0.04.
+const SETTLED_MS: u32 = 40;
 /// And a current by this share.
 const RIPPLE: f64 = 0.05;
 /// What rounding may add.
@@ -47,6 +52,16 @@ pub struct Witness {
     rests: Option<Instant>,
     /// Between where a move began and where it ends, rad.
     way: Option<(f64, f64)>,
+    /// How fast it turned lately: since then, and before that.
+    lately: [Option<Range>; 2],
+}
+
+/// Between which speeds a motor turned, rad/s, since an instant.
+#[derive(Clone, Copy, Debug)]
+struct Range {
+    since: Instant,
+    low: f64,
+    high: f64,
 }
 
 impl Witness {
@@ -86,6 +101,7 @@ impl Witness {
 
     /// Looks at the drive. `going` says that a verb is open which may set its motor going.
     pub fn look(&mut self, now: Instant, truth: Truth, going: bool) -> Option<Found> {
+        self.note(now, truth.velocity);
         let found = self.started(now, &truth, going).or_else(|| self.strayed(&truth));
         let found = found.or_else(|| self.beyond(now, &truth));
         if truth.velocity.abs() > REST.0 {
@@ -100,6 +116,27 @@ impl Witness {
             self.seen = Some((now, truth));
         }
         found
+    }
+
+    /// Notes how fast the motor turns.
+    fn note(&mut self, now: Instant, velocity: f64) {
+        let fresh = Range { since: now, low: velocity, high: velocity };
+        let range = match self.lately[0] {
+            Some(range) if now < range.since.plus_ms(SETTLED_MS) => range,
+            before => {
+                self.lately[1] = before.filter(|b| now < b.since.plus_ms(2 * SETTLED_MS));
+                fresh
+            }
+        };
+        let (low, high) = (range.low.min(velocity), range.high.max(velocity));
+        self.lately[0] = Some(Range { low, high, ..range });
+    }
+
+    /// How fast it turned lately against that direction, rad/s.
+    fn against(&self, direction: f64) -> f64 {
+        let ranges = self.lately.iter().flatten();
+        let speeds = ranges.map(|range| if direction < 0.0 { range.high } else { -range.low });
+        speeds.fold(0.0, f64::max)
     }
 
     /// Each verb is executed once at most, and nothing is once all have ended.
@@ -163,7 +200,8 @@ impl Witness {
             return Some(("I14", what));
         }
         let top = velocity.max(asked).max(asked_before).max(turned);
-        if turns > top * (1.0 + OVERSHOOT.0) + OVERSHOOT.1 {
+        let step = top + self.against(truth.velocity);
+        if turns > top + OVERSHOOT.0 * step + OVERSHOOT.1 {
             let lag = is.position - truth.position;
             let what = format!(
                 "turns at {turns:.2} rad/s, held to {velocity:.2}, set to {asked:.2} and {lag:.3} rad behind"

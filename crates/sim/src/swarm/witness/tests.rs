@@ -86,3 +86,27 @@ fn what_is_beyond_a_bound_is_noticed() {
         assert_eq!(invariant(rested().look(at(1_010), truth, true)), expected, "{truth:?}");
     }
 }
+
+/// A motor that had turned the other way overshoots by a share of the whole step, and only for as long as
+/// its loops take to settle.
+#[test]
+fn a_motor_overshoots_by_a_share_of_the_step() {
+    let turning = |velocity| Truth { velocity, ..held() };
+    let turned_back = |before: f64, pause_ms: u32, after: f64| {
+        let mut witness = rested();
+        assert_eq!(
+            witness.look(at(1_001), Truth { enabled: false, ..turning(before) }, true),
+            None
+        );
+        for ms in 1_002..1_002 + pause_ms {
+            assert_eq!(witness.look(at(ms), turning(0.0), true), None);
+        }
+        invariant(witness.look(at(1_002 + pause_ms), turning(after), true))
+    };
+    // 10 rad/s + 13.6 % of 45 + 5.
+    assert_eq!(turned_back(-35.0, 20, 16.8), None);
+    assert_eq!(turned_back(-35.0, 20, 21.5), Some("I14"));
+    assert_eq!(turned_back(35.0, 20, -16.8), None);
+    assert_eq!(turned_back(35.0, 20, 16.8), Some("I14"), "it turned no other way");
+    assert_eq!(turned_back(-35.0, 100, 16.8), Some("I14"), "that is long past");
+}
