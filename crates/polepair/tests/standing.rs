@@ -1,9 +1,11 @@
 //! A stop is over when the motor is seen to stand by what is measured of it, not by what a trajectory
 //! or an acknowledgement says.
 
-use std::time::Duration;
+use std::io::{Read as _, Write as _};
+use std::net::TcpListener;
+use std::time::{Duration, Instant};
 
-use polepair::axis::{OWED_MAX, stop_owed};
+use polepair::axis::{Class, OWED_MAX, Stopping, stop_owed};
 use polepair::{Error, Link, connect};
 use polepair_core::drives::bench::Act;
 
@@ -75,5 +77,77 @@ fn a_turning_motor_stands_when_its_stop_returns() {
         axis.stop().unwrap_or_else(|error| panic!("{url}: {error}"));
         assert!(speed(&link) < 0.1, "{url}: {}", speed(&link));
         armed.detach();
+    }
+}
+
+/// A TMCL module made from the protocol's manual: it tells a speed of `speed`, and its position goes on by so
+/// many counts a second until it was told to stop so often. 4000 counts are a turn. Returns where it listens.
+fn module_whose_position_runs(speed: i32, counts_per_s: f64, stops: u32) -> String {
+    let server = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let url = format!("tmcl+tcp://{}?profile=tmcm-170#1", server.local_addr().expect("an address"));
+    std::thread::spawn(move || {
+        let mut told = 0;
+        for wire in server.incoming() {
+            let Ok(mut wire) = wire else { return };
+            let (begun, mut asked, mut stands_at) = (Instant::now(), [0; 9], None);
+            while wire.read_exact(&mut asked).is_ok() {
+                let position = (begun.elapsed().as_secs_f64() * counts_per_s) as i32;
+                told += u32::from(asked[1] == 3);
+                if told >= stops && asked[1] == 3 {
+                    stands_at.get_or_insert(position);
+                }
+                let (status, value): (u8, i32) = match (asked[1], asked[2]) {
+                    (3, _) => (100, 0),
+                    // A count that goes up and down by one, as an encoder between two counts tells.
+                    (6, 1) => (100, stands_at.unwrap_or(position) + position % 2),
+                    (6, 3) => (100, speed),
+                    (6, 210 | 250) => (100, 4000),
+                    (6, _) => (100, 0),
+                    (136, _) => (100, 0x00AA_0112),
+                    _ => (2, 0),
+                };
+                let mut reply = [2, 1, status, asked[1], 0, 0, 0, 0, 0];
+                reply[4..8].copy_from_slice(&value.to_be_bytes());
+                reply[8] = reply[..8].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
+                if wire.write_all(&reply).is_err() {
+                    break;
+                }
+            }
+        }
+    });
+    url
+}
+
+#[test]
+fn a_motor_whose_position_runs_does_not_stand() {
+    // 300 rpm, of which the drive tells nothing.
+    let link = connect(&module_whose_position_runs(0, 20_000.0, u32::MAX)).expect("a module");
+    let Err(error) = link.axes()[0].stop() else { panic!("it turns") };
+    assert!(error.may_turn(), "{error}");
+    let text = error.to_string();
+    assert!(text.contains("tells a speed of 0 rpm, but its position went from "), "{text}");
+    assert!(text.contains("° to ") || text.contains("deg to "), "{text}");
+    let mut stopping = Stopping::begin(&link.axes()[0]);
+    stopping.settle(&link.axes()[0], Duration::from_millis(500));
+    assert!(stopping.is_seen_turning() && *stopping.class() == Class::Acknowledged);
+    assert!(
+        stopping.trouble().is_some_and(|error| error.to_string().contains("its position went"))
+    );
+}
+
+/// The stop is said again to such a motor, and it is believed to stand once its position stays.
+#[test]
+fn a_motor_whose_position_runs_is_told_to_stop_again() {
+    let link = connect(&module_whose_position_runs(0, 20_000.0, 3)).expect("a module");
+    link.axes()[0].stop().expect("the third stop is obeyed");
+}
+
+/// What the stop itself takes for standing does: a slow turn, and an encoder that goes up and down by one.
+#[test]
+fn a_motor_that_creeps_as_slowly_as_its_stop_allows_stands() {
+    for (speed, counts_per_s) in [(0, 0.0), (0, 10.0), (4, 266.0)] {
+        let link = connect(&module_whose_position_runs(speed, counts_per_s, u32::MAX));
+        let stopped = link.expect("a module").axes()[0].stop();
+        stopped.unwrap_or_else(|error| panic!("{speed} rpm, {counts_per_s}: {error}"));
     }
 }

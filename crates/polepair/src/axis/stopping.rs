@@ -1,8 +1,10 @@
 //! A stop, and how far it is known to have come.
 //!
 //! It is told to the drive, answered step by step, and then looked for in what the drive measures:
-//! its speed, or its position twice. Only readings that were asked after the last of its steps was
-//! answered count. What was read before, or what a trajectory says that the motor should do, does not.
+//! its speed, or its position twice. Where a drive tells both, they must agree: a motor whose position
+//! runs does not stand, whatever its drive tells of its speed. Only readings that were asked after the
+//! last of its steps was answered count. What was read before, or what a trajectory says that the motor
+//! should do, does not.
 
 use std::time::Duration;
 
@@ -32,6 +34,12 @@ const STANDS_MIN: u32 = 2;
 const AGREE_OVER: Duration = Duration::from_millis(100);
 const HOLDS_RADIANS: f64 = 0.05;
 const HOLDS_METRES: f64 = 0.001;
+/// Beside a speed that says that the motor stands, two positions may differ by so many raw steps, because
+/// each may be one off, or by so many times the speed that the stop takes for standing.
+const DITHER: u64 = 2;
+const SLOW_TIMES: f64 = 2.0;
+/// A motor that was told to stop, and of which speed and position do not agree, is told again after so long.
+const AGAIN_AFTER: Duration = Duration::from_secs(1);
 /// So long a motor whose stop was carried out is waited for until it stands.
 const REST_MAX: Duration = Duration::from_secs(5);
 /// So long a group's drives, which do not tell the same, are asked whether they stand.
@@ -113,7 +121,7 @@ impl Stopping {
     fn carried_out(axis: &Axis) -> Self {
         let (mut stopping, now) = (Self::new(axis), axis.connection().now());
         stopping.came(Class::Acknowledged, now);
-        stopping.stage = Stage::Watching(Watch::new(axis, now));
+        stopping.stage = Stage::Watching(Watch { once: false, ..Watch::new(axis, now) });
         stopping
     }
 
@@ -139,10 +147,14 @@ impl Stopping {
         &self.class
     }
 
-    /// Why it goes no further, where it was answered and the drive then fell silent.
+    /// Why it goes no further, where it was answered and the drive then fell silent, or tells that the
+    /// motor stands while its position runs.
     #[must_use]
     pub fn trouble(&self) -> Option<&Error> {
-        self.trouble.as_ref()
+        match &self.stage {
+            Stage::Watching(watch) => watch.runs.as_ref(),
+            _ => self.trouble.as_ref(),
+        }
     }
 
     /// How long that took.
@@ -179,7 +191,7 @@ impl Stopping {
     /// Whether the drive answered all of it and the last reading says that its motor still turns.
     #[must_use]
     pub fn is_seen_turning(&self) -> bool {
-        matches!(&self.stage, Stage::Watching(watch) if watch.turns)
+        matches!(&self.stage, Stage::Watching(watch) if watch.turns || watch.runs.is_some())
     }
 
     /// Looks how far it has come. Waits for nothing.
@@ -201,7 +213,7 @@ impl Stopping {
                 | Stage::Spared(running)
                 | Stage::Telling(running)
                 | Stage::Releasing(running, _) => running.wait(left),
-                Stage::Watching(Watch { asked: Some((running, _)), .. }) => running.wait(left),
+                Stage::Watching(Watch { asked: Some((running, ..)), .. }) => running.wait(left),
                 Stage::Watching(watch) => {
                     axis.sleep(watch.next.since(axis.connection().now()).min(left));
                     Ok(None)
@@ -280,14 +292,25 @@ struct Watch {
     since: Instant,
     /// The first is asked for; what the drive does not tell is left out.
     sources: Vec<Source>,
-    asked: Option<(Running, Instant)>,
+    asked: Option<(Running, Instant, Source)>,
+    /// A drive that is silent is asked once.
+    once: bool,
     next: Instant,
-    /// Readings of the speed in a row that passed.
+    /// Readings of the speed in a row that passed, and how many they were at the last position.
     stands: u32,
+    looks: u32,
     /// The first of the positions that agree, and when it was asked for.
     position: Option<(Instant, i64)>,
     /// The last reading says that the motor turns.
     turns: bool,
+    /// The speed says that it stands, and the last two positions do not.
+    runs: Option<Error>,
+    /// They do as well.
+    agrees: bool,
+    /// The speed that was read last.
+    speed: i64,
+    /// Parameters that were read because the scale of the position depends on them.
+    factors: usize,
 }
 
 /// What tells whether a motor stands.
@@ -295,6 +318,8 @@ struct Watch {
 enum Source {
     Speed(ParameterId, Test),
     Position(ParameterId),
+    /// What the scale of the position depends on.
+    Factor(ParameterId),
 }
 
 impl Source {
@@ -317,7 +342,7 @@ impl Source {
 
     fn parameter(self) -> ParameterId {
         match self {
-            Self::Speed(id, _) | Self::Position(id) => id,
+            Self::Speed(id, _) | Self::Position(id) | Self::Factor(id) => id,
         }
     }
 }
@@ -325,19 +350,48 @@ impl Source {
 impl Watch {
     fn new(axis: &Axis, now: Instant) -> Self {
         let (since, sources) = (now, Source::of(axis));
-        Self { since, sources, asked: None, next: now, stands: 0, position: None, turns: false }
+        Self {
+            since,
+            sources,
+            asked: None,
+            once: true,
+            next: now,
+            stands: 0,
+            looks: 0,
+            position: None,
+            turns: false,
+            runs: None,
+            agrees: false,
+            speed: 0,
+            factors: 0,
+        }
+    }
+
+    /// Whether positions are to agree with a speed that says what is none.
+    fn compares(&self) -> bool {
+        matches!(self.sources[..], [Source::Speed(..), Source::Position(_)])
+    }
+
+    /// What is asked next: a position behind each speed that says that the motor stands.
+    fn source(&self, axis: &Axis) -> Option<Source> {
+        match self.sources[..] {
+            [Source::Speed(..), place @ Source::Position(id)] if self.stands > self.looks => {
+                Some(axis.unread_factor(id, self.factors).map_or(place, Source::Factor))
+            }
+            _ => self.sources.first().copied(),
+        }
     }
 
     /// What is known when it is; an error when the drive answers no longer.
     fn look(&mut self, axis: &Axis, now: Instant) -> Result<Option<Class>, Error> {
-        let Some(source) = self.sources.first().copied() else { return Ok(Some(Class::Unseen)) };
-        let Some((running, asked)) = &mut self.asked else {
+        let Some(source) = self.source(axis) else { return Ok(Some(Class::Unseen)) };
+        let Some((running, asked, source)) = &mut self.asked else {
             if now >= self.next {
                 self.ask(axis, source, now);
             }
             return Ok(None);
         };
-        let asked = *asked;
+        let (asked, source) = (*asked, *source);
         let read = match running.poll() {
             Ok(None) => return Ok(None),
             Ok(Some(raw)) => Ok(raw),
@@ -351,12 +405,22 @@ impl Watch {
                 false => rest.clamp(LOOK_EVERY, LOOK_EVERY_MAX),
             };
         match read {
-            Ok(raw) => Ok(self.says(axis, source, raw, asked).then_some(Class::Still)),
+            Ok(raw) => {
+                let stands = self.says(axis, source, raw, (asked, now));
+                if let Some((since, _)) = self.position
+                    && (self.stands >= STANDS_MIN || !self.compares())
+                {
+                    // Nothing is told by what is read before.
+                    self.next = self.next.max(since + AGREE_OVER);
+                }
+                Ok(stands.then_some(Class::Still))
+            }
             Err(error) if is_of_the_wire(&error) => Err(error),
             Err(error) => {
-                let differ = matches!(failure(&error), Some(Failure::NotReady { .. }));
+                let differ = matches!(failure(&error), Some(Failure::NotReady { .. }))
+                    && self.sources.first() == Some(&source);
                 if !differ || now.since(self.since) >= DIFFER_MAX {
-                    self.sources.remove(0);
+                    self.leave_out(source);
                     self.next = now;
                 }
                 Ok(None)
@@ -365,35 +429,84 @@ impl Watch {
     }
 
     fn ask(&mut self, axis: &Axis, source: Source, now: Instant) {
-        match axis.start_look(source.parameter()) {
-            Ok(running) => self.asked = Some((running, now)),
+        match axis.start_look(source.parameter(), self.once) {
+            Ok(running) => self.asked = Some((running, now, source)),
             Err(Error::Unsupported { why: Unsupported::Busy, .. }) => {
                 self.next = now + LOOK_EVERY;
             }
-            Err(_) => drop(self.sources.remove(0)),
+            Err(_) => self.leave_out(source),
         }
     }
 
-    /// Whether the motor stands, by a value that was asked for at `asked`.
-    fn says(&mut self, axis: &Axis, source: Source, raw: i64, asked: Instant) -> bool {
+    /// The drive does not tell it.
+    fn leave_out(&mut self, source: Source) {
+        match source {
+            // A position without a scale cannot be held against a speed.
+            Source::Factor(_) => self.sources.retain(|other| !matches!(other, Source::Position(_))),
+            source => self.sources.retain(|other| *other != source),
+        }
+    }
+
+    /// Whether the motor stands, by a value that was asked for and then told.
+    fn says(&mut self, axis: &Axis, source: Source, raw: i64, at: (Instant, Instant)) -> bool {
         match source {
             Source::Speed(_, test) => {
-                self.turns = !test.passes(raw);
-                self.stands = if self.turns { 0 } else { self.stands + 1 };
-                self.stands >= STANDS_MIN
+                (self.turns, self.speed) = (!test.passes(raw), raw);
+                if self.turns {
+                    (self.stands, self.looks, self.position) = (0, 0, None);
+                    (self.runs, self.agrees) = (None, false);
+                } else {
+                    self.stands += 1;
+                }
+            }
+            Source::Factor(_) => {
+                self.factors += 1;
+                return false;
+            }
+            Source::Position(id) if self.compares() => {
+                self.looks = self.stands;
+                self.compare(axis, id, raw, at);
             }
             Source::Position(id) => {
-                let (since, first) = *self.position.get_or_insert((asked, raw));
-                let over = asked.since(since);
+                let (since, first) = *self.position.get_or_insert((at.0, raw));
+                let over = at.0.since(since);
                 if over < AGREE_OVER {
                     return false;
                 }
-                self.turns = raw.abs_diff(first) > 1 && axis.drifts(id, (first, raw), over);
+                self.turns = raw.abs_diff(first) > 1 && axis.drifts(id, (first, raw), over, 0.0);
                 if self.turns {
-                    self.position = Some((asked, raw));
+                    self.position = Some((at.0, raw));
                 }
-                !self.turns
+                return !self.turns;
             }
+        }
+        self.stands >= STANDS_MIN && (self.agrees || !self.compares())
+    }
+
+    /// Holds a position against the one before, where the speed says that the motor stands.
+    fn compare(
+        &mut self,
+        axis: &Axis,
+        id: ParameterId,
+        raw: i64,
+        (asked, told): (Instant, Instant),
+    ) {
+        if axis.si(id, raw).is_none() {
+            return self.leave_out(Source::Factor(id));
+        }
+        let (since, first) = *self.position.get_or_insert((asked, raw));
+        if asked.since(since) < AGREE_OVER {
+            return;
+        }
+        // No longer than this lies between them, so that they are not called faster than they are.
+        let over = told.since(since);
+        let slow = axis.standing_speed_si().unwrap_or(0.0) * SLOW_TIMES;
+        let runs = raw.abs_diff(first) > DITHER && axis.drifts(id, (first, raw), over, slow);
+        self.runs = runs.then(|| axis.does_not_agree(self.speed, (id, first, raw), over));
+        (self.agrees, self.position) = (!runs, Some((asked, raw)));
+        if runs {
+            self.stands = 0;
+            self.looks = 0;
         }
     }
 }
@@ -420,48 +533,98 @@ impl Axis {
         Some(standing.map_or(reading.raw != 0, |test| !test.passes(reading.raw)))
     }
 
-    /// Waits until its motor, whose stop was carried out, is seen to stand, where that stop did not wait
-    /// for a measured speed itself.
+    /// Waits until its motor, whose stop was carried out, is seen to stand: where that stop waited for a
+    /// measured speed itself, by its position.
     pub(crate) fn see_standing(&self, stopped: Result<(), Error>) -> Result<Standing, Error> {
         stopped?;
-        if self.standing_speed().is_some() {
+        let is_group = Number(self.number).is_group();
+        let places = self.profile.signal(Signal::Position).is_some();
+        if self.standing_speed().is_some() && (is_group || !places) {
             return Ok(Standing::Seen);
         }
+        let end = self.connection.now() + REST_MAX;
         let mut stopping = Stopping::carried_out(self);
-        stopping.settle(self, REST_MAX);
-        let turns = stopping.is_seen_turning();
-        match (stopping.class, stopping.trouble) {
+        let mut left = REST_MAX;
+        while !left.is_zero() && !stopping.has_ended() {
+            stopping.settle(self, left.min(AGAIN_AFTER));
+            left = end.since(self.connection.now());
+            if stopping.trouble().is_some() && !stopping.has_ended() && !left.is_zero() {
+                stopping = Stopping::begin(self);
+            }
+        }
+        let (turns, trouble) = (stopping.is_seen_turning(), stopping.trouble().cloned());
+        match (stopping.class, trouble) {
             (Class::Still, _) => Ok(Standing::Seen),
             (Class::Unseen, _) => Ok(Standing::Untold),
             (Class::Failed(error), _) | (_, Some(error)) => Err(error),
             // Drives of a group rarely tell the same.
-            _ if Number(self.number).is_group() && !turns => Ok(Standing::Untold),
+            _ if is_group && !turns => Ok(Standing::Untold),
             _ => Err(self.not_at_rest(REST_MAX)),
         }
     }
 
     /// It was told to stop, and turns on after so long.
     pub(crate) fn not_at_rest(&self, after: Duration) -> Error {
-        let seconds = after.as_secs();
+        let what = format!("is not at rest after {} s", after.as_secs());
+        self.turns_on(&what, "give its ramp more time, or cut its power")
+    }
+
+    /// Its speed says that the motor stands, and two positions say that it does not.
+    fn does_not_agree(
+        &self,
+        speed: i64,
+        (id, from, to): (ParameterId, i64, i64),
+        over: Duration,
+    ) -> Error {
+        let told = |id, raw| match self.si(id, raw).and_then(|_| self.value(id, raw).ok()) {
+            Some(value) => value.to_string(),
+            None => raw.to_string(),
+        };
+        let velocity = self.profile.signal(Signal::Velocity);
+        let speed = velocity.map_or_else(String::new, |source| told(source.parameter, speed));
+        let (from, to, ms) = (told(id, from), told(id, to), over.as_millis());
+        let what = format!(
+            "tells a speed of {speed}, but its position went from {from} to {to} in {ms} ms"
+        );
+        self.turns_on(&what, "cut its power; then see why its speed is not measured")
+    }
+
+    fn turns_on(&self, what: &str, hint: &str) -> Error {
         Error::Failed {
-            what: format!("{} was told to stop and is not at rest after {seconds} s", self.label()),
+            what: format!("{} was told to stop and {what}", self.label()),
             went: String::new(),
             outcome: Outcome::Unknown(Failure::NotReached),
             may_turn: true,
             heard: Box::default(),
-            hint: "give its ramp more time, or cut its power".to_owned(),
+            hint: hint.to_owned(),
         }
     }
 
-    /// Whether a motor went further in that time than one that holds its place.
-    fn drifts(&self, id: ParameterId, (from, to): (i64, i64), over: Duration) -> bool {
-        let si = |raw| self.connection.with(|axes, _| axes.to_si(self.index, id, raw));
+    fn si(&self, id: ParameterId, raw: i64) -> Option<f64> {
+        self.connection.with(|axes, _| axes.to_si(self.index, id, raw))
+    }
+
+    /// Whether a motor went further in that time than one that holds its place, or turns at that speed.
+    fn drifts(&self, id: ParameterId, (from, to): (i64, i64), over: Duration, speed: f64) -> bool {
         let holds = match self.profile.parameter(id).map(|parameter| parameter.unit) {
             Some(Unit::Millimetre) => HOLDS_METRES,
             _ => HOLDS_RADIANS,
         };
-        let went = si(from).zip(si(to)).map(|(from, to)| (to - from).abs());
-        went.is_none_or(|went| went > holds * over.as_secs_f64())
+        let went = self.si(id, from).zip(self.si(id, to)).map(|(from, to)| (to - from).abs());
+        went.is_none_or(|went| went > holds.max(speed) * over.as_secs_f64())
+    }
+
+    /// The nth parameter that the scale of this one depends on, while that is not known.
+    fn unread_factor(&self, id: ParameterId, nth: usize) -> Option<ParameterId> {
+        let scale = self.profile.parameter(id)?.scale;
+        let factors = [scale.times, scale.over].into_iter().flatten();
+        factors.filter(|_| self.si(id, 0).is_none()).nth(nth)
+    }
+
+    /// The greatest speed that the drive's stop takes for none.
+    fn standing_speed_si(&self) -> Option<f64> {
+        let speed = self.profile.signal(Signal::Velocity)?.parameter;
+        Some(self.si(speed, self.standing_speed()?.value)?.abs())
     }
 
     /// What the drive's stop takes for no measured speed, where it waits for that.
@@ -501,27 +664,30 @@ impl Axis {
     /// Asks what a stop that is said again hangs on.
     fn start_spared(&self, id: ParameterId) -> Result<Running, Error> {
         let what = format!("stop: reading `{}` first", self.parameter(id)?.name);
-        self.start_read_once(id, what, RequestKind::Verb(Verb::Stop))
+        self.start_read_now(id, what, RequestKind::Verb(Verb::Stop), true)
     }
 
     /// Asks whether a motor stands that was told to stop.
-    fn start_look(&self, id: ParameterId) -> Result<Running, Error> {
+    fn start_look(&self, id: ParameterId, once: bool) -> Result<Running, Error> {
         let what =
             format!("was told to stop and not seen to stand: `{}`", self.parameter(id)?.name);
-        self.start_read_once(id, what, RequestKind::Standing)
+        self.start_read_now(id, what, RequestKind::Standing, once)
     }
 
-    /// As [`start_read`](Self::start_read), but waits for no room; and a drive that is silent is asked
-    /// once.
-    fn start_read_once(
+    /// As [`start_read`](Self::start_read), but waits for no room; and a drive that is silent may be
+    /// asked `once`.
+    fn start_read_now(
         &self,
         id: ParameterId,
         what: String,
         asked: RequestKind,
+        once: bool,
     ) -> Result<Running, Error> {
         self.submit_now(what, asked, |axes, now, ticket| {
             axes.read(now, ticket, self.index, id)?;
-            axes.send_once(ticket);
+            if once {
+                axes.send_once(ticket);
+            }
             Ok(())
         })
     }
