@@ -366,17 +366,18 @@ impl Live {
         self.watches.iter_mut().filter(|watch| watch.turns()).for_each(|watch| watch.is_owed(now));
     }
 
-    /// It has ended.
-    pub fn is_shut(&mut self, bench: &Bench) {
+    /// It has ended, and these were told as not seen standing.
+    pub fn is_shut(&mut self, bench: &Bench, left: &[String]) {
         self.turn(bench, false);
+        let view = bench.snapshot();
         for n in 0..self.watches.len() {
-            if self.watches[n].turns() {
-                let speed = self.watches[n].truth.velocity;
-                self.violate(
-                    "G1",
-                    format!("axis {n}: the server ended, and it turns at {speed:.2} rad/s"),
-                );
-            }
+            let named = view.axes.get(n).is_some_and(|axis| {
+                let link = view.links.iter().find(|link| link.id == axis.link);
+                link.is_some_and(|link| left.contains(&format!("{} of {}", axis.label, link.url)))
+            });
+            let well = self.ports[self.watches[n].wire].well_since();
+            let found = self.watches[n].is_left(self.now, named, well);
+            self.found(n, found);
         }
     }
 

@@ -75,8 +75,8 @@ pub fn live(seed: u64, tell: Option<Tell>) -> Report {
         End::Shutdown => {
             live.borrow_mut().say(|| "the server ends".to_owned());
             live.borrow_mut().shuts_down();
-            bench.shutdown();
-            live.borrow_mut().is_shut(&bench);
+            let left = bench.shutdown();
+            live.borrow_mut().is_shut(&bench, &left);
         }
     }
     if how != End::Shutdown {

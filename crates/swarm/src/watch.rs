@@ -1,5 +1,8 @@
 //! Who stands beside a motor and knows what its axis is owed, whatever the bench believes.
 
+#[cfg(test)]
+mod tests;
+
 use std::time::Duration;
 
 use polepair_core::drives::bench::Truth;
@@ -175,6 +178,19 @@ impl Watch {
         found.retain(|(invariant, _)| !self.told.contains(invariant));
         self.told.extend(found.iter().map(|(invariant, _)| *invariant));
         found
+    }
+
+    /// The server has ended, and named this axis as not seen standing, or did not. It may turn where it was
+    /// named and its wire was well too late for the stop to be carried out.
+    pub fn is_left(&self, now: Instant, named: bool, well: Option<Instant>) -> Option<Found> {
+        let ramp = Duration::from_millis(u64::from(self.kind.ramp_ms));
+        let late = well.is_none_or(|well| now.since(well) <= ARRIVES + ramp);
+        if !self.turns() || named && late {
+            return None;
+        }
+        let speed = self.truth.velocity;
+        let told = if named { "told of" } else { "not told of" };
+        Some(("G1", format!("the server ended, and it turns at {speed:.2} rad/s, {told}")))
     }
 
     fn look_at_alarm(
