@@ -121,7 +121,7 @@ struct Doubts {
     bad_sum: bool,
     bad_sum_of_module: bool,
     early: bool,
-    /// The reply to another motor's stop may still come.
+    /// The reply to another motor's stop may still come, or to another program's.
     anothers: bool,
     /// A stop waits, or it was to be sent once: no further attempt.
     cut_short: bool,
@@ -315,7 +315,8 @@ impl Session {
         pending.sent = true;
         if request.opcode == Opcode::Mst {
             if pending.attempts == 0 {
-                pending.doubts.anothers = self.motors.may_be_anothers(&request);
+                pending.doubts.anothers =
+                    self.motors.may_be_anothers(&request) || !self.proven.holds(request.address);
             }
             self.motors.told(&request);
             self.suspicious = true;

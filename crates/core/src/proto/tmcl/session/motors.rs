@@ -3,7 +3,8 @@
 //! So a reply that is late, or comes twice, looks like the one to the stop of another motor. A module answers
 //! in order: once it has answered something else, all replies to stops that were sent before are past. A
 //! stop whose reply could be another motor's goes out at once, like every stop, but that reply is not
-//! believed: a probe is asked, and then the stop is said once more. For motor 0, whose standing is looked
+//! believed: a probe is asked, and then the stop is said once more. So it is with a module that is not
+//! proven: an earlier program may have stopped another motor. For motor 0, whose standing is looked
 //! at, a good reply is taken as it comes; a refusal of another's stop would say that its own was not executed.
 
 use super::Session;

@@ -5,11 +5,11 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use super::pair::{Fault, Wire, request};
+use super::pair::{Fault, MODULE, Wire, request};
 use crate::error::Failure;
 use crate::proto::HostOptions;
 use crate::proto::tmcl::device::Quirks;
-use crate::proto::tmcl::{Answer, Ask, Opcode, Request, SerialHost};
+use crate::proto::tmcl::{Answer, Ask, Opcode, Reply, Request, SerialHost, Status};
 use crate::station::{Host, Ticket};
 
 const INVALID_VALUE: Failure = Failure::Refused { code: 4 };
@@ -67,6 +67,26 @@ fn a_late_reply_counts_for_no_other_motor() {
                 // The first stop of motor 0 belongs to nobody else; later ones are looked at for refusals.
                 let context = std::format!("{motors} motors, late by {late_ms} ms, {doubt:?}");
                 stops_are_true(wire, &context, false);
+            }
+        }
+    }
+}
+
+/// What an earlier program is owed counts for no motor either.
+#[test]
+fn a_reply_owed_to_an_earlier_program_counts_for_no_motor() {
+    for seed in 0..40 {
+        for at_ms in [20, 30, 60] {
+            for (motor, status, own) in
+                [(1, Status::Ok, Err(INVALID_VALUE)), (0, Status::InvalidValue, Ok(()))]
+            {
+                let mut wire = wire(1, Some(seed), super::pair::sound());
+                let opcode = Opcode::Mst;
+                let owed = Reply { host: 2, module: MODULE, status, opcode, value: 0 };
+                wire.to_host.push((wire.now.plus_ms(at_ms), owed.emit().to_vec()));
+                wire.firmware.pause = 40;
+                let ended = wire.ask(stop(motor)).map(drop);
+                assert_eq!(ended, own, "seed {seed}, {at_ms} ms, motor {motor}");
             }
         }
     }
