@@ -41,6 +41,8 @@ const ASK: Duration = Duration::from_millis(30);
 const ASK_BITS: u64 = 400;
 /// How long addresses are asked in all; what is left then is told as not asked.
 const SEARCH_MAX: Duration = Duration::from_secs(6);
+/// How long one that was named is asked what it is, before it is told by the protocol's own word.
+const NAMED: Duration = Duration::from_millis(250);
 /// How long a drive that was found may keep the others waiting.
 const TELL: Duration = Duration::from_millis(150);
 /// How long one that was named and did not answer may keep the others waiting, once all were told.
@@ -226,7 +228,10 @@ fn look(
     stopped.patience = if named { None } else { Some(patience(url, line)?) };
     let chosen = connector.chosen_profile(url, &line.spoken)?;
     let generic = line.spoken.generic;
-    let prober = Prober::new(line, &connector.config).patient(stopped.patience);
+    // Where the protocol has a word for it, whoever is named is told soon, whatever it is.
+    let soon = NAMED.max(2 * patience(url, line)?);
+    let patience = stopped.patience.or(generic.plan(verb).map(|_| soon));
+    let prober = Prober::new(line, &connector.config).patient(patience);
     let end = clock::now() + SEARCH_MAX;
     let (mut found, mut deaf, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
     for (done, &number) in wanted.iter().enumerate() {
