@@ -20,8 +20,9 @@ pub const REPLY_TIMEOUT_MS: u32 = 100;
 /// After bytes that were no reply, the line must be silent for so many characters before the host
 /// speaks.
 const QUIET_CHARACTERS: u32 = 2;
-/// A byte sent alone, to make a module that lost count of bytes count on, is followed by so long a
-/// silence, that a module with a time limit between bytes drops it.
+/// The byte that is sent alone, to make a module that lost count of bytes count on.
+const SHIFT: u8 = 0;
+/// It is followed by so long a silence, that a module with a time limit between bytes drops it.
 const SHIFT_PAUSE_MS: u32 = 35;
 /// Bytes of a stop that goes out at each place of a module's count.
 const BURST: usize = DATAGRAM * (DATAGRAM + 1);
@@ -42,6 +43,8 @@ pub struct SerialHost {
     len: usize,
     sent: [u8; DATAGRAM],
     echo_due: bool,
+    /// The byte that went out alone may come back before anything else.
+    shift_echo_due: bool,
     /// What was thrown away since the end of a line: a module in ASCII mode answers in text.
     text: ascii::Line,
     /// Until when the line has to be silent.
@@ -65,7 +68,7 @@ impl SerialHost {
             gap => u64::from(gap.unwrap_or(0)) * 1_000,
         };
         Self {
-            session: Session::new(host.into(), timeout, options.doubt),
+            session: Session::new(host.into(), timeout, options.doubt).counting_bytes(),
             line,
             on_wire_ns: (soonest_ns, on_wire_ns),
             pace: Pace::new(&paced),
@@ -76,6 +79,7 @@ impl SerialHost {
             len: 0,
             sent: [0; DATAGRAM],
             echo_due: false,
+            shift_echo_due: false,
             text: ascii::Line::EMPTY,
             quiet: Instant(quiet_ns.max(gap_ns)),
             shifted: false,
@@ -105,6 +109,7 @@ impl SerialHost {
             if reply.host == self.host
                 && (reply.status.is_named() || self.wants(Opcode::ReadMemory))
             {
+                self.shift_echo_due = false;
                 self.session.reply(now, reply, self.pace.early() > 0);
                 return DATAGRAM;
             }
@@ -134,6 +139,10 @@ impl SerialHost {
 
     /// Throws a byte away.
     fn skip(&mut self, byte: u8) {
+        if byte == SHIFT && core::mem::take(&mut self.shift_echo_due) {
+            self.session.counters.echoed += 1;
+            return;
+        }
         self.session.counters.skipped += 1;
         if byte != b'\r' {
             return self.text.push(byte);
@@ -220,10 +229,11 @@ impl Station<Stream> for SerialHost {
         if !self.session.has_unsent() {
             return None;
         }
-        if !self.shifted && self.session.wants_shift(now) {
+        if !self.shifted && self.session.take_shift(now) {
             self.shifted = true;
             self.session.hold(now.plus_ms(SHIFT_PAUSE_MS));
-            *out.first_mut()? = 0;
+            self.shift_echo_due = true;
+            *out.first_mut()? = SHIFT;
             return Some(1);
         }
         if now < self.quiet {
@@ -445,10 +455,10 @@ pub(super) fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
 fn repeat_shifted(datagram: [u8; DATAGRAM], out: &mut [u8], burst: Burst) -> usize {
     for place in out[..BURST].chunks_exact_mut(DATAGRAM + 1) {
         place[..DATAGRAM].copy_from_slice(&datagram);
-        place[DATAGRAM] = 0;
+        place[DATAGRAM] = SHIFT;
     }
     if burst.shifts {
-        out[BURST] = 0;
+        out[BURST] = SHIFT;
         return BURST + 1;
     }
     BURST

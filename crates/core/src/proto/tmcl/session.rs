@@ -159,7 +159,8 @@ impl Pending {
 #[derive(Clone, Copy, Debug)]
 struct Suspect {
     module: u8,
-    tags: [u8; TAGS_MAX],
+    /// Opcodes of requests whose answers may still come, each with until when.
+    tags: [(u8, Instant); TAGS_MAX],
     count: u8,
     probes: u8,
     probe_due: bool,
@@ -194,6 +195,8 @@ pub struct Session {
     /// Replies that came sooner than the baud rate allows, in a row; past the limit the baud rate
     /// is taken for fiction (USB).
     early_streak: u8,
+    /// Modules know no frame but by counting bytes: on serial lines.
+    counts_bytes: bool,
     /// Replies in a row that took their time.
     timely: u64,
     up: bool,
@@ -224,6 +227,7 @@ impl Session {
             heard: Modules::NONE,
             unheard: Modules::NONE,
             early_streak: 0,
+            counts_bytes: false,
             timely: 0,
             up: true,
             counters: Counters::default(),
@@ -484,8 +488,7 @@ impl Session {
             let opcode = ask.request.opcode.number();
             let of_module = |s: &&Suspect| s.module == ask.request.address;
             if let Some(suspect) = self.suspects.iter().flatten().find(of_module) {
-                let tags = &suspect.tags[..usize::from(suspect.count)];
-                ambiguous = tags.iter().filter(|tag| **tag == opcode).count() as u8;
+                ambiguous = suspect.owes(now).filter(|tag| *tag == opcode).count() as u8;
             }
         }
         self.pending = Some(Pending::new(now, ticket, ask, ambiguous));
@@ -493,7 +496,9 @@ impl Session {
 
     fn judge(&mut self, now: Instant, reply: Reply, soon: bool) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
-            self.counters.late += 1;
+            let asked = self.was_asked(reply.module, reply.opcode.number());
+            self.counters.late += u64::from(asked);
+            self.counters.foreign += u64::from(!asked);
             self.older(reply.module);
             return;
         };
@@ -661,16 +666,16 @@ impl Session {
             let proven = self.proven.holds(waiting.ask.request.address);
             *waiting = Waiting::new(waiting.ticket, waiting.ask, proven);
             self.prove(now);
-        } else if let Some(ask) = self.probe() {
+        } else if let Some(ask) = self.probe(now) {
             self.start(now, None, ask);
         }
     }
 
-    fn probe(&mut self) -> Option<Ask> {
+    fn probe(&mut self, now: Instant) -> Option<Ask> {
         let suspect = self.suspects.iter_mut().flatten().find(|suspect| suspect.probe_due)?;
         suspect.probe_due = false;
-        let tags = &suspect.tags[..usize::from(suspect.count)];
-        let (opcode, kind) = PROBES.into_iter().find(|(o, _)| !tags.contains(&o.number()))?;
+        let is_free = |opcode: Opcode| suspect.owes(now).all(|tag| tag != opcode.number());
+        let (opcode, kind) = PROBES.into_iter().find(|(opcode, _)| is_free(*opcode))?;
         suspect.probes += 1;
         let request = Request { address: suspect.module, opcode, kind, motor: 0, value: 0 };
         Some(Ask { request, class: Class::Idempotent })

@@ -1,7 +1,7 @@
 //! How a module is proven of which nothing is known: what an earlier program asked may still be
 //! answered.
 
-use super::{Ask, EARLY_MAX, LATEST_TIMEOUTS, Pending, RECENT_MAX, Session};
+use super::{Ask, EARLY_MAX, LATEST_TIMEOUTS, Pending, RECENT_MAX, Session, Suspect};
 use crate::error::Failure;
 use crate::proto::tmcl::opcode::Opcode;
 use crate::proto::tmcl::wire::Request;
@@ -10,8 +10,13 @@ use crate::time::Instant;
 
 /// Probes that prove a module of which nothing is known.
 pub(super) const PROOFS: u8 = 3;
-/// Probes into silence to a module that never answered.
+/// Probes into silence to a module that answered before.
+const KNOWN_MAX: u8 = 2 * PROOFS;
+/// The same to one that never did.
 const UNKNOWN_MAX: u8 = 2;
+/// The same to one that may have lost count.
+const SENT_MAX: u8 = 40;
+
 /// Probes that are answered among older replies, after which those are taken for somebody else's.
 const OLDER_MAX: u8 = 16;
 
@@ -30,9 +35,10 @@ pub(super) const PROBES: [(Opcode, u8); 6] = [
 pub(super) struct Waiting {
     pub(super) ticket: Ticket,
     pub(super) ask: Ask,
-    /// Probes still to be answered, and to be sent at most.
+    /// Probes still to be answered.
     pub(super) proofs: u8,
-    pub(super) left: u8,
+    /// Probes that were sent.
+    pub(super) sent: u8,
     /// All that were answered came sooner than the baud rate allows.
     pub(super) soon: bool,
     /// The probe before, which the next one differs from.
@@ -50,7 +56,7 @@ impl Waiting {
             ticket,
             ask,
             proofs: if proven { 1 } else { PROOFS },
-            left: 2 * PROOFS,
+            sent: 0,
             soon: !proven,
             last: None,
             older: false,
@@ -66,14 +72,14 @@ impl Session {
         let Some(mut waiting) = self.waiting else { return };
         let module = waiting.ask.request.address;
         let suspect = self.suspects.iter().flatten().find(|suspect| suspect.module == module);
-        let owed = suspect.map_or(&[][..], |s| &s.tags[..usize::from(s.count)]);
         let fresh = |(opcode, _): &(Opcode, u8)| {
-            waiting.last != Some(opcode.number()) && !owed.contains(&opcode.number())
+            let is_owed = |suspect: &Suspect| suspect.owes(now).any(|tag| tag == opcode.number());
+            waiting.last != Some(opcode.number()) && !suspect.is_some_and(is_owed)
         };
         let choices = PROBES.iter().filter(|probe| fresh(probe)).count();
         let nth = self.proven.below(choices);
         let probe = PROBES.iter().filter(|probe| fresh(probe)).nth(nth).unwrap_or(&PROBES[0]);
-        waiting.left = waiting.left.saturating_sub(1);
+        waiting.sent = waiting.sent.saturating_add(1);
         waiting.last = Some(probe.0.number());
         self.waiting = Some(waiting);
         let request =
@@ -88,7 +94,7 @@ impl Session {
         if core::mem::take(&mut waiting.older) && waiting.olders < OLDER_MAX {
             // What answered it may be one of them.
             waiting.olders += 1;
-            (waiting.proofs, waiting.left) = (PROOFS, 2 * PROOFS);
+            (waiting.proofs, waiting.sent) = (PROOFS, 0);
         }
         if waiting.proofs > 0 {
             return self.prove(now);
@@ -123,17 +129,25 @@ impl Session {
         })
     }
 
+    /// Whether such a reply answers one of the last requests.
+    pub(super) fn was_asked(&self, module: u8, opcode: u8) -> bool {
+        self.recent.iter().any(|(to, what, _)| (*to, *what) == (module, opcode))
+    }
+
     /// A probe for the request that waits brought nothing: its answer may still come, so that the
-    /// proof begins again with others. From who never answered two are enough.
+    /// proof begins again with others.
     #[cold]
     pub(super) fn not_proved(&mut self, now: Instant, probe: &Pending) {
         self.suspect(now, probe, false);
         let module = probe.ask.request.address;
-        let known = self.knows(module);
+        let most = match self.knows(module) {
+            true => KNOWN_MAX,
+            false if self.may_be_shifted(module) => SENT_MAX,
+            false => UNKNOWN_MAX,
+        };
         let Some(waiting) = &mut self.waiting else { return };
         waiting.proofs = PROOFS;
-        let sent = 2 * PROOFS - waiting.left;
-        if waiting.left > 0 && (known || sent < UNKNOWN_MAX) {
+        if waiting.sent < most {
             return self.prove(now);
         }
         let ticket = waiting.ticket;

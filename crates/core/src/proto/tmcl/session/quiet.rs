@@ -15,12 +15,17 @@ const SHIFT_TIMEOUTS: u64 = 2;
 /// Requests that were not answered, before that.
 const SENDS_MIN: u8 = 2;
 
+/// Places of a module's count.
+const SHIFTS_MAX: u8 = 9;
+
 /// A module of which nothing was heard since requests to it were not answered.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Quiet {
     module: u8,
     since: Instant,
     sends: u8,
+    /// Bytes that were put between requests to it.
+    shifts: u8,
 }
 
 /// A stop that goes out once for every place of a module's count.
@@ -31,13 +36,19 @@ pub(in crate::proto::tmcl) struct Burst {
 }
 
 impl Session {
+    /// For modules that know no frame but by counting bytes.
+    pub(in crate::proto::tmcl) fn counting_bytes(mut self) -> Self {
+        self.counts_bytes = true;
+        self
+    }
+
     /// Notes that a request was not answered.
     pub(super) fn unheard(&mut self, now: Instant, pending: &Pending) {
         let module = pending.ask.request.address;
         let same = |quiet: &Option<Quiet>| quiet.is_some_and(|quiet| quiet.module == module);
         let free = |slots: &[Option<Quiet>]| slots.iter().position(Option::is_none);
         let place = self.quiet.iter().position(same).or_else(|| free(&self.quiet));
-        let fresh = Quiet { module, since: now, sends: 0 };
+        let fresh = Quiet { module, since: now, sends: 0, shifts: 0 };
         let quiet = &mut self.quiet[place.unwrap_or(SUSPECTS_MAX - 1)];
         if !same(quiet) {
             *quiet = Some(fresh);
@@ -64,11 +75,25 @@ impl Session {
         self.quiet.iter().flatten().find(|quiet| quiet.module == module)
     }
 
-    /// True while the request to be sent next goes to a module that may have lost count of bytes, and is no
-    /// stop: a stop waits for no byte before it.
-    pub(in crate::proto::tmcl) fn wants_shift(&self, now: Instant) -> bool {
-        let pending = self.pending.as_ref().filter(|pending| !pending.sent && !is_stop(pending));
-        pending.is_some_and(|pending| self.is_out_of_step(now, pending.ask.request.address))
+    /// Whether a byte is to go before the request that is sent next: that goes to a module that may have
+    /// lost count of bytes, and is no stop, which waits for no byte. It counts as sent.
+    pub(in crate::proto::tmcl) fn take_shift(&mut self, now: Instant) -> bool {
+        let pending = self.pending.as_ref().filter(|_| self.suspicious);
+        let pending = pending.filter(|pending| !pending.sent && !is_stop(pending));
+        let Some(module) = pending.map(|pending| pending.ask.request.address) else { return false };
+        let shifts = self.is_out_of_step(now, module);
+        if let Some(quiet) = self.quiet.iter_mut().flatten().find(|quiet| quiet.module == module) {
+            quiet.shifts = quiet.shifts.saturating_add(shifts.into());
+        }
+        shifts
+    }
+
+    /// Whether a module of which nothing was ever heard may have lost count still: a program that was killed
+    /// may have left the modules of the line in the middle of it. Where nobody answers, a byte goes before
+    /// each of nine requests, so that who was in step is so again at the end.
+    pub(super) fn may_be_shifted(&self, module: u8) -> bool {
+        let shifts = self.quiet_of(module).map_or(0, |quiet| quiet.shifts);
+        self.counts_bytes && self.heard.is_empty() && shifts < SHIFTS_MAX
     }
 
     /// How the stop is repeated that is to be sent next, where its module did not answer the one before:

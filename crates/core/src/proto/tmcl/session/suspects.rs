@@ -3,6 +3,26 @@
 use super::{LATEST_TIMEOUTS, PROBES_MAX, Pending, SUSPECTS_MAX, Session, Suspect, TAGS_MAX};
 use crate::time::Instant;
 
+impl Suspect {
+    /// Opcodes of requests whose answers may still come.
+    pub(super) fn owes(&self, now: Instant) -> impl Iterator<Item = u8> {
+        let tags = &self.tags[..usize::from(self.count)];
+        tags.iter().filter(move |(_, until)| now < *until).map(|(opcode, _)| *opcode)
+    }
+
+    /// Lets go of requests whose answers can come no more.
+    fn forget(&mut self, now: Instant) {
+        let mut kept = 0;
+        for n in 0..usize::from(self.count) {
+            if now < self.tags[n].1 {
+                self.tags[kept] = self.tags[n];
+                kept += 1;
+            }
+        }
+        self.count = kept as u8;
+    }
+}
+
 impl Session {
     /// Notes that replies of `pending` may still come.
     pub(super) fn suspect(&mut self, now: Instant, pending: &Pending, probe: bool) {
@@ -16,12 +36,13 @@ impl Session {
         let place = self.suspects.iter().position(of_module).or_else(|| free(&self.suspects));
         // A full table keeps its oldest entry longest: the line is closed until one is out.
         let place = place.unwrap_or(SUSPECTS_MAX - 1);
-        let fresh =
-            Suspect { module, tags: [0; TAGS_MAX], count: 0, probes: 0, probe_due: false, until };
+        let tags = [(0, until); TAGS_MAX];
+        let fresh = Suspect { module, tags, count: 0, probes: 0, probe_due: false, until };
         let suspect = self.suspects[place].get_or_insert(fresh);
+        suspect.forget(now);
         for _ in 0..pending.attempts {
             if let Some(tag) = suspect.tags.get_mut(usize::from(suspect.count)) {
-                *tag = pending.ask.request.opcode.number();
+                *tag = (pending.ask.request.opcode.number(), until);
                 suspect.count += 1;
             }
         }

@@ -116,6 +116,34 @@ fn a_module_that_is_gone_leaves_the_others_in_step() {
     }
 }
 
+/// A program that was killed may have left it so: the next one must reach it by its first question.
+#[test]
+fn a_new_session_reaches_a_module_that_lost_count() {
+    let doubt = |seed| HostOptions { doubt: Some(seed), ..HostOptions::new(9600) };
+    for bad_sum in BAD_SUMS {
+        for extra in 1..DATAGRAM {
+            let mut wire = counting(9600, bad_sum);
+            wire.host = SerialHost::new(&doubt(extra as u32));
+            wire.end.handle_input(wire.now, &[0x55; 9][..extra], &mut wire.firmware);
+            let start = wire.now;
+            assert_eq!(wire.read(9), Ok(9007), "{bad_sum:?} {extra}: {:?}", wire.host);
+            let took = wire.now.since(start).as_millis();
+            assert!(took < 2_000, "{bad_sum:?} {extra}: {took} ms");
+        }
+    }
+    // Asking one that is not there leaves the others in step.
+    let mut wire = counting(9600, BadSum::AnswerIfMine);
+    wire.host = SerialHost::new(&doubt(3));
+    let gone = Ask::of(Request { address: 3, ..request(Opcode::Gap, 4, 0) });
+    let start = wire.now;
+    assert!(wire.ask(gone).is_err());
+    assert!(wire.now.since(start).as_millis() < 2_000);
+    wire.host = SerialHost::new(&doubt(4));
+    let start = wire.now;
+    assert_eq!(wire.read(9), Ok(9007));
+    assert!(wire.now.since(start).as_millis() < 100, "{:?}", wire.host);
+}
+
 /// Where a module is not in step, what it takes for a request must be none.
 #[test]
 fn a_stop_that_is_shifted_is_no_other_request() {
