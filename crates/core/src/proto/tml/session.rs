@@ -10,6 +10,7 @@
 //! On CAN, and for axes behind a relay, nothing tells that a drive took an instruction. There a
 //! question to the same drive follows it; an assignment is read back by it.
 
+mod acknowledge;
 mod doubt;
 mod gather;
 mod overtake;
@@ -113,6 +114,8 @@ struct Pending {
     attempts: u8,
     /// Something like an acknowledgement came before the message had left.
     early: bool,
+    /// And there was none before it, in all the time that a copy may take.
+    first: bool,
 }
 
 /// Which of its messages a request is at.
@@ -181,6 +184,8 @@ pub struct Session {
     /// How sure it is that the line's baud rate is fiction (a virtual port): acknowledgements come
     /// before their messages can have left.
     fiction: u8,
+    /// When something like an acknowledgement came last.
+    told: Option<Instant>,
     pub(super) fallback: Fallback,
     up: bool,
     pub(super) counters: Counters,
@@ -204,6 +209,7 @@ impl Session {
             known: [0; 4],
             paced: Instant::ZERO,
             fiction: 0,
+            told: None,
             fallback: Fallback::Spent,
             up: true,
             counters: Counters::default(),
@@ -268,7 +274,7 @@ impl Session {
         let (ask, stage) = (pending.ask, pending.stage);
         self.counters.sent += 1;
         self.counters.resent += u64::from(pending.attempts > 0);
-        pending.attempts += 1;
+        (pending.attempts, pending.early) = (pending.attempts + 1, false);
         let message = self.message(&ask, stage);
         let left = now.plus_ns(self.waits.frame_ns(&message));
         if self.place.wire.acknowledges(message.to) {
@@ -310,26 +316,6 @@ impl Session {
     /// True when an acknowledgement should have come by now.
     pub(super) fn lacks_ack(&self, now: Instant) -> bool {
         self.pending.is_some_and(|p| matches!(p.phase, Phase::Ack(at) if now >= at))
-    }
-
-    /// Takes an acknowledgement; `early` if it was on the line before the message had left.
-    pub(super) fn acknowledged(&mut self, now: Instant, early: bool) {
-        let Some(pending) = self.pending.as_mut().filter(|p| matches!(p.phase, Phase::Ack(_)))
-        else {
-            self.counters.late += 1;
-            return;
-        };
-        if early && self.fiction < FICTION_MIN {
-            pending.early = true;
-            self.counters.late += 1;
-            self.counters.early += 1;
-            return;
-        }
-        let relayed = self.place.relay.is_some_and(|relay| pending.ask.message.to.id != relay);
-        self.counters.acknowledged += u64::from(!relayed);
-        self.counters.relayed += u64::from(relayed);
-        self.fiction = if early { self.fiction } else { self.fiction.saturating_sub(1) };
-        self.taken(now);
     }
 
     /// Takes a drive's answer to SYNC.
@@ -478,7 +464,8 @@ impl Session {
         let stage = Stage::first(&ask);
         let at = if ask.class == Class::Stop { now } else { now.max(self.paced) };
         let phase = Phase::Ready(at);
-        self.pending = Some(Pending { ticket, ask, stage, phase, attempts: 0, early: false });
+        let (attempts, early, first) = (0, false, false);
+        self.pending = Some(Pending { ticket, ask, stage, phase, attempts, early, first });
     }
 
     fn phase(&mut self, phase: Phase) {
@@ -587,6 +574,7 @@ impl Session {
     fn answered(&mut self, now: Instant, pending: &Pending, question: Online, answer: Answer) {
         let axis = pending.ask.message.to.id;
         self.know(axis);
+        self.answered_before_its_acknowledgement(pending);
         self.counters.answered += 1;
         self.doubts.answered(axis, question, self.place.wire == Wire::Rs232, pending.attempts == 1);
         if pending.attempts > 1 {

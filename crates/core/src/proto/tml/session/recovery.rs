@@ -2,8 +2,7 @@
 //! can do no harm is sent once more (TML communication manual, chapter 3).
 
 use super::{
-    ATTEMPTS_MAX, DRAIN_NS, FICTION_MIN, Fallback, LATEST_TIMEOUTS, Out, Pending, Phase, Place,
-    SYNCS_MAX, SYNCS_PROBING, Session, Stage,
+    ATTEMPTS_MAX, Fallback, LATEST_TIMEOUTS, Out, Pending, Phase, SYNCS_MAX, SYNCS_PROBING, Session,
 };
 use crate::error::Failure;
 use crate::proto::tml::ask::{self, Answer};
@@ -24,39 +23,6 @@ impl Session {
             Phase::Sync(sent, at) if now >= at => self.phase(Phase::SyncDue(sent)),
             Phase::Drain(at) if now >= at => self.recovered(now),
             _ => {}
-        }
-    }
-
-    /// A byte was lost somewhere: the boundary between frames is to be found again.
-    pub(super) fn unacknowledged(&mut self, now: Instant, pending: &Pending) {
-        if pending.early {
-            self.fiction = self.fiction.saturating_add(2 * FICTION_MIN);
-            return self.maybe_taken(now, pending);
-        }
-        let axis = pending.ask.message.to.id;
-        if pending.ticket.is_none() {
-            // Its answer may still come, so that the next one asks for something else.
-            if let Some(question) = self.question(pending) {
-                let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.answer_ns);
-                self.doubts.add(axis, ask::tag(&question), until, true);
-            }
-            return self.end(now, Err(Failure::Silent));
-        }
-        let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.ack_ns);
-        self.doubts.add_ack(self.place.relay.unwrap_or(axis), until);
-        self.phase(match self.place {
-            Place { wire: Wire::Rs485, alone: false, .. } => Phase::Drain(now.plus_ns(DRAIN_NS)),
-            _ => Phase::SyncDue(0),
-        });
-    }
-
-    /// The only acknowledgement came too soon to be this message's, if the baud rate is true: the
-    /// drive is asked.
-    pub(super) fn maybe_taken(&mut self, now: Instant, pending: &Pending) {
-        if self.question(pending).is_some() || pending.stage == Stage::Master {
-            self.taken(now);
-        } else {
-            self.advance(now, Stage::Proof);
         }
     }
 

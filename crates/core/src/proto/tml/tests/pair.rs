@@ -362,6 +362,33 @@ fn a_late_acknowledgement_is_nobodys_acknowledgement() {
     }
 }
 
+/// The acknowledgement of the message before came twice, and UPD with one byte too many: 94 behind
+/// its length (swarm seed serial:519690). A question that the drive answers then proves nothing.
+#[test]
+fn an_acknowledgement_that_came_too_soon_has_no_motion_told_as_done() {
+    for (lost, stops) in [(false, false), (true, false), (false, true), (true, true)] {
+        let mut line = Line::rs232();
+        assert_eq!(line.value(KPP), Ok(5));
+        line.requests = once(2, move |bytes| match lost {
+            true => Vec::new(),
+            false => std::vec![(0, [&bytes[..1], &[0x94], &bytes[1..]].concat())],
+        });
+        line.replies = once(2, |ack| std::vec![(0, ack.to_vec()), (2, ack.to_vec())]);
+        assert_eq!(line.set(9), Ok(Answer::Taken(9)));
+        assert_eq!(line.counts, [2, 3]);
+        let (said, opcode) = if stops { (STOP, 0x01C4) } else { (UPD, 0x0108) };
+        let outcome = line.ask(AXIS, said);
+        let repeated = usize::from(stops);
+        assert_eq!(outcome.is_ok(), stops, "{lost}: {outcome:?}");
+        assert_eq!(executed(&line, opcode), repeated, "{lost}");
+        assert_eq!(line.host.counters().early, 1, "{lost}");
+        // One copy makes no fiction of the baud rate.
+        assert_eq!(line.value(KPP), Ok(9));
+        assert_eq!(line.ask(AXIS, said), Ok(Answer::Taken(0)));
+        assert_eq!(executed(&line, opcode), repeated + 1, "{lost}");
+    }
+}
+
 #[test]
 fn what_serial_servers_add_is_skipped() {
     for junk in [&[0x00][..], &[0x0D], &[0x0A], &[0x0A, 0x0D, 0x00], &[0x0C, 0xFF], &[0x08, 0x0F]] {
