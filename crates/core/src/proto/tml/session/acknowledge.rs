@@ -51,7 +51,11 @@ impl Session {
                 let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.answer_ns);
                 self.doubts.add(axis, ask::tag(&question), until, true);
             }
-            return self.end(now, Err(Failure::Silent));
+            return match self.place.wire {
+                // The drive may be answering: on a line for one at a time nobody speaks into that.
+                Wire::Rs485 => self.phase(Phase::Drain(now.plus_ns(DRAIN_NS))),
+                _ => self.end(now, Err(Failure::Silent)),
+            };
         }
         let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.ack_ns);
         self.doubts.add_ack(self.place.relay.unwrap_or(axis), until);

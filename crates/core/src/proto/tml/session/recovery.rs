@@ -46,6 +46,8 @@ impl Session {
         let Some(pending) = self.pending else { return };
         if self.stop.is_some() {
             self.give_way(now);
+        } else if pending.ticket.is_none() {
+            self.end(now, Err(Failure::Silent));
         } else if self.may_repeat(&pending) {
             self.phase(Phase::Ready(now));
         } else {

@@ -484,6 +484,23 @@ fn several_drives_on_rs485_hear_no_sync() {
     }
 }
 
+/// A probe whose acknowledgement is late is being answered: the next question would end in that
+/// answer (swarm seed serial:517790).
+#[test]
+fn nobody_speaks_on_rs485_while_a_probe_may_be_answered() {
+    for axes in [&[AXIS][..], &[AXIS, 9]] {
+        let mut line = Line::new(Wire::Rs485, axes);
+        assert_eq!(line.value(KPP), Ok(5));
+        line.replies = Box::new(|_, bytes| Some(std::vec![(25, bytes.to_vec())]));
+        assert_eq!(line.ask(AXIS, UPD), Err(Failure::Silent));
+        let before = line.said.len();
+        line.live(300);
+        assert_eq!(line.said.len() - before, 10, "one probe ends the doubt");
+        line.replies = sound();
+        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)));
+    }
+}
+
 #[test]
 fn a_group_on_rs485_obeys_without_a_word() {
     let mut line = Line::new(Wire::Rs485, &[AXIS, 9]);
