@@ -25,8 +25,35 @@ pub type MakeDriver<R, A> = fn(&'static Profile, u32) -> BoxedDriver<R, A>;
 struct Factor {
     parameter: ParameterId,
     raw: Option<i64>,
-    /// Asked once already: a drive that refuses it is not asked for ever.
-    tried: bool,
+    /// A value that was told and that it cannot have.
+    odd: Option<i64>,
+    /// How often it was asked: a drive that refuses it is not asked for ever.
+    asked: u8,
+}
+
+/// Times a factor is asked at most while what comes cannot be right.
+const ODD_MAX: u8 = 3;
+
+impl Factor {
+    const fn new(parameter: ParameterId) -> Self {
+        Self { parameter, raw: None, odd: None, asked: 0 }
+    }
+
+    /// Whether it is to be asked: once, and again after a value that it cannot have.
+    const fn is_due(&self) -> bool {
+        let most = if self.odd.is_some() { ODD_MAX } else { 1 };
+        self.raw.is_none() && self.asked < most
+    }
+
+    /// Takes a reading. What it cannot have may belong to another question, where answers do not say
+    /// what they answer; a drive that has it all the same says so again.
+    fn take(&mut self, raw: i64, possible: bool) {
+        if possible || self.odd == Some(raw) {
+            (self.raw, self.odd) = (Some(raw), None);
+        } else {
+            self.odd = Some(raw);
+        }
+    }
 }
 
 pub struct Slot<R, A> {
@@ -79,7 +106,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         for scale in profile.parameters.iter().map(|p| p.scale) {
             for parameter in [scale.times, scale.over].into_iter().flatten() {
                 if !factors.iter().any(|f| f.parameter == parameter) {
-                    factors.push(Factor { parameter, raw: None, tried: false });
+                    factors.push(Factor::new(parameter));
                 }
             }
         }
@@ -163,7 +190,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     pub fn note(&mut self, now: Instant, id: ParameterId, raw: i64) {
         let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
         if let Some(factor) = entry.factor.and_then(|at| self.factors.get_mut(at)) {
-            factor.raw = Some(raw);
+            factor.take(raw, (entry.parameter.min..=entry.parameter.max).contains(&raw));
         }
         if entry.sources.is_empty() {
             return;
@@ -231,7 +258,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     /// Forgets what a restarted drive may have changed.
     pub fn forget(&mut self) {
         for factor in &mut self.factors {
-            (factor.raw, factor.tried) = (None, false);
+            *factor = Factor::new(factor.parameter);
         }
         for entry in &mut self.entries {
             entry.lacking = false;
@@ -248,15 +275,15 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
         }
         let scale = self.profile.parameter(id)?.scale;
         let unknown = |p: ParameterId| {
-            let asked = |f: &Factor| f.parameter == p && f.raw.is_none() && !f.tried;
-            self.factors.iter().any(asked) && !self.lacks(p)
+            let due = |f: &Factor| f.parameter == p && f.is_due();
+            self.factors.iter().any(due) && !self.lacks(p)
         };
         [scale.times, scale.over].into_iter().flatten().find(|p| unknown(*p))
     }
 
     pub fn tried(&mut self, id: ParameterId) {
         if let Some(factor) = self.factors.iter_mut().find(|f| f.parameter == id) {
-            factor.tried = true;
+            factor.asked = factor.asked.saturating_add(1);
         }
     }
 

@@ -50,7 +50,7 @@ const fn parameter(name: &'static str, index: u16, unit: Unit, scale: Scale) -> 
 
 static PARAMETERS: &[Parameter] = &[
     Parameter { moves: true, ..parameter("speed", 0, Unit::Rpm, Scale::ONE) },
-    parameter("steps", 1, Unit::None, Scale::ONE),
+    Parameter { min: 256, max: 30_000, ..parameter("steps", 1, Unit::None, Scale::ONE) },
     Parameter {
         access: Access::Read,
         ..parameter(
@@ -169,6 +169,8 @@ struct Toy {
     registers: [i64; 6],
     log: Vec<Ask>,
     lose: Vec<usize>,
+    /// Requests, by their number, that get another's answer.
+    mistake: Vec<(usize, i64)>,
     refuse: Option<u16>,
     forbids: Option<u16>,
     out: Option<(Ticket, Ask)>,
@@ -188,6 +190,7 @@ impl Station<Stream> for Toy {
     fn handle_input(&mut self, _: Instant, _: &[u8]) {
         let Some((ticket, ask)) = self.out.take() else { return };
         let lost = self.lose.contains(&self.log.len());
+        let mistaken = self.mistake.iter().find(|(at, _)| *at == self.log.len());
         self.log.push(ask);
         let register = &mut self.registers[usize::from(ask.index)];
         let answer = if self.refuse == Some(ask.index) {
@@ -196,7 +199,11 @@ impl Station<Stream> for Toy {
             if ask.write {
                 *register = ask.value;
             }
-            if lost { Err(Failure::Silent) } else { Ok(*register) }
+            match (lost, mistaken) {
+                (true, _) => Err(Failure::Silent),
+                (false, Some((_, answer))) => Ok(*answer),
+                (false, None) => Ok(*register),
+            }
         };
         self.events.push(To::Ticket(ticket), answer);
     }
@@ -312,6 +319,40 @@ fn a_scale_is_read_before_the_value_that_needs_it() {
     let reading = bench.lane.state(AXIS).unwrap().reading(Signal::Position);
     assert!((reading.value - core::f64::consts::FRAC_PI_2).abs() < 1e-12);
     assert_eq!(bench.lane.host.log.len(), 2);
+}
+
+/// Where answers do not say what they answer, a copy of an earlier one shifts those behind it: once
+/// 25 steps a turn were believed for good (swarm seed serial:519195).
+#[test]
+fn a_scale_that_cannot_be_is_asked_again() {
+    let mut bench = Bench::new();
+    bench.lane.host.registers[2] = 1024;
+    bench.lane.host.mistake = std::vec![(0, 25)];
+    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    assert_eq!(bench.run(), [(1, Outcome::Done(1024))]);
+    assert_eq!(bench.lane.host.log.len(), 3);
+    assert_eq!(bench.lane.to_si(AXIS, POSITION, 4096), Some(core::f64::consts::TAU));
+    // Nor does a reading by itself change it.
+    bench.lane.host.mistake = std::vec![(3, 25)];
+    bench.lane.read(bench.now, Ticket(2), AXIS, STEPS).unwrap();
+    assert_eq!(bench.run(), [(2, Outcome::Done(25))]);
+    assert_eq!(bench.lane.to_si(AXIS, POSITION, 4096), Some(core::f64::consts::TAU));
+}
+
+#[test]
+fn a_drive_that_has_an_odd_scale_says_it_twice_and_nobody_asks_for_ever() {
+    let mut bench = Bench::new();
+    bench.lane.host.registers = [0, 24, 12, 1, 0, 0];
+    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    assert_eq!(bench.run(), [(1, Outcome::Done(12))]);
+    assert_eq!(bench.lane.host.log.len(), 3);
+    assert_eq!(bench.lane.to_si(AXIS, POSITION, 24), Some(core::f64::consts::TAU));
+    let mut bench = Bench::new();
+    bench.lane.host.mistake = std::vec![(0, 1), (1, 2), (2, 3)];
+    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    assert_eq!(bench.run(), [(1, Outcome::Done(0))]);
+    assert_eq!(bench.lane.host.log.len(), 4);
+    assert_eq!(bench.lane.to_si(AXIS, POSITION, 24), None);
 }
 
 #[test]
