@@ -1,9 +1,12 @@
 //! What a world knows of one axis and its drive, and what must hold between the two.
 
+#[cfg(test)]
+mod tests;
+
 use polepair_core::axis::{Command, Verb};
 use polepair_core::drives::bench::Truth;
 use polepair_core::error::{Failure, Outcome};
-use polepair_core::profile::{AxisKind, ParameterId, Profile, Signal};
+use polepair_core::profile::{AxisKind, Encoding, ParameterId, Profile, Signal};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 
@@ -361,8 +364,12 @@ impl Axis {
             return Ok(());
         }
         let offset = reported - truth.position;
+        // What has no more than 16 bits for it begins again at the other end.
+        let narrow = self.profile.parameter(id).is_some_and(|p| p.encoding == Encoding::I16);
+        let next = world.look(host, |n, _| n.axes()?.to_si(self.index, id, raw + (1 << 16)));
+        let turn = next.filter(|_| narrow).map(|next| next - reported);
         match self.offset.replace(offset) {
-            Some(known) if (known - offset).abs() > POSITION_ERROR_MAX => Err((
+            Some(known) if apart(known, offset, turn) > POSITION_ERROR_MAX => Err((
                 "I14",
                 format!(
                     "position reads {reported:.4} rad, should be {:.4}",
@@ -425,6 +432,12 @@ const VERBS: [Verb; 14] = [
     Verb::Home,
     Verb::Reached,
 ];
+
+/// How far two offsets are apart, where what is counted begins again after `turn`, if it does.
+fn apart(one: f64, other: f64, turn: Option<f64>) -> f64 {
+    let error = one - other;
+    (error - turn.map_or(0.0, |turn| turn * (error / turn).round())).abs()
+}
 
 /// Whether it may set the motor going: then the axis must be armed.
 const fn is_start(what: What) -> bool {
