@@ -198,6 +198,10 @@ fn print_can(total: &Report) {
         "verbs repeated   {:>12}  executed twice: their frame was taken twice",
         total.repeated
     );
+    println!(
+        "excused          {:>12}  link lost: two programs said NMT at once, 32 times running",
+        total.clashes
+    );
     for (protocol, verbs) in &total.untold_on {
         println!(
             "verbs untold     {verbs:>12}  done for the host, missed by the drive, on {protocol}"

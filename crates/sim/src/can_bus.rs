@@ -93,6 +93,9 @@ pub struct Standing {
     pub missed: u64,
     /// How often its controller went bus-off.
     pub off: u64,
+    /// It last did because another host had a frame of this identifier and other data in the very same
+    /// instants, from the first try to the last.
+    pub clashed: Option<(u32, bool)>,
     /// Strangers' frames that it took and that may have been meant for it.
     pub misled: u64,
 }
@@ -123,6 +126,8 @@ struct Plug {
     waiting: VecDeque<Posted>,
     sending: bool,
     errors: u16,
+    /// How many of its last transmissions, running, ended in that of another host.
+    clashes: u16,
     off: bool,
     /// Its connector is pulled.
     away: bool,
@@ -149,6 +154,8 @@ struct Sending {
     frame: Frame,
     mark: Mark,
     end: End,
+    /// Two hosts sent it, and other data.
+    clash: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -267,6 +274,8 @@ impl CanBus {
                 bits = bits.min(until_they_differ(&frame, &rival) + ERROR_BITS + bits::INTERFRAME);
             }
         }
+        let hosts = self.plugs.iter().filter(|plug| plug.sending && plug.role == Role::Host);
+        let clash = end == End::Destroyed && hosts.count() > 1;
         if end == End::Destroyed {
             self.made.collided += 1;
         } else if self.random.chance(self.faults.error) {
@@ -275,7 +284,7 @@ impl CanBus {
         } else if self.random.chance(self.faults.twice) {
             (end, bits) = (End::Twice, bits + ERROR_BITS);
         }
-        self.sending = Some(Sending { frame, mark, end });
+        self.sending = Some(Sending { frame, mark, end, clash });
         self.busy_bits += u64::from(bits);
         Some(now.plus_ns(self.bits_ns(bits.into())))
     }
@@ -283,10 +292,12 @@ impl CanBus {
     /// Ends what is on the wire: the frame if it arrived. When all have heard it,
     /// [`start`](Self::start) the next.
     pub(crate) fn finish(&mut self) -> Option<(Frame, Mark)> {
-        let Sending { frame, mark, end } = self.sending.take()?;
+        let Sending { frame, mark, end, clash } = self.sending.take()?;
         self.starting = true;
         for plug in self.plugs.iter_mut().filter(|plug| plug.sending) {
             let again = plug.waiting.front().is_some_and(|posted| posted.taken);
+            let clashed = clash && plug.role == Role::Host;
+            plug.clashes = if clashed { plug.clashes + 1 } else { 0 };
             plug.standing.doubled += u64::from(again && end != End::Destroyed);
             if end == End::Good {
                 plug.waiting.pop_front();
@@ -387,16 +398,21 @@ impl CanBus {
 
     /// Takes the next plug off the bus whose errors are too many.
     pub(crate) fn next_off(&mut self) -> Option<usize> {
-        let plug = self.plugs.iter().position(|plug| plug.errors > ERRORS_MAX)?;
-        self.switch_off(plug);
-        Some(plug)
+        let at = self.plugs.iter().position(|plug| plug.errors > ERRORS_MAX)?;
+        let plug = &self.plugs[at];
+        let clashed = plug.clashes * ERROR_WEIGHT > ERRORS_MAX;
+        let clashed = plug.waiting.front().filter(|_| clashed).map(|posted| posted.mark.id);
+        self.switch_off(at);
+        self.plugs[at].standing.clashed = clashed;
+        Some(at)
     }
 
     pub(crate) fn switch_off(&mut self, plug: usize) {
         let plug = &mut self.plugs[plug];
         (plug.off, plug.errors, plug.sending) = (true, 0, false);
         plug.waiting.clear();
-        plug.standing.waits = false;
+        plug.clashes = 0;
+        (plug.standing.waits, plug.standing.clashed) = (false, None);
         plug.standing.off += 1;
         self.made.off += 1;
     }

@@ -65,6 +65,9 @@ pub struct Report {
     /// Verbs that were reported as done though the drive missed their frame, by the protocol that
     /// has no answer for them.
     pub untold_on: BTreeMap<&'static str, u64>,
+    /// Questions that ended because two programs commanded one CANopen network at the same instants,
+    /// which put both off the bus.
+    pub clashes: u64,
     /// Verbs executed twice because their frame was taken twice.
     pub repeated: u64,
     /// Supplies cut and given back.
@@ -99,6 +102,7 @@ impl Report {
         for (protocol, verbs) in &other.untold_on {
             *self.untold_on.entry(protocol).or_default() += verbs;
         }
+        self.clashes += other.clashes;
         self.repeated += other.repeated;
         self.resets += other.resets;
         self.cuts += other.cuts;

@@ -111,6 +111,33 @@ fn one_identifier_with_different_data_at_once_puts_both_senders_off_the_bus() {
     }
 }
 
+/// What excuses a program whose link goes: another had the same identifier, each time that it tried
+/// (swarm seed can:216699).
+#[test]
+fn two_hosts_that_go_bus_off_by_each_other_are_told_from_all_others() {
+    let mut world = World::new(1);
+    let bus = world.can(BUS);
+    let talker = |world: &mut World, byte| {
+        let to_send = vec![data(0, byte)];
+        world.add(Box::new(LoneCan(Talker { to_send, seen: Seen::default() })))
+    };
+    let hosts = [1, 3].map(|byte| talker(&mut world, byte));
+    hosts.iter().for_each(|host| world.plug_host(bus, *host, 0));
+    let drives = [1, 2].map(|byte| plug(&mut world, bus, vec![data(0x101, byte)]).0);
+    world.run_until(Instant::ZERO.plus_ms(200));
+    let standing = |node| world.standing(bus, node).expect("on the bus");
+    for (node, clashed) in hosts
+        .map(|host| (host, Some((0, false))))
+        .into_iter()
+        .chain(drives.map(|drive| (drive, None)))
+    {
+        assert_eq!((standing(node).off, standing(node).clashed), (1, clashed), "{node:?}");
+    }
+    let host = hosts[0];
+    world.switch_off(bus, host);
+    assert_eq!(world.standing(bus, host).and_then(|standing| standing.clashed), None);
+}
+
 #[test]
 fn a_disturbed_frame_is_repeated_until_it_arrives() {
     let mut world = World::new(3);

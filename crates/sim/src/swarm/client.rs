@@ -17,6 +17,9 @@ const MISTAKEN_MAX: usize = 16;
 /// Every question must have ended after so long; homing is the longest.
 const PATIENCE_MS: u32 = 120_000;
 
+/// The identifier by which a network is commanded (CiA 301), and that it is a standard one.
+const NMT: (u32, bool) = (0, false);
+
 /// One host with its user.
 #[derive(Debug)]
 pub struct Client {
@@ -34,6 +37,10 @@ pub struct Client {
     heard: u32,
     /// How often the host's controller went bus-off so far.
     off: u64,
+    /// Its link was lost because another program commanded the network (NMT) in the same instants. CiA
+    /// 301 has one master for that; a host sees nothing of what waits in the controller of another, and
+    /// what waits in its own cannot be called back.
+    clashed: bool,
     random: Random,
     tickets: u32,
     /// Longest time between two questions, µs.
@@ -88,6 +95,7 @@ impl Client {
             mistaken: Vec::new(),
             heard: 0,
             off: 0,
+            clashed: false,
             tickets: 0,
             think_us: random.pick(&[500, 5_000, 50_000]),
             open_max: random.between(1, 6) as usize,
@@ -144,6 +152,7 @@ impl Client {
         if let Some(standing) = standing.filter(|standing| standing.off > self.off) {
             self.off = standing.off;
             self.disarmed();
+            self.clashed = standing.clashed == Some(NMT);
         }
         self.notice_spoiling(world, report);
         for axis in &mut self.axes {
@@ -283,7 +292,9 @@ impl Client {
         let answered = matches!(outcome, Outcome::Done(_))
             || ends.iter().any(|end| outcome == Outcome::NotDone(*end));
         let question = matches!(open.map(|o| o.what), Some(What::Read(_) | What::Look(..)));
-        if must_work && question && !answered && !axis.elsewhere {
+        if self.clashed && outcome == Outcome::NotDone(Failure::LinkDown) {
+            report.clashes += u64::from(must_work && question);
+        } else if must_work && question && !answered && !axis.elsewhere {
             let what =
                 format!("{} {:?}: {open:?} ended as {outcome:?}", axis.profile.name, axis.index);
             let invariant = if self.sound { "I9" } else { "I11" };
@@ -293,6 +304,7 @@ impl Client {
 
     /// The link went down or came up: nothing may be armed any more.
     pub fn disarmed(&mut self) {
+        self.clashed = false;
         self.axes.iter_mut().for_each(Axis::disarmed);
     }
 
