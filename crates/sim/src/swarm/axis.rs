@@ -67,6 +67,7 @@ pub struct Axis {
     inert: Vec<(Inert, Possible)>,
     /// Position reported minus position true, while it is known to be constant.
     offset: Option<f64>,
+    homed: Homed,
     witness: Witness,
     /// Somebody armed it since its link was last lost.
     armed: bool,
@@ -96,6 +97,40 @@ struct Toll {
     missed: u64,
 }
 
+/// Since when a drive is known to carry out no homing.
+#[derive(Clone, Copy, Debug)]
+struct Homed(Option<Instant>);
+
+impl Default for Homed {
+    fn default() -> Self {
+        Self(Some(Instant::ZERO))
+    }
+}
+
+impl Homed {
+    /// A verb has ended. Returns whether the drive's zero may be another than before.
+    fn ended(&mut self, now: Instant, verb: Verb, outcome: Outcome) -> bool {
+        let done = matches!(outcome, Outcome::Done(_));
+        match verb {
+            // The drive goes on with what was begun, whatever the host's job came to.
+            Verb::Home if matches!(outcome, Outcome::Partly(..) | Outcome::Unknown(_)) => {
+                self.0 = None;
+            }
+            Verb::Home => self.0 = Some(now),
+            Verb::Stop | Verb::QuickStop | Verb::Disable if done && self.0.is_none() => {
+                self.0 = Some(now);
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    /// Whether that was so already when something was asked then.
+    fn before(self, then: Instant) -> bool {
+        self.0.is_some_and(|since| since <= then)
+    }
+}
+
 impl Axis {
     pub fn new(
         index: AxisIndex,
@@ -114,6 +149,7 @@ impl Axis {
             open,
             inert,
             offset: None,
+            homed: Homed::default(),
             witness: Witness::default(),
             armed: false,
             judged: 0,
@@ -310,7 +346,9 @@ impl Axis {
             }
             // What was read before a drive's restart says nothing of after it.
             (What::Look(Signal::Position, id), Outcome::Done(raw))
-                if !open.doubtful && self.witness.rested_since(open.since) =>
+                if !open.doubtful
+                    && self.witness.rested_since(open.since)
+                    && self.homed.before(open.since) =>
             {
                 self.position(world, host, id, raw)
             }
@@ -388,7 +426,7 @@ impl Axis {
         open: &Open,
     ) -> Result<(), (&'static str, String)> {
         let after = self.truth(world);
-        if verb == Verb::Home {
+        if self.homed.ended(world.now(), verb, outcome) {
             self.offset = None;
         }
         if open.doubtful || self.spoiled {
