@@ -399,13 +399,13 @@ fn stop_each(started: &[&Started]) -> Vec<Result<()>> {
 /// What is said of stops that were lost.
 pub struct Owed {
     told: Vec<String>,
-    /// Signals that had come before.
-    came: u32,
+    /// So many signals that ask for a stop leave it: one asks for it, whenever that comes.
+    leave: u32,
 }
 
 impl Owed {
     pub fn new() -> Self {
-        Self { told: Vec::new(), came: interrupt::count() }
+        Self { told: Vec::new(), leave: interrupt::count().max(1) + 1 }
     }
 
     /// Says once of an axis that its stop is said again; false when somebody wants this to end.
@@ -419,7 +419,7 @@ impl Owed {
             ));
             self.told.push(label);
         }
-        interrupt::count() == self.came
+        interrupt::count() < self.leave
     }
 
     /// Says of an axis that its stop was confirmed after all.

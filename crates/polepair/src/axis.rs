@@ -34,6 +34,7 @@ mod watchdog;
 
 pub use armed::Armed;
 pub use following::Following;
+pub(crate) use owed::stop_until_standing;
 pub use owed::{OWED_MAX, stop_owed};
 pub use running::{Prepared, Running};
 pub use scaled::Pending;
@@ -370,12 +371,14 @@ impl Axis {
     }
 
     /// Comes to rest along the ramp, and returns once the motor was seen to stand by what the drive
-    /// measures, if it measures anything. Overtakes everything else, whoever asked for it.
+    /// measures, if it measures anything. A motor that turns on is told again. Overtakes everything
+    /// else, whoever asked for it.
     ///
     /// # Errors
     /// [`Error`] by blame.
     pub fn stop(&self) -> Result<(), Error> {
-        self.see_standing(self.run(Command::new(Verb::Stop)).map(drop)).map(drop)
+        let mut ended = stop_until_standing(&[self], Duration::ZERO, |_, _| false);
+        ended.pop().map_or(Ok(()), |ended| ended.map(drop))
     }
 
     /// Clears faults.

@@ -20,7 +20,7 @@ mod readdressed;
 mod spoken;
 mod tapped;
 
-use crate::axis::Axis;
+use crate::axis::{Axis, stop_until_standing};
 use crate::bus;
 use crate::config::Config;
 use crate::error::Error;
@@ -581,15 +581,9 @@ impl Link {
     /// # Errors
     /// The first error, after every axis was tried.
     pub fn stop_all(&self) -> Result<(), Error> {
-        let stop = polepair_core::axis::Command::new(polepair_core::axis::Verb::Stop);
-        let started: Vec<_> = self.axes.iter().map(|axis| axis.start(stop)).collect();
-        let ended: Vec<_> = started
-            .into_iter()
-            .map(|running| running.and_then(|mut running| running.finish().map(drop)))
-            .collect();
-        // All brake meanwhile.
-        let stood =
-            self.axes.iter().zip(ended).map(|(axis, ended)| axis.see_standing(ended).map(drop));
+        let axes: Vec<&Axis> = self.axes.iter().collect();
+        let stood = stop_until_standing(&axes, Duration::ZERO, |_, _| false);
+        let stood = stood.into_iter().map(|stood| stood.map(drop));
         stood.fold(Ok(()), Result::and)
     }
 

@@ -238,6 +238,25 @@ impl Error {
         self.verdict().executed
     }
 
+    /// The same of a request that was sent before as well: that one may have been executed.
+    pub(crate) fn told_before(self) -> Self {
+        use polepair_core::error::Failure::{Cancelled, LinkDown, Misbehaved, Silent};
+        match self {
+            Self::Failed {
+                what,
+                went,
+                outcome: Outcome::NotDone(failure),
+                may_turn,
+                heard,
+                hint,
+            } if matches!(failure, Silent | Misbehaved | Cancelled | LinkDown) => {
+                let outcome = Outcome::Unknown(failure);
+                Self::Failed { what, went, outcome, may_turn, heard, hint }
+            }
+            other => other,
+        }
+    }
+
     /// Whether the motor may still turn, and nothing can stop it from here but to cut its supply.
     #[must_use]
     pub const fn may_turn(&self) -> bool {

@@ -18,7 +18,7 @@
 
 mod unidentified;
 
-use crate::axis::{Axis, Running, Standing};
+use crate::axis::{Axis, Running, Standing, stop_until_standing};
 use crate::connect::{Connector, Line};
 use crate::error::{Error, Exit};
 use crate::heard::Heard;
@@ -53,6 +53,8 @@ const REST_MAX: Duration = Duration::from_secs(5);
 const EVERYBODY_MS: u32 = 30;
 /// Motors behind one address at most: a TMCL parameter number shares its byte with four bits of them.
 const MOTORS_MAX: u8 = 16;
+/// After so many in a row that are not answered the drive is gone.
+const SILENT_MAX: u8 = 4;
 /// Units that are heard in such a silence at most.
 const HEARD_MAX: usize = 1_000;
 
@@ -83,9 +85,11 @@ pub struct Motors {
     pub axis: String,
     /// Its address.
     pub number: u32,
-    /// How many of them, the first not counted, confirmed their stop: motors 1, 2 and so on.
-    pub told: u8,
-    /// Why the next one did not, where that is not for there being none.
+    /// Those that confirmed their stop, the first (0) not counted.
+    pub told: Vec<u8>,
+    /// Those that did not, and may be there.
+    pub silent: Vec<u8>,
+    /// Why the first of those did not.
     pub ended: Result<(), Error>,
 }
 
@@ -356,65 +360,80 @@ fn tell_each(axes: &[Axis], verb: Verb) -> Vec<Result<Running, Error>> {
     axes.iter().map(|axis| tell(axis, verb)).collect()
 }
 
-/// Stops every motor that drives have besides the first, whose stop has been sent to each drive: one
-/// by one, until a drive has none of that number.
+/// Stops every motor that drives have besides the first, whose stop has been sent to each drive: until a
+/// drive has none of that number. One that is not answered keeps none of the further ones from being
+/// told, and is told once more at the end.
 fn more_motors(axes: &[Axis]) -> Vec<Motors> {
     let of = |axis: &Axis| {
-        let (mut told, mut ended) = (0, Ok(()));
+        let mut told = Vec::new();
+        let mut silent: Vec<(u8, Error)> = Vec::new();
+        let mut in_a_row = 0;
         for number in 1..MOTORS_MAX {
             let sent = |axis: &Axis| axis.connection().with(|axes, _| axes.counters().sent);
             let before = sent(axis);
             match axis.stop_motor(number) {
-                Ok(()) => told = number,
+                Ok(()) => told.push(number),
                 Err(Error::Unsupported { .. }) => break,
-                Err(Error::Failed {
-                    outcome: Outcome::NotDone(Failure::Refused { .. }), ..
-                }) => break,
+                Err(error) if is_none_of_that_number(&error) => break,
                 // The axis' own stop tells of a link that is gone.
                 Err(_) if sent(axis) == before => break,
-                Err(error) => {
-                    ended = Err(error);
-                    break;
-                }
+                Err(error) => silent.push((number, error)),
+            }
+            in_a_row = if told.last() == Some(&number) { 0 } else { in_a_row + 1 };
+            if in_a_row == SILENT_MAX {
+                break;
             }
         }
-        Motors { axis: axis.label(), number: axis.number(), told, ended }
+        silent.retain_mut(|(number, why)| match axis.stop_motor(*number) {
+            Ok(()) => {
+                told.push(*number);
+                false
+            }
+            Err(error) if is_none_of_that_number(&error) => false,
+            Err(error) => {
+                *why = error;
+                true
+            }
+        });
+        told.sort_unstable();
+        let (silent, mut errors): (Vec<u8>, Vec<Error>) = silent.into_iter().unzip();
+        let ended = if errors.is_empty() { Ok(()) } else { Err(errors.swap_remove(0)) };
+        Motors { axis: axis.label(), number: axis.number(), told, silent, ended }
     };
     let all = axes.iter().map(of);
-    all.filter(|motors| motors.told > 0 || motors.ended.is_err()).collect()
+    all.filter(|motors| !motors.told.is_empty() || motors.ended.is_err()).collect()
 }
 
-/// A stop that was not sent, to a drive that was told to stop just before: that one may have been
-/// executed.
-fn told_before(error: Error) -> Error {
-    match error {
-        Error::Failed {
-            what,
-            went,
-            outcome: Outcome::NotDone(failure @ Failure::LinkDown),
-            may_turn,
-            heard,
-            hint,
-        } => {
-            let outcome = Outcome::Unknown(failure);
-            Error::Failed { what, went, outcome, may_turn, heard, hint }
-        }
-        other => other,
-    }
+/// A drive says that it has no such motor.
+fn is_none_of_that_number(error: &Error) -> bool {
+    let Error::Failed { outcome, .. } = error else { return false };
+    matches!(outcome, Outcome::NotDone(Failure::Refused { .. }))
 }
 
 /// Waits until all of them are at rest.
 fn rest(axes: &[Axis], verb: Verb) -> Vec<(String, Result<Standing, Error>)> {
+    let ended = match verb {
+        Verb::Stop => {
+            let axes: Vec<&Axis> = axes.iter().collect();
+            stop_until_standing(&axes, Duration::ZERO, |_, _| false)
+        }
+        verb => carry_out(axes, verb),
+    };
+    // All of them were told before, and that may have been executed.
+    let ended = ended.into_iter().map(|ended| ended.map_err(Error::told_before));
+    axes.iter().map(Axis::label).zip(ended).collect()
+}
+
+/// The same by any other verb.
+fn carry_out(axes: &[Axis], verb: Verb) -> Vec<Result<Standing, Error>> {
     let running = tell_each(axes, verb);
     let end = clock::now() + REST_MAX;
     let ended = axes.iter().zip(running).map(|(axis, running)| {
-        let ended = running.and_then(|mut running| {
-            let left = end.since(clock::now());
-            running.wait(left)?.ok_or_else(|| axis.not_at_rest(REST_MAX))
-        });
-        (axis, ended.map(drop).map_err(told_before))
+        let mut running = running?;
+        let left = end.since(clock::now());
+        running.wait(left)?.map(drop).ok_or_else(|| axis.not_at_rest(REST_MAX))
     });
     // All brake meanwhile.
-    let ended: Vec<_> = ended.collect();
-    ended.into_iter().map(|(axis, ended)| (axis.label(), axis.see_standing(ended))).collect()
+    let ended: Vec<Result<(), Error>> = ended.collect();
+    axes.iter().zip(ended).map(|(axis, ended)| axis.see_standing(ended)).collect()
 }

@@ -183,6 +183,14 @@ fn stops_failed(mut failed: Vec<Problem>, of: usize) -> Result {
     Err(Problem::new(Exit::Partial, "E702", what).hint("cut the power of these drives"))
 }
 
+/// Motors behind one address by their numbers.
+fn which(motors: &[u8]) -> String {
+    let numbers: Vec<String> = motors.iter().map(u8::to_string).collect();
+    let numbers: Vec<&str> = numbers.iter().map(String::as_str).collect();
+    let word = if motors.len() == 1 { "motor" } else { "motors" };
+    format!("{word} {}", list(&numbers))
+}
+
 /// Says what was stopped, and what was not reached.
 pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
     let link = url.split('#').next().unwrap_or(url);
@@ -205,14 +213,15 @@ pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
         }
     }
     for motors in stopped.motors {
-        if motors.told > 0 {
-            let numbers: Vec<String> = (1..=motors.told).map(|motor| motor.to_string()).collect();
-            let numbers: Vec<&str> = numbers.iter().map(String::as_str).collect();
-            let word = if motors.told == 1 { "motor" } else { "motors" };
+        let number = motors.number;
+        if !motors.told.is_empty() {
+            let which = which(&motors.told);
+            say(&format!("module {number}: {which} took the stop too; standing not looked at"));
+        }
+        if !motors.silent.is_empty() {
+            let which = which(&motors.silent);
             say(&format!(
-                "module {}: {word} {} took the stop too; standing not looked at",
-                motors.number,
-                list(&numbers)
+                "module {number}: {which} did not confirm the stop and may still turn: cut the supply"
             ));
         }
         failed.extend(motors.ended.err().map(outcome::error));

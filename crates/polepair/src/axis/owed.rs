@@ -1,8 +1,10 @@
 //! Stops that are said until they are confirmed.
 
-use super::{Axis, Running};
+use super::stopping::REST_MAX;
+use super::{Axis, Class, Standing, Stopping};
 use crate::error::Error;
-use polepair_core::axis::{Command, Verb};
+use crate::url::Number;
+use polepair_core::axis::Verb;
 use polepair_core::error::Failure;
 use polepair_core::time::Instant;
 use std::time::Duration;
@@ -12,10 +14,18 @@ pub const OWED_MAX: Duration = Duration::from_secs(10);
 /// Pause before it is said again.
 const AGAIN: Duration = Duration::from_millis(250);
 
+/// While an axis is waited for, the others are looked at after so long.
+const TURN: Duration = Duration::from_millis(20);
+/// A motor that turns on though its drive was told to stop is told again after so long, first and then.
+const TURNS_ON_AFTER: Duration = Duration::from_secs(1);
+const TURNS_ON_AFTER_MAX: Duration = Duration::from_secs(2);
+/// A motor that brakes turns so many times as fast after a while.
+const SLOWER: f64 = 0.98;
+
 /// Stops axes that somebody here has set in motion, and tells how each stop ended: all are sent
-/// before the first is waited for. One that was lost with its wire, or in silence, is said again for
-/// `within` at most, and `again` is told of it each time; `false` from it ends that. An axis whose
-/// profile has no stop is passed over.
+/// before the first is waited for. A motor that turns on is told again, and a stop that was lost with
+/// its wire, or in silence, is said again for `within` at most; `again` is told of the latter each
+/// time, and `false` from it ends that. An axis whose profile has no stop is passed over.
 ///
 /// ```
 /// use polepair::axis::{OWED_MAX, stop_owed};
@@ -27,37 +37,124 @@ const AGAIN: Duration = Duration::from_millis(250);
 pub fn stop_owed(
     axes: &[Axis],
     within: Duration,
-    mut again: impl FnMut(&Axis, &Error) -> bool,
+    again: impl FnMut(&Axis, &Error) -> bool,
 ) -> Vec<Result<(), Error>> {
-    let Some(first) = axes.first() else { return Vec::new() };
-    let until = first.connection.now() + within;
-    let mut ended: Vec<Option<Result<(), Error>>> = axes.iter().map(|_| None).collect();
-    loop {
-        let owed = |ended: &Option<Result<(), Error>>| ended.as_ref().is_none_or(is_lost);
-        // Every stop is sent before the first is waited for.
-        let owing =
-            axes.iter().zip(&mut ended).filter(|(axis, ended)| has_stop(axis) && owed(ended));
-        let begun: Vec<_> = owing
-            .map(|(axis, ended)| (axis, ended, axis.start(Command::new(Verb::Stop))))
-            .collect();
-        let carried_out: Vec<_> = begun
-            .into_iter()
-            .map(|(axis, ended, run)| (axis, ended, run.and_then(finish)))
-            .collect();
-        // All brake meanwhile.
-        for (axis, ended, stopped) in carried_out {
-            *ended = Some(axis.see_standing(stopped).map(drop));
+    let has_stop = |axis: &&Axis| axis.profile.plan(Verb::Stop).is_some();
+    let stopped: Vec<&Axis> = axes.iter().filter(has_stop).collect();
+    let mut ended = stop_until_standing(&stopped, within, again).into_iter();
+    let result = |axis| match has_stop(&axis) {
+        true => ended.next().map_or(Ok(()), |ended| ended.map(drop)),
+        false => Ok(()),
+    };
+    axes.iter().map(result).collect()
+}
+
+/// Stops axes, and waits until each is seen to stand: all are told before the first is waited for, and
+/// none waits for another. A stop that is lost is said again for `within` as [`stop_owed`] does. A motor
+/// that does not become slower has to stand soon; one that does, within what its profile gives it.
+pub(crate) fn stop_until_standing(
+    axes: &[&Axis],
+    within: Duration,
+    mut again: impl FnMut(&Axis, &Error) -> bool,
+) -> Vec<Result<Standing, Error>> {
+    let mut stops: Vec<_> = axes.iter().map(|axis| Stop::begin(axis, within)).collect();
+    while stops.iter().any(|stop| stop.ended.is_none()) {
+        for (axis, stop) in axes.iter().zip(&mut stops) {
+            if stop.ended.is_none() {
+                stop.go_on(axis, &mut again);
+            }
         }
-        let lost = axes.iter().zip(&ended).filter(|(axis, ended)| has_stop(axis) && owed(ended));
-        let told = lost.map(|(axis, ended)| match ended {
-            Some(Err(error)) => again(axis, error),
-            _ => true,
-        });
-        let told: Vec<bool> = told.collect();
-        if told.is_empty() || !told.iter().all(|go_on| *go_on) || first.connection.now() >= until {
-            return ended.into_iter().map(|ended| ended.unwrap_or(Ok(()))).collect();
+    }
+    stops.into_iter().filter_map(|stop| stop.ended).collect()
+}
+
+/// The stop of one axis, said until its motor was seen to stand.
+struct Stop {
+    stopping: Stopping,
+    said_at: Instant,
+    /// Before it is said again to a motor that turns on.
+    pause: Duration,
+    /// When it is said again after it was lost.
+    lost: Option<Instant>,
+    /// Until when it is said again where it is lost.
+    until: Instant,
+    /// Since when it was to stand; it went on.
+    begun: Instant,
+    /// The slowest that the motor was seen to turn, and when.
+    slowest: (f64, Instant),
+    /// One that was said before may have been executed.
+    may_be_done: bool,
+    ended: Option<Result<Standing, Error>>,
+}
+
+impl Stop {
+    fn begin(axis: &Axis, within: Duration) -> Self {
+        let now = axis.connection.now();
+        Self {
+            stopping: Stopping::begin(axis),
+            said_at: now,
+            pause: TURNS_ON_AFTER,
+            lost: None,
+            until: now + within,
+            begun: now,
+            slowest: (f64::MAX, now),
+            may_be_done: false,
+            ended: None,
         }
-        first.sleep(AGAIN);
+    }
+
+    fn say_again(&mut self, axis: &Axis, now: Instant) {
+        (self.stopping, self.said_at, self.lost) = (Stopping::again(axis), now, None);
+    }
+
+    /// Whether the motor became slower of late, or was told only just now.
+    fn may_be_braking(&mut self, axis: &Axis, now: Instant) -> bool {
+        if let Some(rate) = self.stopping.rate()
+            && rate < SLOWER * self.slowest.0
+        {
+            self.slowest = (rate, now);
+        }
+        now.since(self.slowest.1) < REST_MAX && now.since(self.begun) < axis.rest_max()
+    }
+
+    fn go_on(&mut self, axis: &Axis, again: &mut impl FnMut(&Axis, &Error) -> bool) {
+        if let Some(at) = self.lost {
+            let now = axis.connection.now();
+            if now < at {
+                return axis.sleep(at.since(now).min(TURN));
+            }
+            (self.begun, self.slowest) = (now, (f64::MAX, now));
+            self.say_again(axis, now);
+        }
+        self.stopping.settle(axis, TURN);
+        let now = axis.connection.now();
+        let trouble = self.stopping.trouble().cloned();
+        let error = match self.stopping.class() {
+            Class::Still => return self.ended = Some(Ok(Standing::Seen)),
+            Class::Unseen => return self.ended = Some(Ok(Standing::Untold)),
+            Class::Failed(error) => Some(error.clone()),
+            _ if self.stopping.has_ended() => trouble.clone(),
+            _ => None,
+        };
+        if let Some(error) = error {
+            self.may_be_done |= error.executed() != Some(false);
+            if is_lost(&error) && now < self.until && again(axis, &error) {
+                self.lost = Some(now + AGAIN);
+            } else {
+                self.ended = Some(Err(if self.may_be_done { error.told_before() } else { error }));
+            }
+        } else if !self.may_be_braking(axis, now) {
+            let is_group = Number(axis.number).is_group();
+            self.ended = Some(match trouble {
+                Some(error) => Err(error),
+                // Drives of a group rarely tell the same.
+                None if is_group && !self.stopping.is_seen_turning() => Ok(Standing::Untold),
+                None => Err(axis.not_at_rest(now.since(self.begun))),
+            });
+        } else if self.stopping.is_seen_turning() && now >= self.said_at + self.pause {
+            self.pause = TURNS_ON_AFTER_MAX;
+            self.say_again(axis, now);
+        }
     }
 }
 
@@ -75,32 +172,20 @@ impl Axis {
         let until = self.connection.now() + within;
         loop {
             let ended = self.abort();
-            let owed = is_lost(&ended) && self.connection.now() < until;
             match &ended {
-                Err(error) if owed && again(self, error) => self.sleep(AGAIN),
+                Err(error)
+                    if is_lost(error) && self.connection.now() < until && again(self, error) =>
+                {
+                    self.sleep(AGAIN);
+                }
                 _ => return ended,
             }
         }
     }
 }
 
-fn has_stop(axis: &Axis) -> bool {
-    axis.profile.plan(Verb::Stop).is_some()
-}
-
-/// Waits for its end: who is told to go stops first what he has set in motion.
-fn finish(mut running: Running) -> Result<(), Error> {
-    loop {
-        match running.until(Instant::FAR) {
-            Ok(None) | Err(Error::Interrupted { .. }) => {}
-            Ok(Some(_)) => return Ok(()),
-            Err(error) => return Err(error),
-        }
-    }
-}
-
 /// Whether a stop that is said again may still arrive. A drive that refused it has heard it.
-fn is_lost(ended: &Result<(), Error>) -> bool {
-    let Err(Error::Failed { outcome, .. }) = ended else { return false };
+fn is_lost(error: &Error) -> bool {
+    let Error::Failed { outcome, .. } = error else { return false };
     matches!(outcome.failure(), Some(Failure::Silent | Failure::Misbehaved | Failure::LinkDown))
 }

@@ -41,7 +41,7 @@ const SLOW_TIMES: f64 = 2.0;
 /// A motor that was told to stop, and of which speed and position do not agree, is told again after so long.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
 /// So long a motor whose stop was carried out is waited for until it stands.
-const REST_MAX: Duration = Duration::from_secs(5);
+pub(super) const REST_MAX: Duration = Duration::from_secs(5);
 /// So long a group's drives, which do not tell the same, are asked whether they stand.
 const DIFFER_MAX: Duration = Duration::from_secs(10);
 
@@ -194,6 +194,15 @@ impl Stopping {
         matches!(&self.stage, Stage::Watching(watch) if watch.turns || watch.runs.is_some())
     }
 
+    /// How fast the motor turned at the last reading, where that says that it does: in a unit of the
+    /// drive's own, the same for all readings.
+    pub(super) fn rate(&self) -> Option<f64> {
+        match &self.stage {
+            Stage::Watching(watch) if watch.turns => watch.rate,
+            _ => None,
+        }
+    }
+
     /// Looks how far it has come. Waits for nothing.
     pub fn look(&mut self, axis: &Axis, now: Instant) {
         self.turn(axis, now);
@@ -309,6 +318,8 @@ struct Watch {
     agrees: bool,
     /// The speed that was read last.
     speed: i64,
+    /// How fast that is, or how far the position went in a second.
+    rate: Option<f64>,
     /// Parameters that were read because the scale of the position depends on them.
     factors: usize,
 }
@@ -363,6 +374,7 @@ impl Watch {
             runs: None,
             agrees: false,
             speed: 0,
+            rate: None,
             factors: 0,
         }
     }
@@ -452,6 +464,7 @@ impl Watch {
         match source {
             Source::Speed(_, test) => {
                 (self.turns, self.speed) = (!test.passes(raw), raw);
+                self.rate = Some(raw.unsigned_abs() as f64);
                 if self.turns {
                     (self.stands, self.looks, self.position) = (0, 0, None);
                     (self.runs, self.agrees) = (None, false);
@@ -476,6 +489,7 @@ impl Watch {
                 self.turns = raw.abs_diff(first) > 1 && axis.drifts(id, (first, raw), over, 0.0);
                 if self.turns {
                     self.position = Some((at.0, raw));
+                    self.rate = Some(raw.abs_diff(first) as f64 / over.as_secs_f64());
                 }
                 return !self.turns;
             }
@@ -533,7 +547,7 @@ impl Axis {
         Some(standing.map_or(reading.raw != 0, |test| !test.passes(reading.raw)))
     }
 
-    /// Waits until its motor, whose stop was carried out, is seen to stand: where that stop waited for a
+    /// Waits until its motor, which another verb brings to rest, is seen to stand: where that waited for a
     /// measured speed itself, by its position.
     pub(crate) fn see_standing(&self, stopped: Result<(), Error>) -> Result<Standing, Error> {
         stopped?;
@@ -561,6 +575,16 @@ impl Axis {
             _ if is_group && !turns => Ok(Standing::Untold),
             _ => Err(self.not_at_rest(REST_MAX)),
         }
+    }
+
+    /// How long its motor may take to stand once it was told to stop.
+    pub(crate) fn rest_max(&self) -> Duration {
+        let steps = self.profile.plan(Verb::Stop).map_or(&[][..], |plan| plan.steps);
+        let waits = steps.iter().filter_map(|step| match step {
+            Step::Until { within_ms, .. } => Some(Duration::from_millis((*within_ms).into())),
+            _ => None,
+        });
+        waits.fold(REST_MAX, Duration::max)
     }
 
     /// It was told to stop, and turns on after so long.

@@ -14,6 +14,7 @@ use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use serde_json::json;
+use tokio::sync::oneshot;
 
 use super::clock::Clock;
 use super::desk::Desk;
@@ -23,7 +24,9 @@ use super::owed::{ANSWERED_MAX, Airtime, OwedStop};
 use super::shared::{Event, SERVER, Shared, held};
 use super::state::axis_state;
 use super::wire::{AskLease, Commanded, Do, Order, Tell, Wire, overtaken};
-use crate::message::{Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, OwedWhy, Refused};
+use crate::message::{
+    Deed, Ended, LeaseAct, LeaseGranted, LeaseTold, Outcome, OwedWhy, Refused, Stopped,
+};
 
 /// A command said so far ahead of the server's clock is no better than one that is too old, ms.
 const AHEAD_MAX_MS: f64 = 1000.0;
@@ -52,6 +55,8 @@ pub(super) struct Hand {
     going: Vec<Going>,
     /// Commands that wait until their axis is seen standing, with their places among all orders.
     waiting: Vec<(u64, Box<Commanded>)>,
+    /// Stops that were said under a lease, and what comes of them.
+    halting: Vec<(Commanded, oneshot::Receiver<Result<Stopped, Refused>>)>,
     airtime: Airtime,
     lost: bool,
     /// When the bench was closed.
@@ -112,6 +117,7 @@ impl Hand {
             axes: Vec::new(),
             going: Vec::new(),
             waiting: Vec::new(),
+            halting: Vec::new(),
             airtime: Airtime::default(),
             lost: false,
             closed: None,
@@ -185,6 +191,7 @@ impl Hand {
         }
         self.look_at_commands();
         self.look_at_owed();
+        self.answer_holders();
         for (said, commanded) in std::mem::take(&mut self.waiting) {
             self.obey(said, Order::Command(commanded));
         }
@@ -464,7 +471,8 @@ impl Hand {
         }
         let held = watched.seat.held(session, epoch, self.shared.now());
         held.map_err(|refused| watched.unheld(refused))?;
-        if moves && watched.owed.is_some() {
+        let owes = |stop: &OwedStop| !stop.is_of_holder(session);
+        if moves && watched.owed.as_ref().is_some_and(owes) {
             return Err(owed());
         }
         Ok(())
@@ -473,12 +481,14 @@ impl Hand {
     /// Whether what moves an axis waits a moment, because its stop is just about to be over.
     fn waits_for_stop(&self, commanded: &Commanded) -> bool {
         let owed = self.axes[commanded.axis].owed.as_ref();
+        let owed = owed.filter(|owed| !owed.is_of_holder(&commanded.session));
         let is_ending = owed.is_some_and(|owed| owed.is_ending(self.shared.now()));
         is_ending && commanded.deed.moves() && self.waiting.len() < WAITING_MAX
     }
 
     fn command(&mut self, said: u64, commanded: Commanded) {
-        let started = self.start(&commanded);
+        let halts = matches!(commanded.deed, Do::Run(command) if command.verb == Verb::Stop);
+        let started = if halts { Ok(Started::Done) } else { self.start(&commanded) };
         let Commanded { axis, session, order, deed, .. } = &commanded;
         if deed.ends_motion() && self.may(*axis, session, order.epoch, false).is_ok() {
             // It did not wait for the journal, as what was said before it may still do: that is not
@@ -486,9 +496,15 @@ impl Hand {
             let stopped = &mut self.axes[commanded.axis].stopped;
             *stopped = said.max(*stopped);
         }
+        if halts {
+            return self.halt_for_holder(commanded);
+        }
         match started {
             Ok(Started::Running(running)) => {
                 let Commanded { axis, session, order, deed, tell, .. } = commanded;
+                if deed.moves() {
+                    self.holder_goes_on(axis, &session);
+                }
                 let enables = matches!(deed, Do::Run(command) if command.verb == Verb::Enable);
                 if deed.moves() && !enables {
                     self.axes[axis].seat.moves();

@@ -39,6 +39,10 @@ pub(super) struct OwedStop {
     since: Instant,
     why: OwedWhy,
     by: Session,
+    /// Whoever holds the lease said so, and may have it move again.
+    of_holder: bool,
+    /// Everybody was told of it.
+    alarmed: bool,
     /// The one that was said last; `None` while none was.
     stopping: Option<Stopping>,
     said: u32,
@@ -99,6 +103,8 @@ impl OwedStop {
             since: now,
             why,
             by,
+            of_holder: false,
+            alarmed: false,
             stopping: None,
             said: 0,
             said_at: now,
@@ -107,6 +113,24 @@ impl OwedStop {
             heard: None,
             told: None,
             asked: Vec::new(),
+        }
+    }
+
+    /// The same, said by whoever holds the lease.
+    pub fn of_holder(mut self) -> Self {
+        self.of_holder = true;
+        self
+    }
+
+    /// Whether nobody said so but this session, which holds the lease.
+    pub fn is_of_holder(&self, session: &Session) -> bool {
+        self.of_holder && self.by == *session
+    }
+
+    /// Somebody else says so as well: it is no longer the holder's alone.
+    pub fn said_by(&mut self, why: OwedWhy, by: &Session) {
+        if std::mem::take(&mut self.of_holder) {
+            (self.why, self.by) = (why, by.clone());
         }
     }
 
@@ -147,6 +171,17 @@ impl OwedStop {
         let (class, error) = self.certain();
         let since_ms = Clock::ms(self.since);
         StopOwed { since_ms, why: self.why, by: self.by.to_string(), class, said: self.said, error }
+    }
+
+    /// What everybody is told of it now, and whether that is news. A stop that the holder of the lease
+    /// said is no alarm while it is young and goes well: a motor that brakes obeys.
+    pub fn alarm(&mut self, now: Instant) -> (Option<StopOwed>, bool) {
+        let goes_well = self.stopping.as_ref().is_some_and(|stopping| !stopping.has_ended());
+        let is_young = now.since(self.since) < STANDS_SOON;
+        if self.of_holder && goes_well && is_young {
+            return (None, false);
+        }
+        (Some(self.shown()), !std::mem::replace(&mut self.alarmed, true))
     }
 
     /// What is certain of the one that was said last.

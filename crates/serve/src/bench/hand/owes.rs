@@ -9,8 +9,8 @@ use super::{BRISK, Hand, Watched};
 use crate::bench::lease::{Lost, Session};
 use crate::bench::owed::{Ended, OwedStop, Report};
 use crate::bench::shared::{Event, SERVER};
-use crate::bench::wire::{Dismiss, Go, StopThese};
-use crate::message::{Deed, DismissReason, OwedWhy, Refused, StopClass};
+use crate::bench::wire::{Commanded, Dismiss, Go, StopThese};
+use crate::message::{AxisStopped, Deed, DismissReason, OwedWhy, Refused, StopClass};
 
 impl Hand {
     /// Sends what stops; what there is to write about it comes when all of them are on the wire.
@@ -50,9 +50,67 @@ impl Hand {
         watched.axis.arm(false);
         let is_new = watched.owed.is_none();
         let owed = watched.owed.get_or_insert_with(|| OwedStop::new(why, by.clone(), since));
+        owed.said_by(why, by);
         owed.say(&watched.axis, since, report);
         self.begun = self.shared.now();
         is_new
+    }
+
+    /// Stops an axis because whoever holds its lease says so. It stays armed and theirs: what they have it
+    /// do next ends the debt.
+    pub(super) fn halt_for_holder(&mut self, commanded: Commanded) {
+        let Commanded { axis, session, order, .. } = &commanded;
+        let axis = *axis;
+        if let Err(refused) = self.may(axis, session, order.epoch, false) {
+            return self.tell(commanded, Some(refused));
+        }
+        let now = self.shared.now();
+        let watched = &mut self.axes[axis];
+        let (report, told) = Report::of(&[watched.id], Vec::new());
+        let is_new = watched.owed.is_none();
+        let fresh = || OwedStop::new(OwedWhy::Stop, session.clone(), now).of_holder();
+        let owed = watched.owed.get_or_insert_with(fresh);
+        owed.say(&watched.axis, now, Some(report));
+        self.begun = now;
+        self.note_owed(axis, is_new);
+        self.halting.push((commanded, told));
+    }
+
+    /// Answers those who hold a lease and said stop.
+    pub(super) fn answer_holders(&mut self) {
+        let mut at = 0;
+        while at < self.halting.len() {
+            let Ok(told) = self.halting[at].1.try_recv() else {
+                at += 1;
+                continue;
+            };
+            let (commanded, _) = self.halting.swap_remove(at);
+            let stopped = told.map(|mut stopped| stopped.axes.pop());
+            let error = match stopped {
+                Ok(Some(AxisStopped { class: StopClass::Owed, error, .. })) => {
+                    let what = "it was told to stop, and was not seen standing";
+                    Some(error.unwrap_or_else(|| Refused::new("gateway.owed", what)))
+                }
+                Ok(_) => None,
+                Err(refused) => Some(refused),
+            };
+            if error.is_none() {
+                self.axes[commanded.axis].seat.stopped();
+            }
+            // How it was told to stop is known; whether the motor stands is not.
+            let error = error.map(|error| Refused { executed: None, ..error });
+            self.tell(commanded, error);
+        }
+    }
+
+    /// Whoever holds the lease has the axis do something else than to stop, as they said before.
+    pub(super) fn holder_goes_on(&mut self, axis: usize, session: &Session) {
+        let (id, now) = (self.axes[axis].id, self.shared.now());
+        let of_holder = |owed: &mut OwedStop| owed.is_of_holder(session);
+        let Some(mut owed) = self.axes[axis].owed.take_if(of_holder) else { return };
+        let what = "it was set in motion again before it was seen standing";
+        owed.give_up(id, now, &Refused::new("gateway.owed", what));
+        self.pay(axis, session, json!({ "how": "set in motion again" }), None);
     }
 
     /// The same, where nobody said so.
@@ -64,16 +122,18 @@ impl Hand {
     }
 
     /// Has the journal keep that an axis is owed a stop, and shows it.
-    pub(super) fn note_owed(&self, axis: usize, is_new: bool) {
-        let Watched { id, axis: its, owed: Some(owed), .. } = &self.axes[axis] else { return };
-        let shown = owed.shown();
+    pub(super) fn note_owed(&mut self, axis: usize, is_new: bool) {
+        let now = self.shared.now();
+        let Watched { id, axis: its, owed: Some(owed), .. } = &mut self.axes[axis] else { return };
+        let (id, number, shown) = (*id, its.number(), owed.shown());
+        let (alarm, is_news) = owed.alarm(now);
         if is_new {
-            let detail = json!({ "why": shown.why, "link": self.url, "number": its.number() });
-            self.shared.noted(&shown.by.as_str().into(), Deed::StopOwed, Some(*id), detail);
+            let detail = json!({ "why": shown.why, "link": self.url, "number": number });
+            self.shared.noted(&shown.by.as_str().into(), Deed::StopOwed, Some(id), detail);
         }
-        self.wire.show_owed(axis, Some(shown));
-        if is_new {
-            self.shared.tell(Event::Owed(*id));
+        self.wire.show_owed(axis, alarm);
+        if is_news {
+            self.shared.tell(Event::Owed(id));
         }
     }
 
@@ -104,8 +164,11 @@ impl Hand {
             if owed.said() > said {
                 self.begun = now;
             }
-            let shown = owed.shown();
+            let (alarm, is_news) = owed.alarm(now);
             let id = watched.id;
+            if is_news && ended.is_none() {
+                self.shared.tell(Event::Owed(id));
+            }
             if let Some(stopped) = news {
                 let detail = json!({ "class": stopped.class, "ms": stopped.ms });
                 self.shared.noted_by_server(Deed::Outcome, id, detail);
@@ -114,7 +177,7 @@ impl Hand {
             let how = match ended {
                 None => {
                     owed.answer(id, &watched.axis, now, false);
-                    self.wire.show_owed(axis, Some(shown));
+                    self.wire.show_owed(axis, alarm);
                     continue;
                 }
                 Some(Ended::Standing) => "standing",
