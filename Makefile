@@ -84,11 +84,11 @@ swarm:
 ## soak: the long forms of what `make test` samples
 soak:
 	POLEPAIR_GARBAGE=1000000 $(CARGO) test --release --locked --quiet -p polepair-sim garbage -- --nocapture
-	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test stress -- --nocapture
-	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test mixed -- --nocapture
-	POLEPAIR_SCOPE_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-serve --test telemetry -- --nocapture
+	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test integration stress:: -- --nocapture
+	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test integration mixed:: -- --nocapture
+	POLEPAIR_SCOPE_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-serve --test integration telemetry:: -- --nocapture
 	POLEPAIR_SCOPE_SECONDS=600 $(MAKE) --no-print-directory page TESTS=scope
-	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test gateway load -- --nocapture
+	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test integration gateway::load:: -- --nocapture
 	POLEPAIR_FRAMES=all $(CARGO) test --release --locked --quiet -p polepair-cli --bin polepair every_frame
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
 	POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python

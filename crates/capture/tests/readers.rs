@@ -3,6 +3,8 @@
 //!
 //! Each gets `POLEPAIR_READER_SECONDS` (20 unless said: as `make test` has it; `make check` says 1,
 //! `make soak` 600), as many at once as there are processors.
+//!
+//! A program of its own: the most memory that the process ever had is measured.
 
 use std::fmt::Write as _;
 use std::sync::Mutex;

@@ -1,4 +1,6 @@
 //! Nothing allocates once a lane runs.
+//!
+//! A program of its own: it replaces the allocator of the process.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

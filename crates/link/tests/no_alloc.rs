@@ -1,4 +1,6 @@
 //! A round trip allocates nothing once the connection runs, nor does a frame on any CAN link.
+//!
+//! A program of its own: it replaces the allocator of the process.
 #![cfg(unix)]
 #![allow(unsafe_code)]
 

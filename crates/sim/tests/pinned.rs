@@ -2,6 +2,8 @@
 //! drives of every protocol, motors that turn, wires that fail. Another platform, another build or
 //! another day must give these very numbers, or replays of seeds would be worth nothing.
 //! `make test` runs them in debug and in release.
+//!
+//! A program of its own: it alone is built for release as well.
 
 use polepair_core::axis::{Axes, Command, Verb};
 use polepair_core::drives;

@@ -1,0 +1,173 @@
+//! CANopen from the command line: frames both ways, and a bus that it shares.
+
+use crate::run;
+
+use run::{hex, ok, polepair, polepair_with, text, vectors};
+use serde_json::Value;
+
+fn decode(capture: &str, arguments: &[&str]) -> (Vec<Value>, String) {
+    let arguments = [&["decode", "-", "--format", "jsonl"], arguments].concat();
+    let ran = polepair_with(&arguments, capture);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let frames = ran.out.lines().map(|line| serde_json::from_str(line).expect("an object"));
+    (frames.collect(), ran.err)
+}
+
+fn protocols(frames: &[Value]) -> Vec<&str> {
+    frames.iter().map(|frame| text(frame, "protocol")).collect()
+}
+
+#[test]
+fn every_vector_decodes_and_encodes() {
+    let all = vectors("canopen");
+    let data = |v: &Value| if v["rtr"] == true { format!("R{}", v["dlc"]) } else { hex(v) };
+    let frame = |v: &Value| format!("{}#{}", &text(v, "can_id")[2..], data(v));
+    let capture: String = all.iter().map(|v| format!("(1.0) can0 {}\n", frame(v))).collect();
+    let (frames, _) = decode(&capture, &["--as", "canopen"]);
+    assert_eq!(frames.len(), all.len());
+    // Each text once: the manual prints the same frame several times.
+    let mut tried = std::collections::BTreeSet::new();
+    for (v, found) in all.iter().zip(&frames) {
+        let (name, said) = (text(v, "name"), text(found, "text"));
+        assert!(found["ok"] == true && found["protocol"] == "canopen", "{name}: {found}");
+        let axis = found["axis"].as_u64().map(|axis| axis.to_string());
+        if !tried.insert((said.to_owned(), axis.clone())) {
+            continue;
+        }
+        let mut arguments = vec!["encode", "canopen", said];
+        arguments.extend(axis.iter().flat_map(|axis| ["--axis", axis]));
+        assert_eq!(ok(&arguments), format!("{}\n", frame(v)), "{name}: {said}");
+    }
+    assert!(tried.len() >= 60, "only {}", tried.len());
+}
+
+#[test]
+fn identifiers_go_to_the_protocols_that_are_named() {
+    let capture = "\
+(1.000) can0 302#5443000000000005
+(1.001) can0 30B#5443000000000005
+(1.002) can0 28B#5443000000000005
+(1.003) can0 602#4041600000000000
+(1.004) can0 582#4B41600037000000
+(1.005) can0 080#
+(1.006) can0 702#R1
+(1.007) can0 703#05
+";
+    let (frames, _) = decode(capture, &["--as", "canopen@2,thruster@11"]);
+    let expected =
+        ["canopen", "thruster", "thruster", "canopen", "canopen", "canopen", "canopen", ""];
+    assert_eq!(protocols(&frames), expected);
+    let (frames, _) = decode(capture, &["--as", "canopen", "--profile", "syntron-ts-canopen"]);
+    assert!(text(&frames[4], "text").contains("operation enabled"), "{}", frames[4]);
+}
+
+#[test]
+fn a_nodes_other_traffic_decides_whose_its_pdo2_is() {
+    // Node 2 boots, node 12 tells nothing else: 11 and 12 stay open, and are reported.
+    let capture = "\
+(1.000) can0 702#00
+(1.001) can0 302#5443000000000005
+(1.002) can0 30B#5443000000000005
+(1.003) can0 28B#5443000000000005
+(1.004) can0 602#4041600000000000
+(1.005) can0 28C#0102030405060708
+(1.006) can0 003#01000000000001
+";
+    let (frames, told) = decode(capture, &[]);
+    assert_eq!(protocols(&frames), ["canopen", "canopen", "", "", "canopen", "", "tmcl"]);
+    assert!(told.contains("can0: canopen and tmcl, "), "{told}");
+    assert!(told.contains("--as canopen,tmcl,thruster@11"), "{told}");
+    assert!(!told.contains("thruster@2") && told.contains("or canopen's"), "{told}");
+    let (frames, told) = decode("(1.0) can0 202#0F00\n(1.1) can0 302#0102030405060708\n", &[]);
+    assert_eq!(protocols(&frames), ["canopen", "canopen"], "{told}");
+    // On another link the same identifiers prove nothing.
+    let two = "(1.0) can0 702#05\n(1.1) can0 302#0102\n(1.2) can1 302#0102\n(1.3) can1 080#\n";
+    let (frames, told) = decode(two, &[]);
+    assert_eq!(protocols(&frames), ["canopen", "canopen", "", "canopen"], "{told}");
+}
+
+#[test]
+fn codes_words_and_frames_are_explained() {
+    assert!(ok(&["explain", "canopen", "0x06020000"]).contains("object does not exist"));
+    assert!(ok(&["explain", "canopen", "0x0237"]).contains("operation enabled"));
+    let word = ok(&["explain", "canopen", "statusword", "0x0237"]);
+    assert!(word.starts_with("statusword: operation enabled\n"), "{word}");
+    assert!(ok(&["explain", "canopen", "0x8130"]).contains("communication"));
+    assert!(ok(&["explain", "syntron-ts-canopen", "0x160C"]).contains("oc"));
+    let shown = ok(&["explain", "canopen", "602#2B4060000F000000"]);
+    assert!(shown.contains("SDO write, axis 2: write 0x6040:0 u16 0x000F (controlword"), "{shown}");
+    let json =
+        ok(&["encode", "canopen", "write 0x6040:0 u16 15", "--axis", "2", "--format", "json"]);
+    let json: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!((&json["answer"]["bytes"], &json["axis"]), (&8.into(), &2.into()));
+    let named = ["encode", "canopen", "write controlword 15", "--axis", "2"];
+    assert_eq!(polepair(&named).code, 2);
+    let named = [&named[..], &["--profile", "cia402"]].concat();
+    assert_eq!(ok(&named), "602#2B4060000F000000\n");
+}
+
+/// A file that is gone with the test.
+struct Path(std::path::PathBuf);
+
+impl Path {
+    fn with(name: &str, text: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("polepair-{}-{name}", std::process::id()));
+        std::fs::write(&path, text).expect("a file");
+        Self(path)
+    }
+
+    fn name(&self) -> &str {
+        self.0.to_str().expect("a name")
+    }
+}
+
+impl Drop for Path {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+#[test]
+fn paths_of_several_axes_go_out_on_sync() {
+    let url = "sim:cia402:1,2?time=virtual";
+    let line = |k: f64| {
+        let angle = 90.0 * (1.0 - (k * std::f64::consts::TAU / 100.0).cos());
+        format!("{},{angle},{}\n", k * 0.01, -angle)
+    };
+    let smooth: String = (0..=100).map(|k| line(f64::from(k))).collect();
+    let file = Path::with("circle.csv", &format!("time s, 2 deg, 1 deg\n{smooth}"));
+    let ran = polepair(&["stream", url, file.name()]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("101 cycles of 10 ms, axes: 2"), "{}", ran.err);
+    assert!(ran.err.contains("missed cycles: 0; answers that came late: 0"), "{}", ran.err);
+    assert!(ran.err.contains("min/median/max"), "{}", ran.err);
+}
+
+#[test]
+fn paths_that_cannot_be_followed_move_nothing() {
+    let refused = |url: &str, text: &str, more: &[&str], reason: &str| {
+        let file = Path::with(&format!("{}.csv", reason.len()), text);
+        let ran = polepair(&[&["stream", url, file.name()], more].concat());
+        assert!(ran.code != 0 && ran.err.contains(reason), "{reason}: {} {}", ran.code, ran.err);
+        assert!(!ran.err.contains("cycles of"), "{}", ran.err);
+    };
+    let two = "sim:cia402:1,2?time=virtual";
+    let still = "time s, 1 rad, 2 rad\n0,0,0\n0.02,0,0\n";
+    refused(two, "time s, 1 rad, 2 rad\n0,0,0\n0.01,90,0\n", &[], "faster than the drive may be");
+    refused(two, "time s, 1 rad/s, 2 rad/s\n0,0,0\n0.1,1,1\n", &[], "does not end at rest");
+    refused(two, "time s, 1 deg, 3 deg\n0,0,0\n1,0,0\n", &[], "no column is named");
+    refused(two, "time s, 1 deg, 2 Nm\n0,0,0\n1,0,0\n", &[], "does not fit");
+    refused(two, "time s, 1 deg, 2 deg\n0,0,0\n1,0\n", &[], "columns, not 3");
+    refused(two, still, &["--period", "1500us"], "1.5 ms is none");
+    let ts = "sim:syntron-ts-canopen:1,2?time=virtual";
+    refused(ts, still, &["--period", "10ms"], "cannot do that");
+}
+
+#[test]
+fn moves_begin_on_one_sync() {
+    let ran = polepair(&["move", "sim:cia402:1,2?time=virtual", "90deg", "--sync"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.out.contains("#1 position") && ran.out.contains("#2 position"), "{}", ran.out);
+    let ran = polepair(&["move", "sim:tmcl:1?time=virtual", "90deg", "--sync"]);
+    assert!(ran.code != 0 && ran.err.contains("cannot do that"), "{}", ran.err);
+}

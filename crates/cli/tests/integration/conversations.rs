@@ -1,0 +1,91 @@
+//! Conversations with simulated drives, traced and read back: clean ones accuse nobody, and on a line
+//! that loses bytes what is lost is found.
+
+use crate::run;
+
+use std::collections::BTreeMap;
+
+use polepair_capture::session::{Notice, Outcome};
+use polepair_capture::{Decoder, Rules};
+use run::polepair;
+
+/// What a trace tells.
+#[derive(Default, Debug)]
+struct Told {
+    odd: BTreeMap<&'static str, Vec<String>>,
+    done: usize,
+    others: Vec<Outcome>,
+    signals: BTreeMap<&'static str, usize>,
+}
+
+impl Told {
+    fn take(&mut self, notices: &[Notice]) {
+        for notice in notices {
+            match notice {
+                Notice::Odd(odd) => {
+                    self.odd.entry(odd.kind.word()).or_default().push(odd.text.clone());
+                }
+                Notice::Exchange(exchange) if exchange.outcome == Outcome::Done => self.done += 1,
+                Notice::Exchange(exchange) => self.others.push(exchange.outcome),
+                Notice::Signal(signal) => *self.signals.entry(signal.name).or_default() += 1,
+                Notice::Change(_) | Notice::Fault(_) => {}
+            }
+        }
+    }
+}
+
+/// Runs a verb, and reads what went over the wire.
+fn traced(name: &str, arguments: &[&str], protocol: &str) -> Told {
+    let path = std::env::temp_dir().join(format!("polepair-{name}-{}.log", std::process::id()));
+    let trace = path.to_str().expect("text");
+    let ran = polepair(&[arguments, &["--trace", trace]].concat());
+    let capture = std::fs::read(&path).expect("a trace");
+    std::fs::remove_file(&path).expect("removed");
+    let mut told = Told::default();
+    let mut decoder = Decoder::new(Rules::parse(protocol).expect("a protocol"));
+    decoder.feed(&capture, &mut |event| told.take(event.notices));
+    decoder.finish(&mut |event| told.take(event.notices));
+    decoder.ending(&mut |event| told.take(event.notices));
+    assert!(told.done > 0, "{arguments:?}: {}\n{told:?}", ran.err);
+    told
+}
+
+#[test]
+fn clean_conversations_accuse_nobody() {
+    let clean = [
+        ("sim:tmcl:1?time=virtual", "tmcl", "90deg"),
+        ("sim:tmcl+can:1?time=virtual", "tmcl", "90deg"),
+        ("sim:modbus-rtu:1?time=virtual", "modbus-rtu", "90deg"),
+        ("sim:modbus-ascii:1?time=virtual", "modbus-ascii", "90deg"),
+        ("sim:tml:1?time=virtual", "tml", "90deg"),
+        ("sim:tmlcan:1?time=virtual", "tmlcan", "90deg"),
+    ];
+    for (at, (url, protocol, far)) in clean.into_iter().enumerate() {
+        let verbs = [vec!["info", url], vec!["move", url, far]];
+        for (nth, verb) in verbs.iter().enumerate() {
+            let told = traced(&format!("clean-{at}-{nth}"), verb, protocol);
+            assert!(told.odd.is_empty() && told.others.is_empty(), "{verb:?}: {told:?}");
+            assert!(nth == 0 || !told.signals.is_empty(), "{verb:?}: {told:?}");
+        }
+    }
+}
+
+#[test]
+fn what_a_line_loses_is_found() {
+    let rack = std::env::temp_dir().join(format!("polepair-lossy-{}.toml", std::process::id()));
+    for (profile, protocol) in [("tmcm-171", "tmcl"), ("syntron-ts", "modbus-rtu")] {
+        let text = format!(
+            "[[link]]\nname = \"left\"\nfaults = {{ lose = 5e-3 }}\n\n\
+             [[link.drive]]\nname = \"x\"\nprofile = \"{profile}\"\n"
+        );
+        std::fs::write(&rack, text).expect("written");
+        let url = format!("sim:{}?time=virtual&seed=3#x", rack.display());
+        let watch = ["watch", &url, "position", "velocity", "--for", "5s"];
+        let told = traced(&format!("lossy-{protocol}"), &watch, protocol);
+        let lost = told.odd.keys().any(|kind| ["retry", "unanswered"].contains(kind));
+        assert!(lost, "{profile}: {told:?}");
+        let innocent = ["duplicate-address", "restart", "refused", "foreign-reply"];
+        assert!(!told.odd.keys().any(|kind| innocent.contains(kind)), "{profile}: {told:?}");
+    }
+    std::fs::remove_file(&rack).expect("removed");
+}

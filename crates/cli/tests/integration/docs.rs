@@ -1,0 +1,261 @@
+//! What the documentation prints works: `sh` blocks are run, other `polepair` lines are checked
+//! against the command line's grammar, links lead somewhere.
+//!
+//! In `sh` blocks two simulated drives stand ready, fresh for each page: a TMCL module at
+//! `/tmp/motor` and a Modbus drive at `/tmp/servo`. `/tmp` is replaced by a folder of the test's.
+
+use crate::run;
+
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// How long one block may take.
+const BLOCK_S: u64 = 30;
+
+struct Block {
+    /// What stands behind the fence.
+    mark: String,
+    line: usize,
+    text: String,
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("the repository")
+}
+
+fn pages() -> Vec<PathBuf> {
+    let mut pages: Vec<PathBuf> = Vec::new();
+    let mut folders = vec![root().join("docs")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder").flatten() {
+            let path = entry.path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false if path.extension().is_some_and(|e| e == "md") => pages.push(path),
+                false => {}
+            }
+        }
+    }
+    let top = std::fs::read_dir(root()).expect("the repository").flatten();
+    pages.extend(top.map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "md")));
+    pages.sort();
+    pages
+}
+
+fn text(page: &Path) -> String {
+    std::fs::read_to_string(page).expect("a page")
+}
+
+fn blocks(page: &str) -> Vec<Block> {
+    let mut blocks: Vec<Block> = Vec::new();
+    let mut open = false;
+    for (n, line) in page.lines().enumerate() {
+        if let Some(mark) = line.strip_prefix("```") {
+            open = !open;
+            if open {
+                blocks.push(Block { mark: mark.trim().into(), line: n + 1, text: String::new() });
+            }
+        } else if let (true, Some(block)) = (open, blocks.last_mut()) {
+            block.text += line;
+            block.text.push('\n');
+        }
+    }
+    assert!(!open, "a block that does not end");
+    blocks
+}
+
+/// A simulated drive that ends with its owner.
+struct Drive(Child);
+
+impl Drive {
+    fn start(what: &str, pty: &Path) -> Self {
+        let pty = pty.to_str().expect("UTF-8");
+        let mut child = run::command(&["sim", what, "--pty", pty]).spawn().expect("polepair sim");
+        let mut ready = String::new();
+        let out = child.stdout.take().expect("a pipe");
+        BufReader::new(out).read_line(&mut ready).expect("a line");
+        assert!(ready.starts_with("ready "), "{ready}");
+        Self(child)
+    }
+}
+
+impl Drop for Drive {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn shell(block: &str, folder: &Path) -> Result<(), String> {
+    let script = block.replace("/tmp/", &format!("{}/", folder.display()));
+    let binary = Path::new(env!("CARGO_BIN_EXE_polepair")).parent().expect("a folder");
+    let path = format!("{}:{}", binary.display(), std::env::var("PATH").unwrap_or_default());
+    let mut child = Command::new("sh")
+        .args(["-e", "-c", &script])
+        .current_dir(root())
+        .env("PATH", path)
+        .env("NO_COLOR", "1")
+        .env("HOME", folder)
+        .env("XDG_CONFIG_HOME", folder)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("sh starts");
+    for _ in 0..BLOCK_S * 50 {
+        if child.try_wait().expect("a status").is_some() {
+            let output = child.wait_with_output().expect("its output");
+            let told = String::from_utf8_lossy(&output.stderr).into_owned();
+            return if output.status.success() { Ok(()) } else { Err(told) };
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let _ = child.kill();
+    Err(format!("it does not end within {BLOCK_S} s"))
+}
+
+#[cfg(unix)]
+#[test]
+fn commands_in_sh_blocks_work() {
+    let (mut ran, mut wrong) = (0, String::new());
+    for page in pages() {
+        let page_blocks = blocks(&text(&page));
+        let marked: Vec<&Block> = page_blocks.iter().filter(|b| b.mark == "sh").collect();
+        if marked.is_empty() {
+            continue;
+        }
+        let name = page.file_stem().expect("a name").to_string_lossy().into_owned();
+        let folder = std::env::temp_dir().join(format!("pp-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let drives = [("tmcl:1", "motor"), ("modbus-rtu:1", "servo")];
+        let drives = drives.map(|(what, pty)| Drive::start(what, &folder.join(pty)));
+        for block in marked {
+            ran += 1;
+            if let Err(error) = shell(&block.text, &folder) {
+                wrong += &format!("{}:{}:\n{}{error}\n", page.display(), block.line, block.text);
+            }
+        }
+        drop(drives);
+        // What is left over lies in the system's temporary folder.
+        let _ = std::fs::remove_dir_all(&folder);
+    }
+    assert!(wrong.is_empty(), "{wrong}");
+    assert!(ran > 10, "only {ran} blocks were found");
+}
+
+/// A line's words as a shell takes them, up to what is no longer this command's.
+fn words(line: &str) -> Vec<String> {
+    let (mut words, mut word, mut quote) = (Vec::new(), None::<String>, None);
+    for c in line.chars() {
+        match (quote, c) {
+            (Some(q), c) if q == c => quote = None,
+            (Some(_), c) => word.get_or_insert_default().push(c),
+            (None, '"' | '\'') => {
+                word.get_or_insert_default();
+                quote = Some(c);
+            }
+            (None, '#') if word.is_none() => break,
+            (None, '|' | '>' | '&' | ';') => break,
+            (None, ' ') => words.extend(word.take()),
+            (None, c) => word.get_or_insert_default().push(c),
+        }
+    }
+    words.extend(word);
+    words
+}
+
+/// `polepair` commands that a page shows, wherever: in blocks and in running text.
+fn shown(page: &str) -> Vec<String> {
+    let (mut commands, mut open) = (Vec::new(), false);
+    for line in page.lines() {
+        if line.starts_with("```") {
+            open = !open;
+            continue;
+        }
+        let bare = line.trim_start().trim_start_matches("$ ");
+        let block = open || line.starts_with("    ");
+        if block && bare.starts_with("polepair ") && !bare.starts_with("polepair  ") {
+            commands.push(bare.to_owned());
+        }
+        if !block {
+            let quoted = line.split('`').skip(1).step_by(2);
+            commands.extend(quoted.filter(|q| q.starts_with("polepair ")).map(str::to_owned));
+        }
+    }
+    commands
+}
+
+#[test]
+fn every_command_shown_is_of_the_grammar() {
+    let (mut checked, mut wrong) = (0, String::new());
+    for page in pages() {
+        for command in shown(&text(&page)) {
+            let all = words(&command);
+            let rest: Vec<&str> = all[1..].iter().map(String::as_str).collect();
+            let cut = rest.iter().position(|w| *w == "--").unwrap_or(rest.len());
+            // Asked for help, clap still refuses verbs and options that do not exist.
+            let help: Vec<&str> = rest[..cut].iter().copied().chain(["--help"]).collect();
+            let ran = run::polepair(&help);
+            checked += 1;
+            if ran.code != 0 {
+                wrong += &format!("{}: {command}\n{}\n", page.display(), ran.err);
+            }
+            let is_url = |w: &&&str| w.contains("://") || w.starts_with("sim:");
+            // Where a server is, is no connection string.
+            let is_server = |w: &&&str| w.starts_with("http");
+            for url in rest.iter().filter(is_url).filter(|w| !is_server(w)) {
+                // What a scan alone takes: several protocols of one bus.
+                let several = url.split('+').next().is_some_and(|words| words.contains(','));
+                let placeholder = url.contains('…') || several;
+                if let (false, Err(e)) = (placeholder, url.parse::<polepair::url::Url>()) {
+                    wrong += &format!("{}: {url}: {e}\n", page.display());
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong}");
+    assert!(checked > 30, "only {checked} commands were found");
+}
+
+#[test]
+fn links_between_pages_lead_somewhere() {
+    let (mut checked, mut wrong) = (0, String::new());
+    for page in pages() {
+        for link in links(&text(&page)) {
+            let (file, part) = link.split_once('#').unwrap_or((&link, ""));
+            let folder = page.parent().expect("a folder");
+            let target = if file.is_empty() { page.clone() } else { folder.join(file) };
+            checked += 1;
+            let there = target.exists()
+                && (part.is_empty() || headings(&target).contains(&part.to_owned()));
+            if !there {
+                wrong += &format!("{}: {link}\n", page.display());
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong}");
+    assert!(checked > 50, "only {checked} links were found");
+}
+
+/// Targets of links and pictures that are not on other machines.
+fn links(page: &str) -> Vec<String> {
+    let targets = page.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+    let near = |link: &&str| !link.contains("://") && !link.contains(' ') && !link.is_empty();
+    targets.filter(near).map(str::to_owned).collect()
+}
+
+/// Headings as links name them.
+fn headings(page: &Path) -> Vec<String> {
+    let plain = |line: &str| -> String {
+        let kept = line.chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c));
+        kept.collect::<String>().trim().to_lowercase().replace(' ', "-")
+    };
+    text(page)
+        .lines()
+        .filter(|l| l.starts_with('#'))
+        .map(|l| plain(l.trim_start_matches('#')))
+        .collect()
+}

@@ -1,0 +1,73 @@
+//! What the user reads when something is wrong.
+
+use crate::run;
+
+use run::{polepair, polepair_with};
+
+fn error(arguments: &[&str]) -> (String, i32) {
+    let ran = polepair(arguments);
+    (ran.err, ran.code)
+}
+
+#[test]
+fn no_such_file() {
+    let (text, code) = error(&["decode", "/no/such/file"]);
+    assert_eq!(text, "error[E301]: cannot read /no/such/file.\n  There is no such file.\n");
+    assert_eq!(code, 3);
+}
+
+#[test]
+fn no_such_protocol() {
+    let (text, code) = error(&["encode", "tmlc", "MST 0"]);
+    assert!(
+        text.starts_with("error[E203]: \"tmlc\" is not a protocol that polepair knows.\n"),
+        "{text}"
+    );
+    assert!(text.ends_with("  try: tmcl (the nearest)\n"), "{text}");
+    assert_eq!(code, 2);
+}
+
+#[test]
+fn text_of_no_protocol_is_pointed_at() {
+    let (text, code) = error(&["encode", "tmcl", "GAP foo, 0"]);
+    let expected = "error[E241]: this is not tmcl.\n  GAP foo, 0\n      ^ expected ";
+    assert!(text.starts_with(expected), "{text}");
+    assert_eq!(code, 2);
+}
+
+#[test]
+fn a_code_that_nobody_knows() {
+    let (text, code) = error(&["explain", "tmcl", "0x80000"]);
+    assert!(text.starts_with("error[E110]: nothing is known of \"0x80000\" in tmcl.\n"), "{text}");
+    assert_eq!(code, 1);
+}
+
+#[test]
+fn not_a_capture() {
+    let ran = polepair_with(&["decode", "-", "--as", "tmcl"], "hello\nworld\n");
+    assert!(
+        ran.err.contains("line 1: ") && ran.err.contains("error[E510]: this is not a capture."),
+        "{}",
+        ran.err
+    );
+    assert_eq!(ran.code, 5);
+}
+
+#[test]
+fn help_and_version_are_data() {
+    for arguments in [&["--help"][..], &["--version"], &["decode", "--help"]] {
+        let ran = polepair(arguments);
+        assert_eq!((ran.code, ran.err.as_str()), (0, ""), "{arguments:?}");
+        assert!(ran.out.contains("polepair"), "{}", ran.out);
+    }
+    assert_eq!(polepair(&[]).code, 2);
+    assert_eq!(polepair(&["fly"]).code, 2);
+}
+
+#[test]
+fn completions_for_every_shell() {
+    for shell in ["bash", "zsh", "fish", "powershell"] {
+        let ran = polepair(&["completions", shell]);
+        assert!(ran.code == 0 && ran.out.contains("decode"), "{shell}");
+    }
+}

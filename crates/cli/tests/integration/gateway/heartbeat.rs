@@ -1,0 +1,65 @@
+//! A server that sends a heartbeat has its drives watch it: the motor stops when the server is killed.
+
+use serde_json::{Value, json};
+
+use super::site::{Folder, LONG, Site};
+use crate::run::{self, Served};
+
+/// The velocity that a witness on the same bus reads.
+fn velocity(url: &str) -> f64 {
+    let told = run::ok(&["get", url, "velocity actual", "--raw"]);
+    let word = told.split('=').nth(1).unwrap_or_else(|| panic!("{told}"));
+    word.split_whitespace().next().unwrap().parse().unwrap_or_else(|_| panic!("{told}"))
+}
+
+/// The record of the time that a server looked at its drive's watchdog.
+fn watched(folder: &Folder, time: usize) -> Value {
+    let end = std::time::Instant::now() + LONG;
+    loop {
+        let records = folder.journal().into_iter();
+        let found = records.filter(|record| record["deed"] == "watchdog").nth(time - 1);
+        if let Some(record) = found {
+            return record;
+        }
+        assert!(std::time::Instant::now() < end, "it is not looked at");
+    }
+}
+
+#[test]
+fn a_motor_stops_when_the_server_that_its_drive_watches_is_killed() {
+    let bus = Served::with(&["cia402:5", "--socketcand", "127.0.0.1:0"]);
+    let link = bus.link().to_owned();
+    let witness = format!("{link}#5");
+    let before = run::ok(&["watchdog", &witness]);
+    assert!(before.contains("off"), "{before}");
+    let folder = Folder::new();
+    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=100#5")]);
+    let told = "on, the drive stops after 300 ms of silence";
+    let record = watched(&folder, 1);
+    assert_eq!((&record["axis"], &record["detail"]["is"]), (&json!(0), &json!(told)), "{record}");
+    let mut live = site.live();
+    assert!(record["detail"]["was"].as_str().unwrap().starts_with("off"), "{record}");
+    live.spin(0, 20.0);
+    assert!(velocity(&witness).abs() > 50.0, "the witness sees it turn");
+    site.signal("KILL");
+    drop(site);
+    let end = std::time::Instant::now() + LONG;
+    while velocity(&witness).abs() > 1.0 {
+        assert!(std::time::Instant::now() < end, "it turns on");
+    }
+    // Whoever ends in order leaves no drive that waits for a heartbeat.
+    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=100#5")]);
+    watched(&folder, 2);
+    assert_eq!(site.signal("TERM"), Some(0));
+    let after = run::ok(&["watchdog", &witness]);
+    // It was so when that server came. The witness sends no heartbeat, and says so.
+    let watches = "watches node 127 and stops 300 ms after the last one; without heartbeat= this";
+    assert!(after.contains(watches), "{after}");
+    assert!(run::ok(&["info", &witness]).contains(watches));
+    run::ok(&["watchdog", &witness, "off"]);
+    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=100#5")]);
+    assert_eq!(watched(&folder, 3)["detail"]["is"], told);
+    assert_eq!(site.signal("TERM"), Some(0));
+    let after = run::ok(&["watchdog", &witness]);
+    assert!(after.contains("off"), "{after}");
+}

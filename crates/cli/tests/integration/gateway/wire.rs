@@ -1,0 +1,128 @@
+//! A simulated drive at the far end of a pseudo-terminal or a TCP connection, and what passed there by
+//! the clock of the test.
+
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use polepair::simulate::{self, DriveLine};
+use polepair_core::drives::bench::Truth;
+use polepair_core::medium::{SerialLine, Stream};
+use polepair_core::time::Instant as At;
+use polepair_link::{Link, LinkError, Received, Served, Waker, clock};
+
+use super::site::LONG;
+
+/// Bytes that passed, and when: after the last of them was read here, before the first was written.
+#[derive(Clone, Debug)]
+pub struct Passed {
+    pub at: At,
+    pub to_drive: bool,
+    pub bytes: Vec<u8>,
+}
+
+/// What passed so far.
+#[derive(Clone, Default)]
+pub struct Log(Arc<Mutex<Vec<Passed>>>);
+
+impl Passed {
+    /// A TMCL request of one of these commands.
+    pub fn is(&self, commands: &[u8]) -> bool {
+        self.to_drive && self.bytes.get(1).is_some_and(|command| commands.contains(command))
+    }
+}
+
+impl Log {
+    fn note(&self, at: At, to_drive: bool, bytes: &[u8]) {
+        self.0.lock().unwrap().push(Passed { at, to_drive, bytes: bytes.to_vec() });
+    }
+
+    /// Takes what passed.
+    pub fn take(&self) -> Vec<Passed> {
+        std::mem::take(&mut *self.0.lock().unwrap())
+    }
+}
+
+/// The drive, for as long as this lives.
+pub struct Drive {
+    pub log: Log,
+    line: DriveLine,
+    served: Option<Served>,
+}
+
+impl Drive {
+    /// Puts a simulated drive (`tmcl:1`) on that end.
+    pub fn on(end: Box<dyn Link<Stream>>, word: &str) -> Self {
+        let description = simulate::rack_of_words(&[word], 1).unwrap();
+        let line = simulate::lines(&description, 1).unwrap().remove(0);
+        let log = Log::default();
+        let stamped: Box<dyn Link<Stream>> = Box::new(Stamped { end, log: log.clone() });
+        Self { log, line: line.clone(), served: Some(line.serve(stamped)) }
+    }
+
+    /// Takes it off its end; its motor goes on.
+    pub fn unplug(&mut self) {
+        drop(self.served.take());
+    }
+
+    /// Puts it on another end.
+    pub fn plug(&mut self, end: Box<dyn Link<Stream>>) {
+        let stamped: Box<dyn Link<Stream>> = Box::new(Stamped { end, log: self.log.clone() });
+        self.served = Some(self.line.clone().serve(stamped));
+    }
+
+    /// What is true of its motor, whoever talks to it or not.
+    pub fn truth(&self) -> Truth {
+        self.line.bench(0, |bench| bench.truth(clock::now())).expect("it has a motor")
+    }
+
+    /// Waits until its motor stands.
+    pub fn stands(&self) {
+        let end = Instant::now() + LONG;
+        while self.truth().velocity.abs() > 0.1 {
+            assert!(Instant::now() < end, "it turns: {:?}", self.truth());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+impl Drop for Drive {
+    fn drop(&mut self) {
+        drop(self.served.take());
+    }
+}
+
+struct Stamped {
+    end: Box<dyn Link<Stream>>,
+    log: Log,
+}
+
+impl Link<Stream> for Stamped {
+    fn now(&self) -> At {
+        self.end.now()
+    }
+
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        self.log.note(self.now(), false, unit);
+        self.end.send(unit)
+    }
+
+    fn receive(&self, buffer: &mut [u8], until: At) -> Result<Received, LinkError> {
+        let received = self.end.receive(buffer, until)?;
+        if let Received::Bytes { len, at } = received {
+            self.log.note(at, true, &buffer[..len]);
+        }
+        Ok(received)
+    }
+
+    fn set_line(&self, line: SerialLine) -> Result<(), LinkError> {
+        self.end.set_line(line)
+    }
+
+    fn waker(&self) -> Waker {
+        self.end.waker()
+    }
+
+    fn describe(&self) -> String {
+        self.end.describe()
+    }
+}

@@ -1,0 +1,30 @@
+//! One program for all tests of this crate from outside: DESIGN.md says why.
+
+mod asking;
+mod broken;
+mod can;
+mod canopen;
+mod config;
+mod conversations;
+mod decode;
+mod docs;
+mod doctor;
+mod errors;
+mod fuzz;
+mod gateway;
+mod joined;
+mod monitor;
+mod motions;
+mod planted;
+mod program;
+mod rack;
+mod readdress;
+mod record;
+mod recording;
+mod replay;
+mod run;
+mod sim;
+mod stop;
+mod thruster;
+mod tml;
+mod truth;

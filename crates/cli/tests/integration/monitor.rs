@@ -1,0 +1,82 @@
+//! `polepair monitor` as lines, and as a listener beside another program.
+
+use crate::run;
+
+use std::io::{BufRead as _, BufReader};
+use std::process::Child;
+
+use run::{Served, command, ok, polepair};
+use serde_json::Value;
+
+fn objects(text: &str) -> Vec<Value> {
+    text.lines().map(|line| serde_json::from_str(line).expect(line)).collect()
+}
+
+#[test]
+fn once_asks_each_axis_and_prints_what_it_said() {
+    let out = ok(&["monitor", "sim:tmcl?axes=2&time=virtual", "--once"]);
+    let line = |word: &str| out.lines().find(|line| line.starts_with(word)).expect(word).to_owned();
+    assert!(line("axis ").contains("velocity") && line("3 ").contains("tmcm-171"), "{out}");
+    assert!(out.contains("actual position = 0"), "{out}");
+}
+
+#[test]
+fn programs_get_frames_axes_and_the_link() {
+    let url = "sim:tmcl?time=virtual";
+    let all = objects(&ok(&["monitor", url, "--format", "jsonl", "--for", "2s", "--rate", "2"]));
+    let axes: Vec<_> = all.iter().filter(|one| one["signals"].is_object()).collect();
+    assert!(axes.len() >= 3, "{} rounds", axes.len());
+    let velocity = &axes[0]["signals"]["velocity"];
+    assert_eq!((&velocity["value"], &velocity["unit"]), (&Value::from(0), &Value::from("rpm")));
+    assert!(velocity["age"].as_f64().expect("an age") < 1.0);
+    assert!(all.iter().any(|one| one["kind"] == "GAP" && one["direction"] == "tx"));
+    let link = all.last().expect("the link");
+    assert_eq!((&link["url"], &link["wrong"]), (&Value::from(url), &Value::from(0)));
+    assert!(link["load"]["tmcl:1"].as_f64().expect("9600 baud") > 0.1, "{link}");
+}
+
+#[test]
+fn what_cannot_be_is_refused_before_anything_is_opened() {
+    assert_eq!(polepair(&["monitor", "sim:tmcl", "--rate", "0"]).code, 2);
+    assert_eq!(polepair(&["monitor", "sim:tmcl", "--as", "tmlc"]).code, 2);
+    assert_eq!(polepair(&["monitor", "sim:tmcl", "--listen", "--once"]).code, 2);
+}
+
+/// A run that ends with its owner.
+struct Held(Child);
+
+impl Held {
+    fn new(arguments: &[&str]) -> Self {
+        Self(command(arguments).spawn().expect("starts"))
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_listener_hears_both_ends_and_says_nothing() {
+    let drive = Served::with(&["canopen:2", "--udp", "239.74.163.19:43119"]);
+    let mut listener = Held::new(&["monitor", drive.link(), "--listen", "--format", "jsonl"]);
+    let talker = Held::new(&["watch", &drive.url, "velocity", "--for", "300s"]);
+    let lines = BufReader::new(listener.0.stdout.take().expect("a pipe")).lines();
+    let (mut asked, mut answered) = (false, false);
+    for line in lines {
+        let one: Value = serde_json::from_str(&line.expect("text")).expect("JSON");
+        assert!(one["direction"].is_null(), "{one}");
+        asked |= one["kind"] == "SDO read" && one["axis"] == 2;
+        answered |= one["kind"] == "SDO value" && one["axis"] == 2;
+        if asked && answered {
+            break;
+        }
+    }
+    assert!(asked && answered);
+    drop((talker, listener));
+    drive.end();
+}

@@ -1,0 +1,192 @@
+//! Runs the real binary.
+
+pub mod screen;
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::process::{Child, ChildStderr, Command, Output, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// What a run printed, and how it ended.
+#[derive(Debug)]
+pub struct Ran {
+    pub out: String,
+    pub err: String,
+    pub code: i32,
+}
+
+/// Runs `polepair` with arguments and stdin.
+pub fn polepair_with(arguments: &[&str], input: &str) -> Ran {
+    let mut child = command(arguments).stdin(Stdio::piped()).spawn().expect("the binary starts");
+    let mut stdin = child.stdin.take().expect("a pipe");
+    // A child that ends before it has read everything is judged by what it printed.
+    let _ = stdin.write_all(input.as_bytes());
+    drop(stdin);
+    ran(child.wait_with_output().expect("the binary ends"))
+}
+
+/// Runs `polepair` with arguments.
+pub fn polepair(arguments: &[&str]) -> Ran {
+    polepair_with(arguments, "")
+}
+
+/// A command that prints plain text into pipes.
+pub fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_polepair"));
+    command.args(arguments).env("NO_COLOR", "1").stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+pub fn ran(output: Output) -> Ran {
+    let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+    Ran {
+        out: text(output.stdout),
+        err: text(output.stderr),
+        code: output.status.code().unwrap_or(-1),
+    }
+}
+
+/// A file of golden vectors.
+pub fn vectors(name: &str) -> Vec<serde_json::Value> {
+    let path = format!("{}/../../vectors/{name}.json", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(path).expect("vectors");
+    serde_json::from_str(&text).expect("JSON")
+}
+
+/// A vector's text.
+pub fn text<'a>(vector: &'a serde_json::Value, key: &str) -> &'a str {
+    vector[key].as_str().unwrap_or("")
+}
+
+/// A vector's bytes as capital hexadecimal digits without spaces.
+pub fn hex(vector: &serde_json::Value) -> String {
+    text(vector, "bytes").replace(' ', "").to_uppercase()
+}
+
+/// What a run that must succeed prints.
+pub fn ok(arguments: &[&str]) -> String {
+    let ran = polepair(arguments);
+    assert_eq!(ran.code, 0, "{arguments:?}: {}{}", ran.out, ran.err);
+    ran.out
+}
+
+/// Acts until something is so; a test that never gets there fails instead of standing still.
+pub fn until(is_so: impl Fn() -> bool, mut act: impl FnMut()) {
+    let end = Instant::now() + Duration::from_secs(120);
+    while !is_so() {
+        assert!(Instant::now() < end, "it never came to be so");
+        act();
+    }
+}
+
+/// A process that does not outlive its test, however that ends.
+struct Ours(Child);
+
+impl Drop for Ours {
+    fn drop(&mut self) {
+        // One that was waited for is gone already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A served drive, ended with SIGTERM as a supervisor would.
+pub struct Served {
+    child: Ours,
+    pub url: String,
+}
+
+impl Served {
+    pub fn new(drive: &str) -> Self {
+        Self::with(&[drive])
+    }
+
+    /// Served as these arguments say.
+    pub fn with(arguments: &[&str]) -> Self {
+        let mut child = command(&[&["sim"], arguments].concat()).spawn().expect("starts");
+        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+        let line = lines.next().expect("a line").expect("text");
+        let url = line.strip_prefix("ready ").expect("ready").to_owned();
+        Self { child: Ours(child), url }
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.0.id()
+    }
+
+    /// Its URL without axes.
+    pub fn link(&self) -> &str {
+        self.url.split(['?', '#']).next().expect("a link")
+    }
+
+    pub fn end(mut self) {
+        signal("TERM", self.child.0.id());
+        assert_eq!(self.child.0.wait().expect("ends").code(), Some(0));
+    }
+}
+
+/// Sends a process a signal. One that is told to stand still does so when this returns.
+pub fn signal(name: &str, pid: u32) {
+    let text = pid.to_string();
+    Command::new("kill").args([&format!("-{name}"), text.as_str()]).status().expect("kill");
+    let tasks = format!("/proc/{pid}/task");
+    let threads = || std::fs::read_dir(&tasks).into_iter().flatten().flatten();
+    let stands = |task: std::fs::DirEntry| {
+        let stat = std::fs::read_to_string(task.path().join("stat")).unwrap_or_default();
+        stat.rsplit_once(") ").is_none_or(|(_, rest)| rest.starts_with('T'))
+    };
+    while name == "STOP" && !threads().all(stands) {
+        std::thread::yield_now();
+    }
+}
+
+/// A run that lasts until it is interrupted.
+pub struct Held {
+    child: Ours,
+    /// What it prints is read as it comes: a full pipe would hold it up.
+    stdout: JoinHandle<Vec<u8>>,
+    stderr: BufReader<ChildStderr>,
+    said: String,
+}
+
+impl Held {
+    /// Waits until it has said a line.
+    pub fn new(arguments: &[&str], line: &str) -> Self {
+        let mut child = command(arguments).spawn().expect("starts");
+        let mut stderr = BufReader::new(child.stderr.take().expect("a pipe"));
+        let mut said = String::new();
+        while said.lines().last() != Some(line) {
+            assert!(stderr.read_line(&mut said).expect("text") > 0, "{arguments:?}: {said}");
+        }
+        let mut pipe = child.stdout.take().expect("a pipe");
+        let stdout = std::thread::spawn(move || {
+            let mut printed = Vec::new();
+            pipe.read_to_end(&mut printed).expect("bytes");
+            printed
+        });
+        Self { child: Ours(child), stdout, stderr, said }
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.0.id()
+    }
+
+    /// Ctrl-C.
+    pub fn interrupt(self) -> Ran {
+        self.signalled(&["INT"])
+    }
+
+    /// Sends it signals, one right after the other.
+    pub fn signalled(self, names: &[&str]) -> Ran {
+        names.iter().for_each(|name| signal(name, self.child.0.id()));
+        self.ended()
+    }
+
+    /// Waits for its own end.
+    pub fn ended(mut self) -> Ran {
+        self.stderr.read_to_string(&mut self.said).expect("text");
+        let status = self.child.0.wait().expect("ends");
+        let stdout = self.stdout.join().expect("what it printed");
+        ran(Output { status, stdout, stderr: self.said.into_bytes() })
+    }
+}

@@ -1,0 +1,355 @@
+//! `polepair stop`: with and without axes, and where it cannot.
+#![cfg(unix)]
+
+use crate::run;
+
+use run::{Served, ok, polepair};
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::time::{Duration, Instant};
+
+/// A stop of everybody ends by itself in this time, whoever is there.
+const BOUND: Duration = Duration::from_secs(9);
+
+fn timed(arguments: &[&str]) -> run::Ran {
+    let began = Instant::now();
+    let ran = polepair(arguments);
+    assert!(began.elapsed() < BOUND, "{:?}", began.elapsed());
+    ran
+}
+
+#[test]
+fn every_drive_is_told_as_soon_as_it_is_found() {
+    let sim = Served::new("tmcl:1,5");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let ran = timed(&["stop", sim.link()]);
+    let said: Vec<&str> = ran.err.lines().collect();
+    let told = ["axis 1 is told to stop", "axis 5 is told to stop"];
+    let rested = ["axis 1 is stopped", "axis 5 is stopped"];
+    assert_eq!((&said[..2], &said[2..4], ran.code), (&told[..], &rested[..], 0), "{}", ran.err);
+    // Whom it may have missed.
+    assert!(said[4].starts_with("asked 32 addresses for 30 ms each; "), "{}", ran.err);
+    for velocity in ok(&["get", &sim.url, "actual velocity"]).lines() {
+        assert!(velocity.ends_with("= 0 rpm"), "{velocity}");
+    }
+    sim.end();
+}
+
+/// Who stops can do without a file of frames, and hears that there is none.
+#[test]
+fn a_trace_that_cannot_be_written_keeps_no_motor_turning() {
+    let sim = Served::new("tmcl:1");
+    let missing = std::env::temp_dir().join(format!("polepair-none-{}/trace", std::process::id()));
+    let missing = missing.to_str().expect("a path");
+    let full = cfg!(target_os = "linux").then_some(("/dev/full", "frames are missing in it"));
+    for (file, said) in [(missing, "No frame is kept.")].into_iter().chain(full) {
+        ok(&["spin", &sim.url, "300rpm", "--detach"]);
+        let ran = timed(&["stop", &sim.url, "--trace", file]);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        assert!(ran.err.contains("axis 1 is stopped\n"), "{}", ran.err);
+        let warnings = ran.err.lines().filter(|line| line.starts_with("warning: "));
+        assert_eq!(warnings.filter(|line| line.contains(said)).count(), 1, "{}", ran.err);
+    }
+    // Whoever looks wants the frames.
+    let ran = polepair(&["get", &sim.url, "actual velocity", "--trace", missing]);
+    assert_eq!((ran.code, ran.err.contains("error[E301]")), (3, true), "{}", ran.err);
+    sim.end();
+}
+
+#[test]
+fn everybody_is_told_at_once_where_the_protocol_can() {
+    let sim = Served::new("tml:255");
+    let ran = timed(&["stop", sim.link(), "-v"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let (all, first) = (ran.err.find("STOP, to everybody"), ran.err.find("GETVERSION"));
+    assert!(all.is_some() && all < first, "{}", ran.err);
+    assert!(ran.err.contains("everybody was told to stop, unconfirmed; asked "), "{}", ran.err);
+    sim.end();
+}
+
+#[test]
+fn modbus_registers_are_broadcast_to_known_drives_alone() {
+    let sim = Served::new("modbus-rtu:1");
+    ok(&["set", &sim.url, "control mode=1"]);
+    for (url, sent) in
+        [(sim.link().to_owned(), false), (format!("{}?profile=syntron-ts", sim.link()), true)]
+    {
+        ok(&["spin", &sim.url, "300rpm", "--detach"]);
+        let ran = timed(&["stop", &url, "-v"]);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        assert_eq!(ran.err.contains("00 06 00 33 00 00"), sent, "{}", ran.err);
+        assert_eq!(ok(&["get", &sim.url, "internal speed"]), "internal speed = 0 rpm\n");
+    }
+    sim.end();
+}
+
+#[test]
+fn propellers_are_found_and_stopped_without_their_numbers() {
+    let group = format!("239.74.163.2:{}", 46_000 + std::process::id() % 4_000);
+    let sim = Served::with(&["thruster:11,12", "--udp", &group]);
+    let axes = [11, 12].map(|axis| format!("{}#{axis}", sim.link()));
+    for axis in &axes {
+        ok(&["spin", axis, "300rpm", "--detach"]);
+    }
+    let ran = timed(&["stop", sim.link()]);
+    // A busy machine has no time for the last addresses, and says so.
+    assert!(ran.code == 0 || ran.err.contains("error[E703]"), "{}", ran.err);
+    for said in ["axis 11 is stopped\n", "axis 12 is stopped\n"] {
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
+    for axis in &axes {
+        assert_eq!(ok(&["get", axis, "speed"]), "speed = 0 rpm\n");
+    }
+    sim.end();
+}
+
+#[test]
+fn one_that_does_not_answer_keeps_no_other_turning() {
+    let sim = Served::new("tmcl:3");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let ran = timed(&["stop", &format!("{}#1,3", sim.link())]);
+    assert_eq!(ran.code, 7, "{}", ran.err);
+    assert!(ran.err.contains("axis 3 is stopped\n"), "{}", ran.err);
+    assert!(ran.err.contains("error[E401]: axis 1 does not answer"), "{}", ran.err);
+    assert!(ran.err.contains("error[E702]: one stop of 2 is not confirmed."), "{}", ran.err);
+    assert_eq!(ok(&["get", &sim.url, "target velocity"]), "target velocity = 0 rpm\n");
+    sim.end();
+}
+
+/// A TMCL module with two motors, made from the protocol's manual: nine bytes a datagram, MST with the
+/// motor in its third byte, status 4 for a motor that it has not.
+#[test]
+fn a_module_with_several_motors_has_all_of_them_stopped() {
+    let server = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let url = format!("tmcl+tcp://{}#1", server.local_addr().expect("an address"));
+    let module = std::thread::spawn(move || {
+        let (mut wire, _) = server.accept().expect("a host");
+        let (mut turning, mut order) = ([true, true], Vec::new());
+        let mut asked = [0; 9];
+        while wire.read_exact(&mut asked).is_ok() {
+            let [address, opcode, _, motor, ..] = asked;
+            let (status, value): (u8, i32) = match (opcode, usize::from(motor)) {
+                _ if address != 1 => continue,
+                (136, _) => (100, 0x17DE_0112),
+                (3, n) if n < turning.len() => {
+                    turning[n] = false;
+                    order.push(n);
+                    (100, 0)
+                }
+                (3, _) => (4, 0),
+                (6, _) => (100, i32::from(turning[0]) * 300),
+                _ => (2, 0),
+            };
+            let mut reply = [2, 1, status, opcode, 0, 0, 0, 0, 0];
+            reply[4..8].copy_from_slice(&value.to_be_bytes());
+            reply[8] = reply[..8].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
+            wire.write_all(&reply).expect("a host");
+        }
+        (turning, order)
+    });
+    let ran = timed(&["stop", &url]);
+    let (turning, order) = module.join().expect("a module");
+    assert_eq!((ran.code, turning), (0, [false; 2]), "{}", ran.err);
+    assert!(
+        ran.err.contains("module 1: motor 1 took the stop too; standing not looked at\n"),
+        "{}",
+        ran.err
+    );
+    assert_eq!(&order[..2], &[0, 1]);
+}
+
+#[test]
+fn a_stop_that_reaches_nobody_says_so() {
+    let sim = Served::new("tmcl:40");
+    let ran = timed(&["stop", sim.link()]);
+    assert_eq!(ran.code, 4, "{}", ran.err);
+    assert!(ran.err.contains("error[E403]: no drive answered.\n"), "{}", ran.err);
+    assert!(ran.err.contains("stayed silent. No stop was sent."), "{}", ran.err);
+    sim.end();
+}
+
+/// A module that answers to another host answers nobody here, and is no silence.
+#[test]
+fn what_came_where_nobody_answered_is_told() {
+    let sim = Served::new("tmcl:1");
+    let url = format!("{}?host=3", sim.link());
+    for verb in ["stop", "scan"] {
+        let ran = timed(&[verb, &url]);
+        assert_eq!(ran.code, 4, "{}", ran.err);
+        assert!(ran.err.contains("answered, but something came: "), "{}", ran.err);
+        assert!(ran.err.contains("of others or to") && !ran.err.contains("silent"), "{}", ran.err);
+        let tried = "tried addresses that did not answer, though something came (";
+        assert_eq!(ran.err.contains(tried), verb == "scan", "{}", ran.err);
+    }
+    sim.end();
+}
+
+#[test]
+fn one_that_does_not_answer_leaves_no_other_with_power() {
+    let sim = Served::new("tmcl:3");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let ran = polepair(&["disable", &format!("{}#1,3", sim.link())]);
+    assert_eq!(ran.code, 7, "{}", ran.err);
+    for said in ["axis 3 ", "error[E401]: axis 1 does not answer", "error[E704]: 1 of 2 axes"] {
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
+    assert_eq!(ok(&["get", &sim.url, "driver enable"]), "driver enable = off\n");
+    sim.end();
+}
+
+#[test]
+fn an_axis_that_is_named_twice_is_stopped_once() {
+    let sim = Served::new("tmcl:1");
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let ran = timed(&["stop", &format!("{},1", sim.url), "-v"]);
+    assert_eq!((ran.code, ran.err.matches("axis 1 is stopped").count()), (0, 1), "{}", ran.err);
+    assert_eq!(polepair(&["enable", &format!("{},1", sim.url)]).code, 2);
+    sim.end();
+}
+
+#[test]
+fn who_holds_the_port_is_named_with_what_stops_him() {
+    let sim = Served::new("tmcl:1");
+    let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");
+    let ran = timed(&["stop", sim.link()]);
+    assert_eq!(ran.code, 3, "{}", ran.err);
+    let pid = holder.id();
+    let who = format!("In use by polepair (process {pid}): Ctrl-C there, or `kill -INT {pid}`");
+    assert!(ran.err.contains("error[E312]") && ran.err.contains(&who), "{}", ran.err);
+    assert_eq!(holder.interrupt().code, 130);
+    assert_eq!(timed(&["stop", &sim.url]).code, 0);
+    sim.end();
+}
+
+/// A TCP connection to a simulated drive whose answers are all lost, or go back with another's.
+fn lossy(url: &str, back: fn(&[u8], &mut Vec<u8>) -> Vec<u8>) -> String {
+    let at = url.find("127.0.0.1:").expect("on TCP");
+    let (drive, rest) =
+        url[at..].split_at(url[at..].find(['#', '?', '/']).unwrap_or(url.len() - at));
+    let (drive, server) = (drive.to_owned(), TcpListener::bind("127.0.0.1:0").expect("a port"));
+    let port = server.local_addr().expect("an address").port();
+    std::thread::spawn(move || {
+        for mut near in server.incoming().flatten() {
+            let mut far = TcpStream::connect(&drive).expect("the drive");
+            let (mut asks, mut told) = (near.try_clone().unwrap(), far.try_clone().unwrap());
+            std::thread::spawn(move || {
+                // Ends with the program that asks.
+                let _ = std::io::copy(&mut asks, &mut told);
+                let _ = told.shutdown(std::net::Shutdown::Both);
+            });
+            std::thread::spawn(move || {
+                let (mut heard, mut kept) = ([0; 256], Vec::new());
+                while let Ok(len @ 1..) = far.read(&mut heard) {
+                    let _ = near.write_all(&back(&heard[..len], &mut kept));
+                }
+            });
+        }
+    });
+    format!("{}127.0.0.1:{port}{rest}", &url[..at])
+}
+
+/// Of a drive whose answers are lost it is not known what it is; what stops all that it may be goes out.
+#[test]
+fn a_drive_that_cannot_be_identified_is_sent_the_stop_that_all_known_ones_share() {
+    for (drive, set, spin, speed) in [
+        ("modbus-rtu:1", "control mode=1", "300rpm", "motor speed"),
+        ("modbus-ascii:1", "control mode=1", "300rpm", "motor speed"),
+        ("canopen:5", "", "100rpm", "velocity actual"),
+    ] {
+        let sim = Served::with(&[drive, "--tcp", "127.0.0.1:0"]);
+        if !set.is_empty() {
+            ok(&["set", &sim.url, set]);
+        }
+        ok(&["spin", &sim.url, spin, "--detach"]);
+        let ran = timed(&["stop", &lossy(&sim.url, |_, _| Vec::new())]);
+        assert_eq!(ran.code, 4, "{drive}: {}", ran.err);
+        for said in [
+            "is told to stop\n",
+            "may still turn: cut its supply\n",
+            "error[E401]",
+            "it was sent the stop that known drives of this protocol share, and was not seen to stand",
+            "say what it is by `?profile=`: ",
+        ] {
+            assert!(ran.err.contains(said), "{drive}: {}", ran.err);
+        }
+        assert!(!ran.err.contains("othing was sent"), "{}", ran.err);
+        assert!(!ran.err.contains("Nothing came back"), "{}", ran.err);
+        let read = ok(&["get", &sim.url, speed]);
+        assert!(read.contains(" = 0 ") || read.contains(" = -0"), "{drive}: {read}");
+        sim.end();
+    }
+}
+
+/// The check of Modbus RTU (MODBUS over Serial Line V1.02, 6.2.2).
+fn crc(bytes: &[u8]) -> [u8; 2] {
+    let shift = |crc: u16, _| if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 };
+    let step = |crc: u16, byte: &u8| (0..8).fold(crc ^ u16::from(*byte), shift);
+    bytes.iter().fold(0xFFFF, step).to_le_bytes()
+}
+
+/// A device that answers every question with an exception is no known drive: it is told nothing.
+#[test]
+fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
+    let server = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let url = format!("modbus-rtu+tcp://{}#1", server.local_addr().expect("an address"));
+    let device = std::thread::spawn(move || {
+        let (mut wire, _) = server.accept().expect("a host");
+        let (mut asked, mut functions) = ([0; 8], Vec::new());
+        while wire.read_exact(&mut asked).is_ok() {
+            functions.push(asked[1]);
+            let reply = [asked[0], asked[1] | 0x80, 2];
+            wire.write_all(&[&reply[..], &crc(&reply)].concat()).expect("a host");
+        }
+        functions
+    });
+    let ran = timed(&["stop", &url]);
+    let functions = device.join().expect("a device");
+    assert_eq!(ran.code, 2, "{}", ran.err);
+    for said in ["may still turn: cut its supply\n", "error[E218]", "It was not sent;", "?profile="]
+    {
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
+    assert!(functions.iter().all(|function| (1..=4).contains(function)), "{functions:?}");
+}
+
+/// Its own stop is told and seen as soon as it says what it is.
+#[test]
+fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
+    let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
+    ok(&["set", &sim.url, "control mode=1"]);
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let late = |heard: &[u8], lost: &mut Vec<u8>| {
+        lost.push(0);
+        if lost.len() > 12 { heard.to_vec() } else { Vec::new() }
+    };
+    let ran = timed(&["stop", &lossy(&sim.url, late)]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("axis 1 is stopped\n"), "{}", ran.err);
+    sim.end();
+}
+
+/// Answers that each come to the next question say nothing of what a drive is: it is no drive of a kind
+/// that nobody knows.
+#[test]
+fn answers_to_other_questions_keep_no_motor_turning() {
+    let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
+    ok(&["set", &sim.url, "control mode=1"]);
+    ok(&["spin", &sim.url, "300rpm", "--detach"]);
+    let shifted = |heard: &[u8], kept: &mut Vec<u8>| std::mem::replace(kept, heard.to_vec());
+    let ran = timed(&["stop", &lossy(&sim.url, shifted)]);
+    assert!([4, 5].contains(&ran.code), "{}", ran.err);
+    assert!(ran.err.contains("may still turn: cut its supply\n"), "{}", ran.err);
+    assert_eq!(ok(&["get", &sim.url, "internal speed"]), "internal speed = 0 rpm\n");
+    sim.end();
+}
+
+#[test]
+fn who_cannot_be_identified_is_not_said_to_have_no_power() {
+    let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
+    let ran = timed(&["disable", &lossy(&sim.url, |_, _| Vec::new())]);
+    assert_eq!(ran.code, 4, "{}", ran.err);
+    for said in ["error[E401]", "say what it is by `?profile=`: ", "cut the power"] {
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
+    sim.end();
+}

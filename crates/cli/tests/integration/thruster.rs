@@ -1,0 +1,144 @@
+//! Thrusters, servos and actuators from the command line: frames both ways, a shared bus, verbs.
+
+use crate::run;
+
+use run::{hex, polepair, polepair_with, text, vectors};
+use serde_json::Value;
+
+fn decode(capture: &str, arguments: &[&str]) -> Vec<Value> {
+    let arguments = [&["decode", "-", "--format", "jsonl"], arguments].concat();
+    let ran = polepair_with(&arguments, capture);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    ran.out.lines().map(|line| serde_json::from_str(line).expect("one object a line")).collect()
+}
+
+fn ok(arguments: &[&str]) -> String {
+    let ran = polepair(arguments);
+    assert_eq!(ran.code, 0, "{arguments:?}: {}{}", ran.out, ran.err);
+    ran.out
+}
+
+#[test]
+fn every_vector_decodes_and_encodes() {
+    let all = vectors("thruster");
+    let line =
+        |v: &Value| format!("(1.0) {} {}#{}\n", text(v, "name"), &text(v, "can_id")[2..], hex(v));
+    let ours = |v: &&Value| text(v, "protocol").is_empty();
+    let capture: String = all.iter().filter(ours).map(line).collect();
+    let frames = decode(&capture, &["--as", "thruster"]);
+    assert!(frames.len() >= 60);
+    for (v, frame) in all.iter().filter(ours).zip(&frames) {
+        let (name, said) = (text(v, "name"), text(frame, "text"));
+        assert!(frame["ok"] == true && frame["protocol"] == "thruster", "{name}: {frame}");
+        let axis = frame["axis"].to_string();
+        let ran = polepair(&["encode", "thruster", said, "--axis", &axis]);
+        if v["invalid"] == true {
+            assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{name}: {said}");
+            continue;
+        }
+        let expected = format!("{}#{}\n", &text(v, "can_id")[2..], hex(v));
+        assert_eq!(ran.out, expected, "{name}: {said}: {}", ran.err);
+    }
+}
+
+#[test]
+fn nobody_guesses_whose_a_pdo2_is() {
+    let capture = "\
+(1.000) can0 30B#5443000000000005
+(1.001) can0 28B#5443000000000005
+(1.002) can0 001#01000000000001
+(1.003) can0 30C#51500000
+(1.004) can0 28C#51500000000001E0
+";
+    let ran = polepair_with(&["decode", "-", "--format", "jsonl"], capture);
+    let advice = "--as tmcl,thruster@11,thruster@12";
+    assert!(ran.err.contains(advice), "{}", ran.err);
+    assert!(!ran.out.contains("\"protocol\":\"thruster\""), "{}", ran.out);
+    let frames = decode(capture, &["--as", "tmcl,thruster@11"]);
+    let spoken: Vec<&str> = frames.iter().map(|f| text(f, "protocol")).collect();
+    assert_eq!(spoken[..2], ["thruster", "thruster"]);
+    assert_eq!(spoken[2], "tmcl");
+    assert!(spoken[3..].iter().all(|p| *p != "thruster"), "{spoken:?}");
+    let alone = polepair_with(&["decode", "-"], "(1.0) can0 30B#5443000000000005\n");
+    assert!(alone.err.contains("--as thruster@11"), "{}", alone.err);
+}
+
+#[test]
+fn a_reply_that_repeats_ee_ee_refuses_nothing() {
+    let capture = "(1.0) c 30B#4C520000EEEEEEEE\n(1.1) c 28B#4C520000EEEEEEEE\n\
+        (1.2) c 30B#564300000000EEEE\n(1.3) c 28B#564300000000EEEE\n\
+        (1.4) c 30B#5443000000000005\n(1.5) c 28B#544300000000EEEE\n\
+        (1.6) c 30B#5443000000000005\n(1.7) c 28B#5443000000000000\n";
+    let frames = decode(capture, &["--as", "thruster"]);
+    let said: Vec<&str> = frames.iter().map(|f| text(f, "text")).collect();
+    assert!(said[3].starts_with("VC -4370 rpm accepted"), "{said:?}");
+    assert_eq!(said[5], "TC refused");
+    assert!(said[7].contains("stopped"), "{said:?}");
+}
+
+#[test]
+fn explain_names_fields_and_faults() {
+    let shown = ok(&["explain", "thruster", "30B#5443000000000005"]);
+    assert!(shown.contains("TC, axis 11: TC 5 % (signal control)"), "{shown}");
+    assert_eq!(
+        ok(&["explain", "thruster", "28B#5602000000180010"]),
+        "56 02 00 00 00 18 00 10\n\
+         VC report, axis 11: VC frame 2: status 0x0000, 24 degC (motor), 16 degC (driver)\n\n\
+         bytes  hex    field     value   meaning\n\
+         1      02     frame     2\n\
+         2-3    00 00  status    0x0000  no fault\n\
+         4-5    00 18  motor c   24      motor temperature\n\
+         6-7    00 10  driver c  16      driver temperature\n"
+    );
+    let faults = ok(&["explain", "thruster", "0x0410"]);
+    assert!(
+        faults.contains("zero-point protection") && faults.contains("under-voltage"),
+        "{faults}"
+    );
+    let elmo = ok(&["explain", "thruster", "301#434C01800000803F"]);
+    assert!(elmo.contains("Elmo"), "{elmo}");
+    let refused = ok(&["explain", "thruster", "0xEEEE"]);
+    assert!(refused.contains("refused"), "{refused}");
+}
+
+#[test]
+fn verbs_turn_move_and_stop_simulated_drives() {
+    let url = "sim:thruster:11?time=virtual";
+    let info = ok(&["info", url]);
+    assert!(info.contains("Underwater thruster"), "{info}");
+    ok(&["spin", url, "600rpm", "--for", "1s"]);
+    ok(&["torque", url, "20%", "--for", "1s"]);
+    assert!(ok(&["get", url, "voltage"]).contains("48 V"));
+    assert_eq!(ok(&["set", url, "command timeout=500ms"]), "command timeout = 500 ms\n");
+    let shown = ok(&["spin", url, "600rpm", "--dry-run"]);
+    assert!(shown.contains("30B#5643000000000258"), "{shown}");
+    let servo = "sim:thruster-servo:11?time=virtual";
+    ok(&["move", servo, "90deg", "--vel", "60rpm"]);
+    ok(&["move", servo, "--rel", "10deg"]);
+    let shown = ok(&["move", servo, "90deg", "--vel", "60rpm", "--dry-run"]);
+    assert!(shown.contains("30B#4C41003C00000384"), "{shown}");
+    let shown = ok(&["stop", servo, "--dry-run"]);
+    assert!(shown.contains("30B#4C53000000000000"), "{shown}");
+    let actuator = "sim:thruster-actuator:11?time=virtual&profile=thruster-actuator";
+    let shown = ok(&["move", actuator, "25mm", "--dry-run"]);
+    assert!(shown.contains("30B#4C41001E000000FA"), "{shown}");
+    ok(&["move", actuator, "25mm"]);
+    for (arguments, said) in [
+        (&["spin", url, "29rpm", "--for", "1s"][..], "30 rpm"),
+        (&["spin", url, "9000rpm"], "4000"),
+        (&["move", servo, "180deg"], "179.9"),
+    ] {
+        let ran = polepair(arguments);
+        assert_eq!(ran.code, 2, "{arguments:?}: {}", ran.err);
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
+}
+
+#[test]
+fn a_scan_tells_thrusters_from_servos() {
+    let found = ok(&["scan", "sim:thruster:11?time=virtual", "--ids", "9-12", "--format", "jsonl"]);
+    assert!(found.lines().count() == 1 && found.contains(r#""drive":"thruster""#), "{found}");
+    let found =
+        ok(&["scan", "sim:thruster-servo:11?time=virtual", "--ids", "11-11", "--format", "jsonl"]);
+    assert!(found.contains(r#""drive":"thruster-servo""#), "{found}");
+}

@@ -1,0 +1,195 @@
+//! Every golden vector of TML through `polepair decode -` and back through `polepair encode`, and
+//! captures as drives and serial servers make them.
+
+use crate::run;
+
+use std::collections::BTreeMap;
+
+use run::{polepair, polepair_with, text, vectors};
+use serde_json::Value;
+
+/// A frame as it stands in a capture, and how it is called in `encode`.
+struct Vector {
+    name: String,
+    wire: &'static str,
+    frame: String,
+}
+
+/// The manuals' examples and what the vendor's viewer printed, single bytes apart.
+fn all() -> Vec<Vector> {
+    let wire = |word: &str| match word {
+        "tmlcan" => "tmlcan",
+        "technocan" => "technocan",
+        _ => "serial",
+    };
+    let mut all = Vec::new();
+    for v in vectors("tml").iter().filter(|v| v["kind"] != "serial-byte") {
+        let wire = wire(text(v, "kind"));
+        let bytes = text(v, "bytes").to_owned();
+        let frame = match v["can_id"].as_str() {
+            Some(id) => format!("{id}#{}", bytes.replace(' ', "")),
+            None => bytes,
+        };
+        all.push(Vector { name: text(v, "name").to_owned(), wire, frame });
+    }
+    let viewer = include_str!("../../../../vectors/tml_viewer.json");
+    let viewer: Value = serde_json::from_str(viewer).expect("JSON");
+    for v in viewer["vectors"].as_array().into_iter().flatten() {
+        let frame = v["frame"].as_str().unwrap_or_else(|| text(v, "bytes")).to_owned();
+        all.push(Vector { name: text(v, "name").to_owned(), wire: wire(text(v, "via")), frame });
+    }
+    all
+}
+
+fn decode(capture: &str, arguments: &[&str]) -> Vec<Value> {
+    let arguments = [&["decode", "-", "--format", "jsonl"], arguments].concat();
+    let ran = polepair_with(&arguments, capture);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    ran.out.lines().map(|line| serde_json::from_str(line).expect("one object a line")).collect()
+}
+
+/// Whom a frame is for, as `--axis` has it; none where no host can send it.
+fn axis(frame: &Value) -> Option<String> {
+    let to = text(&frame["fields"], "to");
+    match to.split_once(' ') {
+        Some(("axis", id)) => Some(id.to_owned()),
+        Some(("group" | "groups", numbers)) => Some(format!("g{numbers}")),
+        _ => (to == "everybody").then(|| "g*".to_owned()),
+    }
+}
+
+#[test]
+fn every_vector_decodes_and_encodes() {
+    let all = all();
+    for (protocol, wire) in [("tml", "serial"), ("tmlcan", "tmlcan"), ("technocan", "technocan")] {
+        let vectors: Vec<&Vector> = all.iter().filter(|v| v.wire == wire).collect();
+        let line = |v: &&Vector| format!("(1.0) {} {}\n", v.name, v.frame);
+        let capture: String = vectors.iter().map(line).collect();
+        let frames = decode(&capture, &["--as", protocol]);
+        let frames: BTreeMap<&str, &Value> = frames.iter().map(|f| (text(f, "link"), f)).collect();
+        let mut said = 0;
+        for v in vectors {
+            let frame = frames[v.name.as_str()];
+            assert!(frame["ok"] == true && frame["protocol"] == protocol, "{}: {frame}", v.name);
+            let Some(axis) = axis(frame) else { continue };
+            let tml = text(&frame["fields"], "tml");
+            let ran = polepair(&["encode", "tml", tml, "--axis", &axis, "--via", wire]);
+            let is_request = text(frame, "kind").contains("GiveMeData");
+            if is_request && ran.out.trim() != v.frame {
+                // Its answer goes to another host than the usual one.
+                let host = text(&frame["fields"], "sender").rsplit(' ').next().expect("an ID");
+                let arguments = ["encode", "tml", tml, "--axis", &axis, "--via", wire];
+                let ran = polepair(&[&arguments[..], &["--host", host]].concat());
+                let rs485 = polepair(&["encode", "tml", tml, "--axis", &axis, "--via", "rs485"]);
+                let found = [ran.out.trim(), rs485.out.trim()];
+                assert!(found.contains(&v.frame.as_str()), "{}: {tml}: {ran:?}", v.name);
+            } else if !text(frame, "kind").starts_with("Take") {
+                assert_eq!(ran.out.trim(), v.frame, "{}: {tml}: {}", v.name, ran.err);
+            }
+            said += 1;
+        }
+        assert!(said > 5, "{protocol}: {said}");
+    }
+}
+
+#[test]
+fn the_judge_tells_the_three_wires_apart() {
+    let capture = "\
+(1.00) a > 06 0F F0 20 5E 00 05 88
+(1.01) a < 4F
+(1.02) a > 08 0F F0 B0 04 0F F1 02 5E 1B
+(1.03) a < 4F 0A 0F F1 B4 04 0F F0 02 5E 01 20 42
+(1.00) b 0400A05E#3412
+(1.01) b 16602004#30002A02
+(1.02) b 1A806005#2A020200
+(1.00) c 125#5E203412
+(1.01) c 125#04B030002A02
+(1.02) c 163#04282A020200
+(1.03) c 705#05
+";
+    let ran = polepair_with(&["decode", "-", "--format", "jsonl"], capture);
+    for verdict in ["a: tml, ", "b: tmlcan, ", "c: technocan and canopen, "] {
+        assert!(ran.err.contains(verdict), "{}", ran.err);
+    }
+    let heartbeat = ran.out.lines().find(|line| line.contains(r#""id":1797"#)).expect("a line");
+    assert!(heartbeat.contains(r#""protocol":"canopen""#), "{heartbeat}");
+}
+
+#[test]
+fn a_drive_being_synchronised_and_a_server_that_invents_bytes() {
+    let capture = "\
+(1.00) a > FF
+(1.01) a < 0D
+(1.02) a > 06 00 10 D8 01
+(1.03) a > 00 11 00
+(1.04) a < 4F
+(1.05) a < 00 0A 08 00 11 D8 01 35 31 34 4C D8
+(1.06) a > 04 00 10 00 02 16
+(1.07) a < 4E
+";
+    let frames = decode(capture, &["--as", "tml"]);
+    let kinds: Vec<&str> = frames.iter().map(|frame| text(frame, "kind")).collect();
+    assert_eq!(
+        kinds,
+        [
+            "synchronisation byte",
+            "synchronisation byte",
+            "GETVERSION",
+            "ack",
+            "TML",
+            "TML",
+            "TakeVersion",
+            "control",
+            "TML"
+        ]
+    );
+    assert!(frames[4]["ok"] == false && frames[5]["ok"] == false, "{frames:?}");
+    assert_eq!((text(&frames[6]["fields"], "firmware"), &frames[6]["axis"]), ("F514L", &1.into()));
+    assert_eq!(text(&frames[8], "error"), "byte 0: impossible count 78", "a damaged ack");
+}
+
+#[test]
+fn the_binary_code_viewer_prints_a_line_an_instruction() {
+    let viewer = |arguments: &[&str]| {
+        let ran = polepair(&[&["encode", "tml"], arguments].concat());
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        ran.out
+    };
+    assert_eq!(viewer(&["KPP=0x1234", "--axis", "5", "--via", "tmlcan"]), "0400A05E#3412\n");
+    let both = viewer(&["MODE PP; // profile\nUPD", "--axis", "g1+2", "--via", "rs485"]);
+    assert_eq!(both, "08 10 30 59 09 BF C1 87 01 B2\n04 10 30 01 08 4D\n");
+    let relayed = viewer(&["?KPP", "--axis", "1", "--host", "255"]);
+    assert_eq!(relayed, "08 00 10 B0 04 0F F1 02 5E 2C\n");
+    let json = viewer(&["?KPP", "--format", "json"]);
+    let json: Value = serde_json::from_str(&json).expect("an object");
+    assert_eq!(json["answer"]["kind"], "TakeData");
+    assert_eq!(json["answer"]["fields"]["frame"], "0A 0F F1 B4 04 0F F0 02 5E ?? ?? ??");
+    let json = viewer(&["KPP=5", "--via", "technocan", "--format", "json"]);
+    let json: Value = serde_json::from_str(&json).expect("an object");
+    assert_eq!((&json["answer"], &json["id"]), (&Value::Null, &0x13F.into()));
+}
+
+#[test]
+fn rules_of_the_wires_are_told_before_a_byte_is_printed() {
+    let refused = |arguments: &[&str]| {
+        let ran = polepair(&[&["encode", "tml"], arguments].concat());
+        assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{arguments:?}");
+        ran.err
+    };
+    let groups = refused(&["??POSERR", "--axis", "g1", "--via", "rs485"]);
+    assert!(groups.contains("E222") && groups.contains("answers would collide"), "{groups}");
+    assert!(refused(&["?POSERR", "--axis", "g1"]).contains("GiveMeData2"));
+    let axis = refused(&["UPD", "--axis", "32", "--via", "technocan"]);
+    assert!(axis.contains("multiple of 32"), "{axis}");
+    let above = polepair(&["encode", "tml", "UPD", "--axis", "33", "--via", "technocan"]);
+    assert_eq!((above.code, above.out.as_str()), (0, "121#0801\n"));
+    assert!(above.err.contains("modulo 32"), "{}", above.err);
+    assert!(refused(&["UPD", "--axis", "g6", "--via", "technocan"]).contains("groups 1 to 5"));
+    assert!(refused(&["UPD", "--via", "can"]).contains("tmlcan or technocan"));
+    assert!(refused(&["UPD", "--via", "canopen"]).contains("Wires are serial, rs485"));
+    assert!(refused(&["UPD", "--axis", "g9"]).contains("groups are 1 to 8"));
+    let second = refused(&["UPD; KPP=0x12345"]);
+    assert!(second.contains("UPD; KPP=0x12345\n           ^ expected"), "{second}");
+    let modbus = polepair(&["encode", "modbus-rtu", "read 0", "--axis", "g1"]);
+    assert!(modbus.code == 2 && modbus.err.contains("no groups"), "{modbus:?}");
+}

@@ -1,0 +1,18 @@
+//! One program for all tests of this crate from outside: DESIGN.md says why.
+
+mod can;
+mod events;
+mod examples;
+mod heard;
+mod library;
+mod look;
+mod one_bus;
+mod optional;
+mod rack;
+mod safety;
+mod scaled;
+mod sheets;
+mod standing;
+mod timing;
+mod urls;
+mod watchdog;
