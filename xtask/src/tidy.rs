@@ -5,6 +5,7 @@
 
 mod docs;
 mod names;
+mod programs;
 mod prose;
 #[cfg(test)]
 mod tests;
@@ -34,6 +35,7 @@ pub fn run(root: &Path) -> Result<(), String> {
         broken.extend(check(&shown(root, &file), &text, &names));
     }
     broken.extend(docs::check(root));
+    broken.extend(programs::check(root));
     if broken.is_empty() { Ok(()) } else { Err(broken.join("\n")) }
 }
 

@@ -1,7 +1,7 @@
 //! Each rule refuses a small snippet that breaks it, and lets its decent twin through.
 
 use super::names::Names;
-use super::{check, docs, run};
+use super::{check, docs, programs, run};
 use std::path::Path;
 
 fn names() -> Names {
@@ -101,4 +101,37 @@ fn commands_in_docs_must_exist() {
 fn codes_are_explained_alone_and_in_ranges() {
     let page = "| 1 | `E101` no · `E110` to `E112` maybe | `E20`, `polepair` to `E2`";
     assert_eq!(docs::explained(page).into_iter().collect::<Vec<_>>(), [101, 110, 111, 112]);
+}
+
+#[test]
+fn a_test_is_in_its_crates_program_or_says_why_not() {
+    let told = |rest: &[&str], text: &str| {
+        let path = rest.iter().fold(Path::new("crates/cli/tests").to_path_buf(), |p, r| p.join(r));
+        let read = |parent: &Path| match parent.to_str()? {
+            "crates/cli/tests/integration/main.rs" => Some("mod stop;\nmod gateway;\n".to_owned()),
+            "crates/cli/tests/integration/gateway/mod.rs" => Some("pub mod site;\n".to_owned()),
+            _ => None,
+        };
+        programs::complaint(&path, rest, text, read)
+    };
+    let own = "//! It counts.\n//!\n//! A program of its own: it replaces the allocator.\n";
+    for (rest, text) in [
+        (&["integration", "main.rs"][..], ""),
+        (&["integration", "stop.rs"], ""),
+        (&["integration", "gateway", "mod.rs"], ""),
+        (&["integration", "gateway", "site.rs"], ""),
+        (&["no_alloc.rs"], own),
+    ] {
+        assert_eq!(told(rest, text), None, "{rest:?}");
+    }
+    for (rest, what) in [
+        (&["integration", "late.rs"][..], "no program has it: `mod late;`"),
+        (&["integration", "gateway", "late.rs"], "no program has it: `mod late;`"),
+        (&["late.rs"], "belongs into integration/"),
+        (&["late", "main.rs"], "belongs into integration/"),
+        (&["late", "mod.rs"], "no program has it: `mod late;`"),
+    ] {
+        let told = told(rest, "");
+        assert!(told.as_ref().is_some_and(|told| told.contains(what)), "{rest:?}: {told:?}");
+    }
 }
