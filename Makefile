@@ -6,6 +6,10 @@ PAGE := web/dist/index.html
 PAGE_SOURCES := web/index.html web/package.json web/svelte.config.js web/vite.config.ts \
 	$(shell find web/src web/public -type f ! -name message.ts 2>/dev/null)
 
+# What tests want in release: always all of it by the same words, for another choice of packages has other
+# features and builds anew what they have in common.
+RELEASE := --release --locked --quiet -p polepair-cli -p polepair -p polepair-link -p polepair-sim
+
 .PHONY: demo test check web page interop package python swarm soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
@@ -18,20 +22,18 @@ demo:
 ## test: all tests, 500 swarm seeds and 200 of gateways among them; installs what the foreign clients need
 test: check
 	-@rustup target add thumbv6m-none-eabi >/dev/null 2>&1 || true
-	$(CARGO) test --workspace --locked --quiet --examples --test '*'
+	$(CARGO) build --workspace --locked --quiet --examples
+	$(CARGO) test --workspace --locked --quiet --test '*'
 	$(CARGO) test --workspace --locked --quiet --doc
-	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
+	$(CARGO) test $(RELEASE) --test pinned
 	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
 	$(MAKE) --no-print-directory page interop python
 
-## check: format, lints, generated files, unit tests, captures mutated for seconds
+## check: format, lints, unit tests (tidiness and generated files are among them), captures mutated for seconds
 check:
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets --locked --quiet -- -D warnings
-	$(CARGO) xtask codegen --check
-	$(CARGO) xtask tidy
-	$(CARGO) test --workspace --locked --quiet --lib --bins
-	POLEPAIR_READER_SECONDS=1 $(CARGO) test --workspace --locked --quiet --test readers
+	POLEPAIR_READER_SECONDS=1 $(CARGO) test --workspace --locked --quiet --lib --bins --test readers
 
 ## web: the dashboard's page, checked, tried and built into web/dist; needs Node.js
 web: $(PAGE)
@@ -49,13 +51,12 @@ web/node_modules/.package-lock.json: web/package-lock.json
 page:
 	interop/install-debian-packages
 	@if web/ready; then $(MAKE) --no-print-directory web; fi
-	$(CARGO) build --release --locked --quiet -p polepair-cli
+	$(CARGO) build $(RELEASE) --bin polepair --examples
 	@if web/ready browser; then cd web && IMAGES=$(abspath $(IMAGES)) npm run --silent page -- $(TESTS); fi
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package
-	$(CARGO) build --release --locked --quiet -p polepair-cli
-	$(CARGO) build --release --locked --quiet -p polepair -p polepair-link --examples
+	$(CARGO) build $(RELEASE) --bin polepair --examples
 	$(PYTHON) -m pytest interop
 
 package: $(VENV)/ready
@@ -63,7 +64,7 @@ package: $(VENV)/ready
 
 ## python: the package, built and tried: its surface, its types, its guide, examples and notebooks
 python: package
-	$(CARGO) build --release --locked --quiet -p polepair-cli
+	$(CARGO) build $(RELEASE) --bin polepair --examples
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy --strict --config-file pyproject.toml ../../examples/python/*.py
 	cd crates/python && $(CURDIR)/$(PYTHON) -m pyright --pythonpath $(CURDIR)/$(PYTHON)

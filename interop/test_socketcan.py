@@ -75,7 +75,7 @@ def test_no_check_is_forgotten(told, drives):
 
 def test_the_links_own_checks():
     """`crates/link/tests/vcan.rs`, which has no vcan elsewhere."""
-    words = ["cargo", "test", "--locked", "-p", "polepair-link", "--test", "vcan", "--no-run"]
+    words = ["cargo", "test", "--locked", "--workspace", "--test", "vcan", "--no-run"]
     built = subprocess.run(
         [*words, "--message-format=json"], cwd=ROOT, capture_output=True, text=True, check=True
     )

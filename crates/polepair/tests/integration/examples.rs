@@ -23,15 +23,7 @@ fn root() -> PathBuf {
 #[test]
 fn every_program_runs() {
     assert_eq!(programs().len(), 6);
-    // The test profile shares what was built for this very test.
-    let built = Command::new(env!("CARGO"))
-        .args(["build", "--quiet", "--profile", "test", "-p", "polepair", "--examples"])
-        .args(["--message-format", "json"])
-        .current_dir(root())
-        .output()
-        .expect("cargo starts");
-    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
-    let told = String::from_utf8_lossy(&built.stdout);
+    let told = built();
     for (name, expected) in programs() {
         let ran = Command::new(executable(&told, &name)).output().expect("the program starts");
         let text = String::from_utf8_lossy(&ran.stdout);
@@ -48,18 +40,27 @@ fn every_program_runs() {
 
 #[test]
 fn the_picture_of_a_step_is_what_the_program_draws() {
-    let ran = Command::new(env!("CARGO"))
-        .args(["run", "--quiet", "--profile", "test", "-p", "polepair"])
-        .args(["--example", "velocity_step", "--", "--svg"])
-        .current_dir(root())
-        .output()
-        .expect("cargo starts");
+    let program = executable(&built(), "velocity_step");
+    let ran = Command::new(program).arg("--svg").output().expect("the program starts");
     let drawn = String::from_utf8_lossy(&ran.stdout);
     let kept = std::fs::read_to_string(root().join("docs/images/velocity-step.svg"));
     assert!(
         kept.expect("the picture") == drawn,
         "docs/concepts/physics.md says how to draw it anew"
     );
+}
+
+/// Builds them; what cargo says of that. The whole workspace's, as tests are: this package alone would have
+/// other features, and everything below it be built anew.
+fn built() -> String {
+    let built = Command::new(env!("CARGO"))
+        .args(["build", "--quiet", "--locked", "--workspace", "--examples"])
+        .args(["--message-format", "json"])
+        .current_dir(root())
+        .output()
+        .expect("cargo starts");
+    assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+    String::from_utf8_lossy(&built.stdout).into_owned()
 }
 
 /// Where cargo says that it put a program.
