@@ -1,6 +1,6 @@
 //! What the erased layers add to a codec: submit a read through `dyn`, take its outcome.
 //!
-//! Target (DESIGN.md, Speed): at most 25 ns more than encoding the request and decoding the reply.
+//! Target (SPEED-6): at most 25 ns more than encoding the request and decoding the reply.
 
 use std::hint::black_box;
 

@@ -35,7 +35,7 @@ address = 3
 """Two modules on a bus that breaks and loses frames now and then.
 
 It doubles none: a reply of this protocol names no parameter, so that a copy that comes behind the
-next request cannot be told from its answer (DESIGN.md, wire collisions).
+next request cannot be told from its answer (REQ-6).
 """
 
 SETTINGS = {"max positioning velocity": 4, "max current": 6, "reached velocity": 7, "acceleration": 11}
