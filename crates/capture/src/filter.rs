@@ -1,5 +1,7 @@
 //! Which frames of a capture are wanted: `axis = 2 and not ok`, read once, then asked of each frame
 //! without allocating.
+//!
+//! Why: CAP-4.
 
 mod eval;
 mod fixed;

@@ -2,6 +2,8 @@
 //! lines, waits until the pieces before are decoded, decodes its own, makes of it whatever is wanted,
 //! waits again, and hands it over. So what conversations know goes through the capture in order, all
 //! else side by side, and nobody has more than one piece in hand.
+//!
+//! Why: DEC-5.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};

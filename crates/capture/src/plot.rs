@@ -3,6 +3,8 @@
 //! However many values there are, a picture holds as many points as it can show; each stands for a
 //! stretch of time with its first, least, greatest and last value, so that no spike is lost. Where
 //! values stay away, the line is broken.
+//!
+//! Why: CAP-7.
 
 mod scale;
 mod series;

@@ -1,5 +1,7 @@
 //! What a capture tells as a whole: who was there, what they did, what went wrong. Its memory is
 //! bounded by how many different things there are, whatever the capture's length.
+//!
+//! Why: CAP-5.
 
 mod axes;
 mod json;

@@ -1,4 +1,6 @@
 //! The token: from a file or the environment, never from the command line, never shown.
+//!
+//! Why: CLIENT-2.
 
 use std::fmt;
 use std::fs::File;

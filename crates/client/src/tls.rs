@@ -1,5 +1,7 @@
 //! Encryption: TLS 1.3, to the one certificate that is pinned. There is no way to trust any other, and
 //! none to trust all.
+//!
+//! Why: CLIENT-3.
 
 use std::fs::File;
 use std::io::Read as _;

@@ -10,7 +10,7 @@ use arrow_schema::ArrowError;
 use crate::column::Dictionary;
 use crate::schema::Table;
 
-/// The words of each column, numbered as they come.
+/// The words of each column, numbered as they come (DEC-5).
 #[derive(Debug, Default)]
 pub struct Numbering {
     columns: Vec<((Table, usize), Dictionary)>,

@@ -93,7 +93,7 @@ pub trait Sink {
     /// What the frame breaks. Fields found so far stand.
     fn error(&mut self, error: WireError);
     /// Whether words are wanted: where not, an explainer may leave out pieces of text and readings
-    /// that take it long.
+    /// that take it long (DEC-10).
     fn words(&self) -> bool {
         true
     }

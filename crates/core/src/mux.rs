@@ -2,6 +2,8 @@
 //!
 //! A lane takes what its protocol's identifiers say is meant for it; which identifiers are whose is
 //! settled before the lanes are made. All storage is made when the mux is made.
+//!
+//! Why: BUS-3.
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;

@@ -35,7 +35,7 @@ impl Plan {
         Some((first, last + 1))
     }
 
-    /// The steps before those that only wait: all that a stop has to tell its drive.
+    /// The steps before those that only wait: all that a stop has to tell its drive (STOP-7).
     #[must_use]
     pub fn before_wait(&self) -> &'static [Step] {
         &self.steps[..self.last_wait().map_or(self.steps.len(), |(first, _)| first)]

@@ -77,7 +77,7 @@ pub enum Class {
     /// A start of motion, a relative move, a write to flash: never again.
     Never,
     /// Takes motion out of a drive: may be sent twice, overtakes everything, is let into a
-    /// quarantined line.
+    /// quarantined line (STOP-1).
     Stop,
 }
 
@@ -171,7 +171,7 @@ pub trait Host<M: Medium>: Station<M> {
     /// A request that is given back concerns its drive alone: others may be asked meanwhile.
     const PARALLEL: bool = false;
     /// A drive answers each request that changes something. Where it does not, such a request is done
-    /// when it has left, and may have been lost on its way.
+    /// when it has left, and may have been lost on its way (STOP-8).
     const CONFIRMED: bool = true;
 
     /// Takes a request, or gives it back when it cannot take one now (half-duplex: one outstanding;
@@ -188,7 +188,7 @@ pub trait Host<M: Medium>: Station<M> {
 
     /// Takes back a request of which nothing is on the wire yet, because `stop` is to have its place:
     /// no event tells of its end, it is as if [`submit`](Self::submit) had not taken it. `None` where
-    /// nothing stands in the stop's way, or what does is on the wire.
+    /// nothing stands in the stop's way, or what does is on the wire (STOP-3).
     fn recall(&mut self, stop: &Self::Request) -> Option<Ticket> {
         let _ = stop;
         None

@@ -11,6 +11,8 @@
 //! The end of the wait is a timer on the same list, because a timeout is set and taken back at every
 //! wait, which costs half as much again. A timer that rings sooner than needed is left as it is: who
 //! is woken for nothing looks at the clock, which nobody else need, and waits again.
+//!
+//! Why: LINK-3.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;

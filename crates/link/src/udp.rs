@@ -1,5 +1,7 @@
 //! CAN over UDP multicast, in the format of python-can's `udp_multicast` interface: every program
 //! that joins the group is on the bus.
+//!
+//! Why: LINK-5, LINK-7.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};

@@ -1,4 +1,6 @@
 //! What came back of a question that brought no answer: silence is said only where there was silence.
+//!
+//! Why: REQ-4.
 
 use polepair_core::station::Counters;
 use std::fmt;

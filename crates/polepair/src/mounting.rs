@@ -10,6 +10,8 @@
 //! direction = "inverted"          # the motor's forward is the machine's backward
 //! limits = { position = ["0 mm", "300 mm"], velocity = "50 mm/s", torque = "2 A" }
 //! ```
+//!
+//! Why: MOVE-5.
 
 use crate::file::{FileError, Found, Node, Place};
 use crate::quantity;

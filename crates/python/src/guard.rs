@@ -37,7 +37,7 @@ pub fn leave(axis: &Axis) {
     drop(left);
 }
 
-/// Forgets in a fork's child what is armed by its parent.
+/// Forgets in a fork's child what is armed by its parent (PY-5).
 pub fn forked() {
     // Whoever held the lock is not in the child.
     if let Ok(mut armed) = ARMED.try_lock() {

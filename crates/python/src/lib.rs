@@ -32,7 +32,7 @@ use mimalloc::MiMalloc;
 use pyo3::prelude::*;
 
 /// Columns of a capture take and give back much memory in short order. This allocator keeps what it
-/// was given back for a while; the system's own returns it, and fetches it anew page by page.
+/// was given back for a while; the system's own returns it, and fetches it anew page by page (PY-4).
 #[global_allocator]
 static MEMORY: MiMalloc = MiMalloc;
 

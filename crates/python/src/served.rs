@@ -6,6 +6,8 @@
 //!       ├ Request   a command or a question under way
 //!       └ Watch     signals as they come
 //! ```
+//!
+//! Why: PY-6.
 
 mod axis;
 mod request;

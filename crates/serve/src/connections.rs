@@ -1,5 +1,7 @@
 //! Connections, of which there are only so many: those that have not shown a token yet make room for
 //! new ones, the oldest first. So whoever only opens sockets keeps nobody from stopping a motor.
+//!
+//! Why: GW-18.
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};

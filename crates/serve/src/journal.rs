@@ -5,6 +5,8 @@
 //! all that follows telling so. What is cut off at the end leaves no trace in the file: who must know
 //! that as well keeps the last hash elsewhere. A record is in the system's hands before the caller goes
 //! on, so it outlives the process, not a loss of power.
+//!
+//! Why: GW-24.
 
 mod verify;
 

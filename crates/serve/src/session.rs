@@ -1,4 +1,6 @@
 //! Who is calling: tokens as they are sent, and the cookies that stand for them in browsers.
+//!
+//! Why: GW-16.
 
 mod kept;
 

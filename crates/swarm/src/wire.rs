@@ -1,4 +1,6 @@
 //! A wire that fails: it stands between a bench and the host's end of a simulated wire.
+//!
+//! Why: SWARM-4.
 
 use std::borrow::{Borrow, BorrowMut};
 use std::cell::RefCell;

@@ -1,6 +1,8 @@
 //! Frames into batches. Process data whose mapping is known, and by which no state changes, are not
 //! explained: their conversation is told that they came, and their bytes go into the batch. Neither
 //! are frames that say what an earlier one said with the same bytes.
+//!
+//! Why: DEC-3, DEC-6.
 
 use polepair_core::medium::Frame;
 

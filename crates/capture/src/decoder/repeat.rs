@@ -1,5 +1,7 @@
 //! Frames that say what an earlier one with the same bytes said: the beat, heartbeats, orders and
 //! requests come again and again, and what each says by itself hangs on its bytes alone.
+//!
+//! Why: DEC-6.
 
 use std::sync::Arc;
 

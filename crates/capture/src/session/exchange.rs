@@ -7,6 +7,8 @@
 //!    ├ values   what was read and written, faults, states
 //!    └ presence who spoke regularly and fell silent
 //! ```
+//!
+//! Why: DEC-11 to DEC-13.
 
 mod pairing;
 mod presence;

@@ -3,6 +3,8 @@
 //! A beat is a frame for each axis and the signal that makes all of them take it over. Nothing is
 //! allocated once it has begun. Whatever goes wrong ends it the same way: every axis is told to come
 //! to rest, on one last beat, and is disarmed.
+//!
+//! Why: CANOPEN-10, CANOPEN-11.
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;

@@ -1,4 +1,6 @@
 //! A path that is streamed point by point: what its job asks next, and what an answer makes of it.
+//!
+//! Why: MOVE-4.
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;

@@ -4,6 +4,8 @@
 //! The drive's pointer proves a chunk: it moves with every word that was written, so a lost message is
 //! told from a lost acknowledgement, and nothing is sent again that the drive has. Then the drive's
 //! sum proves the piece.
+//!
+//! Why: TML-7.
 
 use alloc::vec::Vec;
 

@@ -83,7 +83,7 @@ pub struct HostOptions {
     /// An earlier program may have spoken on the wire, and a reply that it is owed may still come.
     /// Then a session begins in doubt, where replies do not name their question: nothing but stops is
     /// sent until probes were answered, which are varied by this seed. `None` where nobody was there
-    /// before.
+    /// before (REQ-7).
     pub doubt: Option<u32>,
     /// Somebody looks for drives: an address that never answered is not tried again, so that silence
     /// costs no more than it must.

@@ -4,6 +4,8 @@
 //! Whoever hands bytes over (an adapter, a driver) only makes them later, so that the rule never
 //! refuses a true reply; it does refuse the second copy of the reply before, as long as that copy
 //! is not kept back until the request has left.
+//!
+//! Why: REQ-6.
 
 use crate::medium::SerialLine;
 use crate::time::Instant;

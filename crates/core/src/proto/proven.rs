@@ -1,5 +1,7 @@
 //! Whom nothing older can reach: a host whose earlier program may still be owed answers believes nobody
 //! before probes were answered, and those are drawn at random.
+//!
+//! Why: REQ-7.
 
 /// Addresses that are proven, and the generator that draws probes for the others.
 #[derive(Clone, Debug)]

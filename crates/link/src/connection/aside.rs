@@ -1,4 +1,6 @@
 //! A link lent to somebody else for a moment, between two exchanges of its connection.
+//!
+//! Why: GW-6.
 
 use std::any::Any;
 use std::sync::Arc;

@@ -1,4 +1,6 @@
 //! Several axes of one wire that follow set-points cycle by cycle.
+//!
+//! Why: CANOPEN-10.
 
 use super::fail::RequestKind;
 use super::together::{all, can};

@@ -5,6 +5,8 @@
 //! runs does not stand, whatever its drive tells of its speed. Only readings that were asked after the
 //! last of its steps was answered count. What was read before, or what a trajectory says that the motor
 //! should do, does not.
+//!
+//! Why: STOP-7.
 
 mod requests;
 

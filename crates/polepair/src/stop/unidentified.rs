@@ -1,5 +1,7 @@
 //! What stops a drive that did not say what it is, where the protocol itself has no word for it: the
 //! writes that every profile of the protocol has alike, where no reading decides about them.
+//!
+//! Why: STOP-6.
 
 use crate::connect::Line;
 use crate::error::Error;

@@ -2,7 +2,7 @@
 
 What takes time is written once, as a generator that yields what it waits for: a `Call` that may
 block for a moment, or a `Wait` for a request that is under way. `blocking` makes a method of it that
-carries it out in the caller's thread; `aio.awaitable` one for the caller's event loop.
+carries it out in the caller's thread; `aio.awaitable` one for the caller's event loop (PY-1).
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
 //! Captures that somebody opened: kept as they came, a few of them, and explained page by page.
+//!
+//! Why: GW-22.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};

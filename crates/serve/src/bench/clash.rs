@@ -1,4 +1,6 @@
 //! More on a wire than should be: answers that nobody here asked for.
+//!
+//! Why: GW-4.
 
 use std::time::Duration;
 

@@ -1,5 +1,7 @@
 //! What has to wait for a drive and moves nothing: questions, settings, getting ready. The hand never
 //! waits, so it leaves these to the desk of its wire.
+//!
+//! Why: GW-12.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};

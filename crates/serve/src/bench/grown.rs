@@ -1,5 +1,7 @@
 //! A list that only grows, up to so many: what is in it stays where it is, so nobody who looks at it
 //! needs a lock.
+//!
+//! Why: GW-8.
 
 use std::ops::Index;
 use std::sync::OnceLock;

@@ -1,6 +1,8 @@
 //! The hand on one wire: it alone lets anything through that moves an axis, one thing after the
 //! other, stops first. It never waits for a drive. It has a thread; whoever says a stop lends it his
 //! own, too.
+//!
+//! Why: GW-1.
 
 mod owes;
 #[cfg(test)]

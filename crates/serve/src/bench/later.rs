@@ -1,5 +1,7 @@
 //! Links that could not be opened at the start: they are tried again until they open, and then their
 //! axes join as if they had been there.
+//!
+//! Why: GW-11.
 
 use std::sync::{Arc, Weak};
 use std::time::Duration;

@@ -1,5 +1,7 @@
 //! Who commands an axis: one owner at a time, by an epoch that goes up with each, for as long as it
 //! is renewed. Nothing here sends or reads a clock.
+//!
+//! Why: GW-2.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,5 +1,7 @@
 //! Looking for drives on a wire that is open, and taking in those that were found. The eyes of the
 //! wire look, one address in each of their rounds; its hand says whether it may begin.
+//!
+//! Why: GW-6, GW-7.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};

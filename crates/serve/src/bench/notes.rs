@@ -4,6 +4,8 @@
 //! What is announced goes on once it is kept, by what was left here for that. Where the disk stalls or
 //! refuses, what is announced is refused, and what was done is counted where it cannot be kept: a
 //! record tells how many are missing, as soon as there can be one.
+//!
+//! Why: GW-25.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

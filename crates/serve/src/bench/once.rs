@@ -1,5 +1,7 @@
 //! Commands that were seen: each id is carried out at most once, and whoever says it again is told
 //! what came of it.
+//!
+//! Why: GW-14.
 
 use std::collections::{HashMap, VecDeque};
 

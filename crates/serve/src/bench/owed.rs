@@ -1,5 +1,7 @@
 //! The stop that an axis is owed: from when it is to stand until it was seen standing. It is said
 //! again until then, and those who wait to hear of it are answered.
+//!
+//! Why: STOP-7.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};

@@ -1,5 +1,7 @@
 //! What is watched: each signal or parameter once, however many watch it. Who watches has a place in
 //! the samples that are kept; who falls behind loses the oldest and is told. Nothing is interpolated.
+//!
+//! Why: GW-13.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};

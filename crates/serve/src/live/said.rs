@@ -1,4 +1,6 @@
 //! What a viewer has said and what was not done yet: stops do not wait among it.
+//!
+//! Why: STOP-16.
 
 use std::collections::VecDeque;
 use std::time::Duration;

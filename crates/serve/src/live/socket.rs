@@ -5,6 +5,8 @@
 //! for the thread that writes telemetry, which stands back behind all others. So each end has a
 //! WebSocket of its own on its half of the connection. What the one that hears would answer by itself
 //! goes nowhere: the other end says it.
+//!
+//! Why: GW-20.
 
 use std::io;
 use std::pin::Pin;

@@ -1,5 +1,7 @@
 //! Who stands beside a drive and sees all that it does: what must hold of its motor after every
 //! event, whatever its host believes.
+//!
+//! Why: SWARM-1.
 
 #[cfg(test)]
 mod tests;

@@ -144,7 +144,7 @@ pub trait Firmware {
     }
 }
 
-/// What a node does otherwise than the standard has it, or does not do.
+/// What a node does otherwise than the standard has it, or does not do (SIM-15).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Options {
     /// SDO requests may be short, and their size need not be the object's; PDOs are mapped in any

@@ -3,6 +3,8 @@
 //!
 //! Everything here is SI and independent of a family's objects and units: those come through
 //! [`Settings`]. What the standard leaves to the manufacturer is a switch in [`Manner`].
+//!
+//! Why: SIM-11, SIM-16.
 
 mod axis;
 mod follow;

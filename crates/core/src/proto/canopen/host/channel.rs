@@ -1,4 +1,6 @@
 //! One node's service data: one transfer at a time, from its first frame to its end.
+//!
+//! Why: CANOPEN-1, SPEED-5.
 
 use super::long::{Long, Sent};
 use crate::error::Failure;
