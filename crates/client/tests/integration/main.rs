@@ -1,4 +1,4 @@
-//! One program for all tests of this crate from outside: DESIGN.md says why.
+//! One program for all tests of this crate from outside (BUILD-1).
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 // The one file that two crates' tests share: neither can have the other's tests as a dependency.

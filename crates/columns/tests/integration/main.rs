@@ -1,3 +1,3 @@
-//! One program for all tests of this crate from outside: DESIGN.md says why.
+//! One program for all tests of this crate from outside (BUILD-1).
 
 mod batches;

@@ -1,4 +1,4 @@
-//! One program for all tests of this crate from outside: DESIGN.md says why.
+//! One program for all tests of this crate from outside (BUILD-1).
 
 mod canopen;
 mod garbage;
