@@ -2,7 +2,9 @@
 
 use crate::words;
 use std::borrow::Cow;
+use std::io::Read as _;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
@@ -38,6 +40,22 @@ impl std::fmt::Display for FileError {
 }
 
 impl std::error::Error for FileError {}
+
+/// Reads a file that is no longer than `max` bytes. What is no file is not read: a pipe would keep
+/// whoever stops a motor waiting, and some devices never end.
+pub(crate) fn bytes_of(path: &Path, max: u64) -> Result<Vec<u8>, String> {
+    let meta = std::fs::metadata(path).map_err(|error| error.to_string())?;
+    if !meta.is_file() {
+        return Err("no file, but a folder, a pipe or a device".to_owned());
+    }
+    let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
+    let mut bytes = Vec::new();
+    file.take(max + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    match bytes.len() as u64 > max {
+        true => Err(format!("larger than {max} bytes")),
+        false => Ok(bytes),
+    }
+}
 
 /// A place in a file.
 #[derive(Clone, PartialEq, Eq, Debug)]

@@ -32,7 +32,7 @@ pub use value::Literal;
 pub(crate) use device::sheet;
 pub(crate) use profile::{describes, draft};
 
-use crate::file::FileError;
+use crate::file::{FileError, bytes_of};
 use std::path::Path;
 
 /// Objects of one file at most.
@@ -170,17 +170,14 @@ pub fn parse(file: &str, text: &str) -> Result<Eds, FileError> {
 /// [`FileError`], also for a file that cannot be read.
 pub fn load(path: &Path) -> Result<Eds, FileError> {
     let name = path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|e| FileError::whole(&name, e.to_string()))?;
-    if bytes.len() > FILE_MAX {
-        return Err(FileError::whole(name, format!("larger than {FILE_MAX} bytes")));
-    }
+    let bytes = bytes_of(path, FILE_MAX).map_err(|reason| FileError::whole(&name, reason))?;
     let text = String::from_utf8(bytes)
         .unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect());
     parse(&name, &text)
 }
 
 /// The largest file, bytes.
-const FILE_MAX: usize = 16 << 20;
+const FILE_MAX: u64 = 16 << 20;
 
 /// Whether a file is an EDS or DCF, by its name.
 pub(crate) fn is_sheet(path: &Path) -> bool {

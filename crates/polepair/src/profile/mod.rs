@@ -40,7 +40,7 @@ pub(crate) use missing::without_missing;
 pub(crate) use read::encoding_range;
 pub(crate) use setup::name_of;
 
-use crate::file::{FileError, Found};
+use crate::file::{self, FileError, Found};
 use crate::words;
 use draft::Draft;
 use polepair_core::profile::Profile;
@@ -86,14 +86,9 @@ pub fn load(path: &Path) -> Result<&'static Profile, FileError> {
 
 /// Reads a text file of bounded size.
 pub(crate) fn text_of(path: &Path) -> Result<String, FileError> {
-    let name = path.display().to_string();
-    let size = std::fs::metadata(path).map(|meta| meta.len());
-    match size {
-        Ok(size) if size > FILE_MAX => {
-            Err(FileError::whole(name, format!("larger than {FILE_MAX} bytes")))
-        }
-        _ => std::fs::read_to_string(path).map_err(|e| FileError::whole(name, e.to_string())),
-    }
+    let whole = |reason| FileError::whole(path.display().to_string(), reason);
+    let bytes = file::bytes_of(path, FILE_MAX).map_err(whole)?;
+    String::from_utf8(bytes).map_err(|_| whole("no text: its bytes are no UTF-8".to_owned()))
 }
 
 /// Leaks a draft once per content.

@@ -8,12 +8,11 @@
 use super::draft::Draft;
 use super::map;
 use super::read::MEMORY;
-use crate::file::{FileError, Place};
+use crate::file::{FileError, Place, bytes_of};
 use crate::words::folded;
 use polepair_core::profile::{Parameter, Profile};
 use std::collections::HashSet;
-use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{Cursor, Read, Write};
 use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
@@ -51,10 +50,7 @@ pub(super) fn draft(path: &Path) -> Result<Draft, FileError> {
 
 /// The text of `variables.cfg`; bytes that are no UTF-8 can only stand in comments.
 fn variables(path: &Path) -> Result<String, String> {
-    let file = File::open(path).map_err(|e| e.to_string())?;
-    if file.metadata().is_ok_and(|meta| meta.len() > ARCHIVE_MAX) {
-        return Err(format!("larger than {ARCHIVE_MAX} bytes"));
-    }
+    let file = Cursor::new(bytes_of(path, ARCHIVE_MAX)?);
     let mut archive = ZipArchive::new(file).map_err(|e| format!("no archive: {e}"))?;
     if archive.len() > FILES_MAX {
         return Err(format!("more than {FILES_MAX} files in it"));
@@ -108,7 +104,7 @@ pub fn write_setup(profile: &Profile, path: &Path) -> Result<(), FileError> {
         return Err(FileError::whole(file, reason));
     }
     let pack = || -> zip::result::ZipResult<()> {
-        let mut archive = ZipWriter::new(File::create(path)?);
+        let mut archive = ZipWriter::new(std::fs::File::create(path)?);
         archive.start_file(VARIABLES, SimpleFileOptions::default())?;
         writeln!(archive, "# {}", profile.title)?;
         for p in profile.parameters {
