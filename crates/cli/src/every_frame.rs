@@ -242,7 +242,12 @@ fn judged(family: &Family, tried: &Tried, fault: Option<Fault>, ran: &Ran) -> Ve
     if *exit == Exit::Ok {
         for (n, drive) in witness.drives.iter().enumerate() {
             let far = drive.after.position - drive.before.position;
+            // Nothing on that bus answers a start of motion (SWARM-3).
+            let lost_unseen = family.protocol == "tmlcan"
+                && matches!(tried.done, Done::Moved(_) | Done::Turned | Done::Turning)
+                && fault.is_some_and(|fault| fault.is_one_frame_lost());
             let done = match tried.done {
+                _ if lost_unseen => true,
                 Done::Turned => drive.greatest > STANDS && !turns[n] && !drive.after.enabled,
                 Done::Turning => turns[n] && left,
                 Done::Moved(by) => (far.abs() - by).abs() < 0.1 && !turns[n],
@@ -284,6 +289,9 @@ fn judged(family: &Family, tried: &Tried, fault: Option<Fault>, ran: &Ran) -> Ve
     if let Some(fault) = fault {
         if fault.back.is_some() && !matches!(tried.done, Done::Standing | Done::Off) {
             hold(stands || left, "the wire came back, and the motor turns on");
+        }
+        if fault.is_moment() && tried.done != Done::Off {
+            hold(stands || left, "one frame was lost, and the motor turns on");
         }
         let code = *exit as u8;
         let fits = match fault.how {

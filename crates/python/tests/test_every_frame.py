@@ -1,4 +1,4 @@
-"""Every verb, every frame: the wire is cut, silent or away for a moment at the n-th frame.
+"""Every verb, every frame: at the n-th frame the wire is cut, silent, away for a moment, or loses it.
 
 A witness that asks the drive itself says what became of the motor. `POLEPAIR_FRAMES=all` tries every
 frame of each verb; otherwise a few are tried.
@@ -59,8 +59,9 @@ FAMILIES: dict[str, tuple[Verb, ...]] = {
     "tmcl:1": (spin, move, stop, disable),
     "tml:1": (spin, move, stop, disable),
     "modbus-rtu:1": (spin, stop, disable),
+    "tmlcan:1": (spin, stop),
 }
-FAULTS = ("cut", "silent", "away")
+FAULTS = ("cut", "silent", "away", "lost")
 
 
 class Drive:
@@ -131,6 +132,8 @@ class Wire:
                 self.failed = time.monotonic()
             if self.failed is None:
                 return True
+            if self.fault == "lost":
+                return self.passed != self.at
             return self.fault == "away" and time.monotonic() > self.failed + AWAY
 
     def carry(self, near: socket.socket, far: socket.socket) -> None:
@@ -218,7 +221,7 @@ def wrong(verb: Verb, fault: str, seen: Seen) -> str | None:
         if seen.error.executed is False and stands:
             return "told as not executed, and it was"
         return None
-    if fault == "away" and not stands:
+    if fault in ("away", "lost") and not stands:
         return "the wire came back, and the motor turns"
     return None
 

@@ -15,6 +15,9 @@ use polepair_link::{Link, LinkError, Received, Waker};
 /// After so long a wire that comes back is well: less than a stop is said again for.
 const BACK: Duration = Duration::from_millis(1200);
 
+/// A wire that is well again after this has lost one frame, or a few that went out together.
+const MOMENT: Duration = Duration::from_millis(1);
+
 /// What happens to a wire.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Fault {
@@ -39,11 +42,22 @@ pub enum How {
 }
 
 impl Fault {
+    /// Whether it costs one frame, or a few that went out together.
+    pub fn is_moment(&self) -> bool {
+        self.back == Some(MOMENT)
+    }
+
+    /// Whether that is one of the host's, and no more is wrong.
+    pub fn is_one_frame_lost(&self) -> bool {
+        self.is_moment() && self.how == How::Mute
+    }
+
     /// Every fault at a frame.
     pub fn each(at: usize) -> impl Iterator<Item = Self> {
         let hows = [How::CutBefore, How::CutBehind, How::Mute, How::Deaf];
         let each = hows.into_iter().flat_map(|how| [(how, None), (how, Some(BACK))]);
-        each.map(move |(how, back)| Self { at, how, back })
+        let lost = [(How::Mute, Some(MOMENT)), (How::Deaf, Some(MOMENT))];
+        each.chain(lost).map(move |(how, back)| Self { at, how, back })
     }
 }
 
