@@ -22,6 +22,8 @@ use crate::terminal::say;
 const LOOK: Duration = Duration::from_millis(25);
 /// What a verb may take that is over when the drive has answered.
 pub const ANSWER_MAX: Duration = Duration::from_secs(10);
+/// A server answers who says stop within 10 s.
+const STOP_MAX: Duration = Duration::from_secs(12);
 /// How long a stopping motor keeps its power.
 const REST_MAX: Duration = Duration::from_millis(800);
 /// How long a value is waited for that was read after it was asked for.
@@ -221,16 +223,20 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
         match pending.wait(LOOK) {
             Ok(Some(())) => return Ok(()),
             Ok(None) if clock::now() >= deadline => {
-                let what = format!("{}: {} did not end in time.", taken.axis.label, verb.name());
-                return Err(Problem::new(Exit::Negative, "E101", what)
-                    .why("The drive took the command, but what was waited for did not come.")
-                    .hint("give it more time: --timeout"));
+                return Err(late(taken, verb).hint("give it more time: --timeout"));
             }
             Ok(None) => {}
             Err(error) => return Err(refused(error)),
         }
         taken.lease.check().map_err(refused)?;
     }
+}
+
+/// What was waited for did not come.
+fn late(taken: &Taken<'_>, verb: Verb) -> Problem {
+    let what = format!("{}: {} did not end in time.", taken.axis.label, verb.name());
+    Problem::new(Exit::Negative, "E101", what)
+        .why("The drive took the command, but what was waited for did not come.")
 }
 
 fn hold(live: &Live, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
@@ -349,9 +355,12 @@ fn finish(server: &Joined, taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
     let stops: Vec<_> = taken.iter().map(stop).collect();
     let mut ended = Ok(());
     for (taken, stop) in taken.into_iter().zip(stops) {
-        let stopped = stop.map_or(Ok(()), |stop| {
-            stop.and_then(|mut stop| stop.wait(ANSWER_MAX)).map(drop).map_err(refused)
-        });
+        let stopped =
+            stop.map_or(Ok(()), |stop| match stop.and_then(|mut stop| stop.wait(STOP_MAX)) {
+                Ok(Some(())) => Ok(()),
+                Ok(None) => Err(late(&taken, Verb::Stop)),
+                Err(error) => Err(refused(error)),
+            });
         if stopped.is_err() {
             let label = &taken.axis.label;
             say(&format!("{label} did not confirm its stop and may still turn: cut its supply"));

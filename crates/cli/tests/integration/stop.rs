@@ -158,6 +158,44 @@ fn a_module_with_several_motors_has_all_of_them_stopped() {
     assert_eq!(&order[..2], &[0, 1]);
 }
 
+/// A module with six motors, one of which is not answered: the further ones are told all the same.
+#[test]
+fn a_motor_that_is_not_answered_keeps_no_other_from_its_stop() {
+    let server = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let url = format!("tmcl+tcp://{}#1", server.local_addr().expect("an address"));
+    let module = std::thread::spawn(move || {
+        let (mut wire, _) = server.accept().expect("a host");
+        let (mut told, mut asked) = ([false; 6], [0; 9]);
+        while wire.read_exact(&mut asked).is_ok() {
+            let [_, opcode, _, motor, ..] = asked;
+            let (status, value): (u8, i32) = match (opcode, motor) {
+                (136, _) => (100, 0x17DE_0112),
+                (3, 2) => continue,
+                (3, 0..6) => {
+                    told[usize::from(motor)] = true;
+                    (100, 0)
+                }
+                (3, _) => (4, 0),
+                _ => (100, 0),
+            };
+            let mut reply = [2, 1, status, opcode, 0, 0, 0, 0, 0];
+            reply[4..8].copy_from_slice(&value.to_be_bytes());
+            reply[8] = reply[..8].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
+            wire.write_all(&reply).expect("a host");
+        }
+        told
+    });
+    let ran = timed(&["stop", &url]);
+    assert_eq!(module.join().expect("a module"), [true, true, false, true, true, true]);
+    assert_eq!(ran.code, 7, "{}", ran.err);
+    for said in [
+        "module 1: motors 1, 3, 4 and 5 took the stop too; standing not looked at\n",
+        "module 1: motor 2 did not confirm the stop and may still turn: cut the supply\n",
+    ] {
+        assert!(ran.err.contains(said), "{said}: {}", ran.err);
+    }
+}
+
 #[test]
 fn a_stop_that_reaches_nobody_says_so() {
     let sim = Served::new("tmcl:40");

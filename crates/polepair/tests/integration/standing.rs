@@ -100,6 +100,8 @@ fn module_whose_position_runs(speed: i32, counts_per_s: f64, stops: u32) -> Stri
                     (3, _) => (100, 0),
                     // A count that goes up and down by one, as an encoder between two counts tells.
                     (6, 1) => (100, stands_at.unwrap_or(position) + position % 2),
+                    // One that turns fast tells when it stands.
+                    (6, 3) if speed > 100 && stands_at.is_some() => (100, 0),
                     (6, 3) => (100, speed),
                     (6, 210 | 250) => (100, 4000),
                     (6, _) => (100, 0),
@@ -140,6 +142,23 @@ fn a_motor_whose_position_runs_does_not_stand() {
 fn a_motor_whose_position_runs_is_told_to_stop_again() {
     let link = connect(&module_whose_position_runs(0, 20_000.0, 3)).expect("a module");
     link.axes()[0].stop().expect("the third stop is obeyed");
+}
+
+/// A motor that turns on though its drive answered the stop: that is said again at once, not after the
+/// time that a motor has to brake.
+#[test]
+fn a_motor_that_turns_on_is_told_to_stop_again() {
+    for way in 0..3 {
+        let link = connect(&module_whose_position_runs(300, 20_000.0, 3)).expect("a module");
+        let begun = Instant::now();
+        let stopped = match way {
+            0 => link.axes()[0].stop(),
+            1 => link.stop_all(),
+            _ => stop_owed(link.axes(), OWED_MAX, |_, _| true).remove(0),
+        };
+        stopped.expect("the third stop is obeyed");
+        assert!(begun.elapsed() >= Duration::from_secs(3), "it is given time to brake");
+    }
 }
 
 /// What the stop itself takes for standing does: a slow turn, and an encoder that goes up and down by one.

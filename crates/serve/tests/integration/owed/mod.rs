@@ -11,10 +11,10 @@ use polepair_core::drives::bench::Truth;
 use polepair_core::medium::Stream;
 use polepair_link::tcp::TcpServer;
 use polepair_link::{Served, clock};
-use polepair_serve::bench::{Bench, Event, Journal, Note, Options, Session};
+use polepair_serve::bench::{Bench, Event, Journal, Note, Options, Reply, Session};
 use polepair_serve::message::{
     Arguments, AxisState, CommandOrder, Deed, DismissReason, DismissStop, Ended, LeaseAct,
-    LinkState, OwedWhy, Refused, StopClass, StopOrder, StopOwed,
+    LinkState, Outcome, OwedWhy, Refused, StopClass, StopOrder, StopOwed,
 };
 use proxy::{Mode, Proxy};
 use serde_json::Value;
@@ -104,7 +104,7 @@ impl Site {
         self.bench.lease(0, &self.ann, LeaseAct::Take, 0).wait().unwrap().expect("a lease").epoch
     }
 
-    fn say(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> Result<(), Refused> {
+    fn start(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> Reply<Outcome> {
         self.ids += 1;
         let order = CommandOrder {
             id: format!("id-{}", self.ids),
@@ -114,7 +114,11 @@ impl Site {
             verb: verb.into(),
             arguments: Arguments { velocity, ..Arguments::default() },
         };
-        let outcome = self.bench.command(0, &self.ann, order).wait().unwrap();
+        self.bench.command(0, &self.ann, order)
+    }
+
+    fn say(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> Result<(), Refused> {
+        let outcome = self.start(epoch, verb, velocity).wait().unwrap();
         match outcome.outcome {
             Ended::Done => Ok(()),
             _ => Err(outcome.error.expect("why not")),
@@ -267,6 +271,31 @@ fn a_stop_of_which_the_last_step_alone_was_answered_is_owed() {
     site.proxy.set(Mode::Pass);
     site.paid();
     site.ended("standing");
+}
+
+/// Whoever holds the lease says stop, and the wire is silent: that one is said again as well, and whoever
+/// said it hears of it when the motor stands.
+#[test]
+fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
+    for (word, scheme) in KINDS {
+        let mut site = Site::new(word, scheme);
+        let epoch = site.spin();
+        // One that is obeyed at once is no alarm, and what its holder has it do next is done.
+        site.say(epoch, "stop", None).unwrap();
+        assert!(site.truth().velocity.abs() < STANDS, "{:?}", site.truth());
+        site.ended("standing");
+        site.say(epoch, "velocity", Some(20.0)).unwrap();
+        until("it turns", || site.truth().velocity.abs() > 10.0);
+        site.proxy.set(Mode::Silent);
+        let stop = site.start(epoch, "stop", None);
+        site.owed("it was said again", |owed| owed.said >= 3 && owed.error.is_some());
+        assert!(site.truth().velocity.abs() > 10.0);
+        site.proxy.set(Mode::Pass);
+        let outcome = stop.wait().unwrap();
+        assert_eq!(outcome.outcome, Ended::Done, "{outcome:?}");
+        site.paid();
+        site.ended("standing");
+    }
 }
 
 #[test]
