@@ -315,6 +315,7 @@ impl Live {
         if verb == "velocity" {
             // Who has lost his lease and does not know it moves nothing.
             watch.moved = watch.moved.max(Some(epoch));
+            watch.is_to_move(epoch, self.now);
         }
         self.ids += 1;
         let order = CommandOrder {

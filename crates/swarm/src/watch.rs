@@ -42,6 +42,9 @@ pub struct Watch {
     pub owed: Option<Instant>,
     /// The epoch of its lease, while somebody has it.
     pub epoch: Option<u64>,
+    /// Since when that lease is held, and when its holder last had it move.
+    held_since: Instant,
+    moves_since: Instant,
     /// The epoch under which it was last told to move.
     pub moved: Option<u64>,
     /// Commands under way that move it.
@@ -68,6 +71,8 @@ impl Watch {
             stands_since: Some(Instant::ZERO),
             owed: None,
             epoch: None,
+            held_since: Instant::ZERO,
+            moves_since: Instant::ZERO,
             moved: None,
             open: 0,
             stopped_at: Instant::ZERO,
@@ -97,7 +102,17 @@ impl Watch {
                 self.is_owed(now);
             }
         }
+        if self.epoch != epoch {
+            self.held_since = now;
+        }
         self.epoch = epoch;
+    }
+
+    /// Whoever has that lease has it move.
+    pub fn is_to_move(&mut self, epoch: u64, now: Instant) {
+        if self.epoch == Some(epoch) {
+            self.moves_since = now;
+        }
     }
 
     /// A command that moves it was done under its lease: it is commanded again.
@@ -206,7 +221,11 @@ impl Watch {
         let since = alarm.then(|| before.unwrap_or(now));
         self.alarm = Some(since);
         let speed = self.truth.velocity;
-        if before.is_some() && since.is_none() && self.turns() && !dismissed {
+        // Who held its lease when the alarm began said that stop, and has it move again.
+        let goes_on = before.is_some_and(|before| {
+            self.epoch.is_some() && self.held_since <= before && self.moves_since >= before
+        });
+        if before.is_some() && since.is_none() && self.turns() && !dismissed && !goes_on {
             found.push(("G4", format!("the alarm ended, and it turns at {speed:.2} rad/s")));
         }
         if let (Some(owed), Some(turns), None) = (self.owed, self.turns_since, since)

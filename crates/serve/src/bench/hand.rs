@@ -504,11 +504,9 @@ impl Hand {
         match started {
             Ok(Started::Running(running)) => {
                 let Commanded { axis, session, order, deed, tell, .. } = commanded;
-                if deed.moves() {
-                    self.holder_goes_on(axis, &session);
-                }
                 let enables = matches!(deed, Do::Run(command) if command.verb == Verb::Enable);
                 if deed.moves() && !enables {
+                    self.holder_goes_on(axis, &session);
                     self.axes[axis].seat.moves();
                 }
                 self.begun = self.shared.now();

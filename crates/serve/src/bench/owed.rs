@@ -176,11 +176,12 @@ impl OwedStop {
     }
 
     /// What everybody is told of it now, and whether that is news. A stop that the holder of the lease
-    /// said is no alarm while it is young and goes well: a motor that brakes obeys.
+    /// said is no alarm while it is young and goes well: a motor that brakes obeys. Once it is one, it
+    /// is until the debt ends.
     pub fn alarm(&mut self, now: Instant) -> (Option<StopOwed>, bool) {
         let goes_well = self.stopping.as_ref().is_some_and(|stopping| !stopping.has_ended());
         let is_young = now.since(self.since) < STANDS_SOON;
-        if self.of_holder && goes_well && is_young {
+        if self.of_holder && !self.alarmed && goes_well && is_young {
             return (None, false);
         }
         (Some(self.shown()), !std::mem::replace(&mut self.alarmed, true))
