@@ -371,7 +371,7 @@ fn an_axis_that_is_owed_nothing_joins_once_the_others_are_at_rest() {
     site.proxy.set(Mode::Pass);
     std::thread::sleep(Duration::from_secs(5));
     assert_eq!(site.bench.snapshot().axes.len(), 1, "a look would delay who commands axis 1");
-    drop(site.bench.stop(&"bob".into(), &StopOrder::default()));
+    site.bench.stop(&"bob".into(), &StopOrder::default()).wait().expect("it is answered");
     site.paid();
     // Its holder gives it back.
     let _ = site.bench.lease(0, &site.ann, LeaseAct::Drop, epoch).wait();
