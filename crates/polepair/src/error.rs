@@ -244,13 +244,14 @@ impl Error {
         match self {
             Self::Failed {
                 what,
-                went,
+                went: _,
                 outcome: Outcome::NotDone(failure),
                 may_turn,
                 heard,
                 hint,
             } if matches!(failure, Silent | Misbehaved | Cancelled | LinkDown) => {
                 let outcome = Outcome::Unknown(failure);
+                let went = "one that was sent before may have been executed".to_owned();
                 Self::Failed { what, went, outcome, may_turn, heard, hint }
             }
             other => other,
