@@ -473,7 +473,7 @@ impl Hand {
         }
         let held = watched.seat.held(session, epoch, self.shared.now());
         held.map_err(|refused| watched.unheld(refused))?;
-        let owes = |stop: &OwedStop| !stop.is_of_holder(session);
+        let owes = |stop: &OwedStop| !stop.is_of_holder(epoch);
         if moves && watched.owed.as_ref().is_some_and(owes) {
             return Err(owed());
         }
@@ -483,7 +483,7 @@ impl Hand {
     /// Whether what moves an axis waits a moment, because its stop is just about to be over.
     fn waits_for_stop(&self, commanded: &Commanded) -> bool {
         let owed = self.axes[commanded.axis].owed.as_ref();
-        let owed = owed.filter(|owed| !owed.is_of_holder(&commanded.session));
+        let owed = owed.filter(|owed| !owed.is_of_holder(commanded.order.epoch));
         let is_ending = owed.is_some_and(|owed| owed.is_ending(self.shared.now()));
         is_ending && commanded.deed.moves() && self.waiting.len() < WAITING_MAX
     }
@@ -506,7 +506,7 @@ impl Hand {
                 let Commanded { axis, session, order, deed, tell, .. } = commanded;
                 let enables = matches!(deed, Do::Run(command) if command.verb == Verb::Enable);
                 if deed.moves() && !enables {
-                    self.holder_goes_on(axis, &session);
+                    self.holder_goes_on(axis, &session, order.epoch);
                     self.axes[axis].seat.moves();
                 }
                 self.begun = self.shared.now();

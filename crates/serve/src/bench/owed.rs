@@ -41,8 +41,8 @@ pub(super) struct OwedStop {
     since: Instant,
     why: OwedWhy,
     by: Session,
-    /// Whoever holds the lease said so, and may have it move again.
-    of_holder: bool,
+    /// The lease whose holder said so, and may have it move again.
+    of_holder: Option<u64>,
     /// Everybody was told of it.
     alarmed: bool,
     /// The one that was said last; `None` while none was.
@@ -105,7 +105,7 @@ impl OwedStop {
             since: now,
             why,
             by,
-            of_holder: false,
+            of_holder: None,
             alarmed: false,
             stopping: None,
             said: 0,
@@ -118,20 +118,20 @@ impl OwedStop {
         }
     }
 
-    /// The same, said by whoever holds the lease.
-    pub fn of_holder(mut self) -> Self {
-        self.of_holder = true;
+    /// The same, said by whoever holds the lease of that epoch.
+    pub fn of_holder(mut self, epoch: u64) -> Self {
+        self.of_holder = Some(epoch);
         self
     }
 
-    /// Whether nobody said so but this session, which holds the lease.
-    pub fn is_of_holder(&self, session: &Session) -> bool {
-        self.of_holder && self.by == *session
+    /// Whether nobody said so but who held the lease of that epoch.
+    pub fn is_of_holder(&self, epoch: u64) -> bool {
+        self.of_holder == Some(epoch)
     }
 
     /// Somebody else says so as well: it is no longer the holder's alone.
     pub fn said_by(&mut self, why: OwedWhy, by: &Session) {
-        if std::mem::take(&mut self.of_holder) {
+        if self.of_holder.take().is_some() {
             (self.why, self.by) = (why, by.clone());
         }
     }
@@ -181,7 +181,7 @@ impl OwedStop {
     pub fn alarm(&mut self, now: Instant) -> (Option<StopOwed>, bool) {
         let goes_well = self.stopping.as_ref().is_some_and(|stopping| !stopping.has_ended());
         let is_young = now.since(self.since) < STANDS_SOON;
-        if self.of_holder && !self.alarmed && goes_well && is_young {
+        if self.of_holder.is_some() && !self.alarmed && goes_well && is_young {
             return (None, false);
         }
         (Some(self.shown()), !std::mem::replace(&mut self.alarmed, true))

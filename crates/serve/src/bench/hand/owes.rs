@@ -64,11 +64,11 @@ impl Hand {
         if let Err(refused) = self.may(axis, session, order.epoch, false) {
             return self.tell(commanded, Some(refused));
         }
-        let now = self.shared.now();
+        let (now, epoch) = (self.shared.now(), order.epoch);
         let watched = &mut self.axes[axis];
         let (report, told) = Report::of(&[watched.id], Vec::new());
         let is_new = watched.owed.is_none();
-        let fresh = || OwedStop::new(OwedWhy::Stop, session.clone(), now).of_holder();
+        let fresh = || OwedStop::new(OwedWhy::Stop, session.clone(), now).of_holder(epoch);
         let owed = watched.owed.get_or_insert_with(fresh);
         owed.say(&watched.axis, now, Some(report));
         self.begun = now;
@@ -104,9 +104,9 @@ impl Hand {
     }
 
     /// Whoever holds the lease has the axis do something else than to stop, as they said before.
-    pub(super) fn holder_goes_on(&mut self, axis: usize, session: &Session) {
+    pub(super) fn holder_goes_on(&mut self, axis: usize, session: &Session, epoch: u64) {
         let (id, now) = (self.axes[axis].id, self.shared.now());
-        let of_holder = |owed: &mut OwedStop| owed.is_of_holder(session);
+        let of_holder = |owed: &mut OwedStop| owed.is_of_holder(epoch);
         let Some(mut owed) = self.axes[axis].owed.take_if(of_holder) else { return };
         let what = "it was set in motion again before it was seen standing";
         owed.give_up(id, now, &Refused::new("gateway.owed", what));
