@@ -245,7 +245,7 @@ impl Station<Stream> for SerialHost {
             Some(_) => (self.on_wire_ns.0, (1 + DATAGRAM as u64) * self.on_wire_ns.1),
             None => self.on_wire_ns,
         };
-        let request = self.session.transmit(now, on_wire_ns, burst.is_some())?;
+        let request = self.session.transmit(now, on_wire_ns, burst)?;
         self.shifted = false;
         if self.len > 0 {
             self.skip_held();
@@ -385,7 +385,7 @@ impl Station<Can> for CanHost {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        let request = self.session.transmit(now, (self.soonest_ns, 0), false)?;
+        let request = self.session.transmit(now, (self.soonest_ns, 0), None)?;
         *out = self.frame(&request);
         Some(1)
     }

@@ -104,7 +104,7 @@ struct Pending {
     attempts: u8,
     sent: bool,
     /// It went out at each place of its module's count.
-    burst: bool,
+    burst: Option<Burst>,
     /// When it could first have been sent.
     ready: Instant,
     not_before: Instant,
@@ -146,7 +146,7 @@ impl Pending {
             ask,
             attempts: 0,
             sent: false,
-            burst: false,
+            burst: None,
             ready: now,
             not_before: now,
             earliest: now,
@@ -301,14 +301,14 @@ impl Session {
     }
 
     /// The request to send now, if one waits. It and its reply are on the wire
-    /// for `soonest_ns` at least, `on_wire_ns` at most. `burst`: it goes out at each place of its
-    /// module's count.
+    /// for `soonest_ns` at least, `on_wire_ns` at most. `burst`: how it goes out at each place of its
+    /// module's count, if it does.
     #[inline]
     pub(super) fn transmit(
         &mut self,
         now: Instant,
         (soonest_ns, on_wire_ns): (u64, u64),
-        burst: bool,
+        burst: Option<Burst>,
     ) -> Option<Request> {
         let pending = self.pending.as_mut()?;
         if pending.sent || now < pending.not_before {
@@ -504,7 +504,7 @@ impl Session {
         };
         let request = &pending.ask.request;
         if reply.status == Status::WrongChecksum {
-            if pending.burst {
+            if pending.burst.is_some() {
                 // One of its pieces; the next one may be whole.
                 return;
             }

@@ -14,6 +14,10 @@ use crate::time::Instant;
 const SHIFT_TIMEOUTS: u64 = 2;
 /// Requests that were not answered, before that.
 const SENDS_MIN: u8 = 2;
+/// The same where all of them were stops: a stop that goes out for every place reaches a module whatever it
+/// has counted, so that no answer to one says little of its count. A motor may be silent, and its module
+/// answers for another.
+const STOPS_MIN: u8 = 6;
 
 /// Places of a module's count.
 const SHIFTS_MAX: u8 = 9;
@@ -26,6 +30,8 @@ pub(super) struct Quiet {
     sends: u8,
     /// Bytes that were put between requests to it.
     shifts: u8,
+    /// Something else than a stop was not answered.
+    asked: bool,
 }
 
 /// A stop that goes out once for every place of a module's count.
@@ -48,20 +54,29 @@ impl Session {
         let same = |quiet: &Option<Quiet>| quiet.is_some_and(|quiet| quiet.module == module);
         let free = |slots: &[Option<Quiet>]| slots.iter().position(Option::is_none);
         let place = self.quiet.iter().position(same).or_else(|| free(&self.quiet));
-        let fresh = Quiet { module, since: now, sends: 0, shifts: 0 };
+        let fresh = Quiet { module, since: now, sends: 0, shifts: 0, asked: false };
         let quiet = &mut self.quiet[place.unwrap_or(SUSPECTS_MAX - 1)];
         if !same(quiet) {
             *quiet = Some(fresh);
         }
         if let Some(quiet) = quiet {
             quiet.sends = quiet.sends.checked_add(1).unwrap_or(u8::MAX - 1);
+            quiet.asked |= !is_stop(pending);
         }
         self.unheard.add(module);
         self.suspicious = true;
     }
 
-    /// Notes that a module was heard: it counts as this host does.
+    /// Notes that a module was heard: it counts as this host does, unless what it answered moved its count on.
     pub(super) fn is_heard(&mut self, module: u8) {
+        let moved = self.pending.as_ref().filter(|p| p.burst.is_some_and(|burst| burst.shifts));
+        if moved.is_some_and(|pending| pending.ask.request.address == module)
+            && let Some(quiet) =
+                self.quiet.iter_mut().flatten().find(|quiet| quiet.module == module)
+        {
+            quiet.asked = true;
+            return;
+        }
         for place in &mut self.quiet {
             if place.is_some_and(|quiet| quiet.module == module) {
                 *place = None;
@@ -120,7 +135,7 @@ impl Session {
         let quiet = self.quiet_of(module).filter(|_| worth && alone);
         quiet.is_some_and(|quiet| {
             let past = now >= quiet.since.plus_ns(SHIFT_TIMEOUTS * self.timeout_ns);
-            past && quiet.sends >= SENDS_MIN
+            past && quiet.sends >= if quiet.asked { SENDS_MIN } else { STOPS_MIN }
         })
     }
 }

@@ -27,6 +27,8 @@ pub struct Bench {
     pub done: Vec<Request>,
     /// How many motors it has; it refuses the stop of any other.
     pub motors: u8,
+    /// A motor whose stop it does not answer.
+    pub silent: Option<u8>,
     pub event: Option<i32>,
 }
 
@@ -34,7 +36,8 @@ impl Default for Bench {
     fn default() -> Self {
         let done = Vec::new();
         let (address, motors) = (MODULE, u8::MAX);
-        Self { address, pause: 0, baud: 9600, ascii: None, done, motors, event: None }
+        let (silent, event) = (None, None);
+        Self { address, pause: 0, baud: 9600, ascii: None, done, motors, silent, event }
     }
 }
 
@@ -92,6 +95,7 @@ impl Firmware for Bench {
                 value: request.value,
             }),
             (Opcode::Boot, _) => Response::Silent,
+            (Opcode::Mst, _) if self.silent == Some(request.motor) => Response::Silent,
             (Opcode::Mst, _) if request.motor >= self.motors => {
                 Response::refused(Status::InvalidValue, request)
             }

@@ -92,6 +92,27 @@ fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
     }
 }
 
+/// A motor that is silent puts its module out of step for no other motor.
+#[test]
+fn a_motor_that_is_silent_leaves_its_module_in_step() {
+    for (baud, doubt) in [(9600, None), (9600, Some(5)), (0, Some(5))] {
+        let mut wire = counting(baud, BadSum::Ignore);
+        wire.host = SerialHost::new(&HostOptions { doubt, ..HostOptions::new(baud) });
+        wire.firmware.silent = Some(2);
+        for round in 0..4 {
+            for motor in 0..6 {
+                let start = wire.now;
+                let stop = Request { motor, ..request(Opcode::Mst, 0, 0) };
+                let ended = wire.ask(Ask::of(stop));
+                assert_eq!(ended.is_ok(), motor != 2, "{baud} {round} {motor}: {:?}", wire.host);
+                let took = wire.now.since(start).as_millis();
+                assert!(motor == 2 || took < 250, "{baud} {round} {motor}: {took} ms");
+            }
+        }
+        assert_eq!(wire.read(9), Ok(9007), "{baud}: {:?}", wire.host);
+    }
+}
+
 /// A module that is gone puts none out of step that answers, however often it is told to stop.
 #[test]
 fn a_module_that_is_gone_leaves_the_others_in_step() {
