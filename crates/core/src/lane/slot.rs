@@ -47,7 +47,7 @@ impl Factor {
 
     /// Takes a reading. What it cannot have may belong to another question, where answers do not say
     /// what they answer; a drive that has it all the same says so again.
-    fn take(&mut self, raw: i64, possible: bool) {
+    fn accept_reading(&mut self, raw: i64, possible: bool) {
         if possible || self.odd == Some(raw) {
             (self.raw, self.odd) = (Some(raw), None);
         } else {
@@ -190,7 +190,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     pub fn note(&mut self, now: Instant, id: ParameterId, raw: i64) {
         let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
         if let Some(factor) = entry.factor.and_then(|at| self.factors.get_mut(at)) {
-            factor.take(raw, (entry.parameter.min..=entry.parameter.max).contains(&raw));
+            factor.accept_reading(raw, (entry.parameter.min..=entry.parameter.max).contains(&raw));
         }
         if entry.sources.is_empty() {
             return;
