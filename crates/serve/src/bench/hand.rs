@@ -489,17 +489,16 @@ impl Hand {
     }
 
     fn command(&mut self, said: u64, commanded: Commanded) {
-        let halts = matches!(commanded.deed, Do::Run(command) if command.verb == Verb::Stop);
-        let started = if halts { Ok(Started::Done) } else { self.start(&commanded) };
+        if matches!(commanded.deed, Do::Run(command) if command.verb == Verb::Stop) {
+            return self.halt_for_holder(said, commanded);
+        }
+        let started = self.start(&commanded);
         let Commanded { axis, session, order, deed, .. } = &commanded;
         if deed.ends_motion() && self.may(*axis, session, order.epoch, false).is_ok() {
             // It did not wait for the journal, as what was said before it may still do: that is not
             // done any more, whatever became of this.
             let stopped = &mut self.axes[commanded.axis].stopped;
             *stopped = said.max(*stopped);
-        }
-        if halts {
-            return self.halt_for_holder(commanded);
         }
         match started {
             Ok(Started::Running(running)) => {
@@ -534,7 +533,7 @@ impl Hand {
         let Commanded { axis, session, order, deed, prepared, .. } = commanded;
         let moves = deed.moves();
         self.may(*axis, session, order.epoch, moves)?;
-        let stops = matches!(deed, Do::Run(c) if matches!(c.verb, Verb::Stop | Verb::QuickStop));
+        let stops = matches!(deed, Do::Run(command) if command.verb == Verb::QuickStop);
         if !stops && *deed != Do::Arm(false) {
             fresh(order.issued_ms, order.ttl_ms, Clock::ms(self.shared.now()))?;
         }

@@ -58,7 +58,7 @@ impl Hand {
 
     /// Stops an axis because whoever holds its lease says so. It stays armed and theirs: what they have it
     /// do next ends the debt.
-    pub(super) fn halt_for_holder(&mut self, commanded: Commanded) {
+    pub(super) fn halt_for_holder(&mut self, said: u64, commanded: Commanded) {
         let Commanded { axis, session, order, .. } = &commanded;
         let axis = *axis;
         if let Err(refused) = self.may(axis, session, order.epoch, false) {
@@ -66,6 +66,8 @@ impl Hand {
         }
         let (now, epoch) = (self.shared.now(), order.epoch);
         let watched = &mut self.axes[axis];
+        // What was said before it and would move is not done any more.
+        watched.stopped = said.max(watched.stopped);
         let (report, told) = Report::of(&[watched.id], Vec::new());
         let is_new = watched.owed.is_none();
         let fresh = || OwedStop::new(OwedWhy::Stop, session.clone(), now).of_holder(epoch);
