@@ -57,7 +57,7 @@ pub(crate) fn stop_until_standing(
     within: Duration,
     mut again: impl FnMut(&Axis, &Error) -> bool,
 ) -> Vec<Result<Standing, Error>> {
-    let mut stops: Vec<_> = axes.iter().map(|axis| Stop::begin(axis, within)).collect();
+    let mut stops: Vec<_> = axes.iter().map(|axis| RepeatedStop::begin(axis, within)).collect();
     while stops.iter().any(|stop| stop.ended.is_none()) {
         for (axis, stop) in axes.iter().zip(&mut stops) {
             if stop.ended.is_none() {
@@ -69,7 +69,7 @@ pub(crate) fn stop_until_standing(
 }
 
 /// The stop of one axis, said until its motor was seen to stand.
-struct Stop {
+struct RepeatedStop {
     stopping: Stopping,
     said_at: Instant,
     /// Before it is said again to a motor that turns on.
@@ -87,11 +87,11 @@ struct Stop {
     ended: Option<Result<Standing, Error>>,
 }
 
-impl Stop {
+impl RepeatedStop {
     fn begin(axis: &Axis, within: Duration) -> Self {
         let now = axis.connection.now();
         Self {
-            stopping: Stopping::begin(axis),
+            stopping: Stopping::begin(axis).patiently(),
             said_at: now,
             pause: TURNS_ON_AFTER,
             lost: None,
@@ -103,8 +103,8 @@ impl Stop {
         }
     }
 
-    fn say_again(&mut self, axis: &Axis, now: Instant) {
-        (self.stopping, self.said_at, self.lost) = (Stopping::again(axis), now, None);
+    fn repeat(&mut self, stopping: Stopping, now: Instant) {
+        (self.stopping, self.said_at, self.lost) = (stopping.patiently(), now, None);
     }
 
     /// Whether the motor became slower of late, or was told only just now.
@@ -124,7 +124,7 @@ impl Stop {
                 return axis.sleep(at.since(now).min(TURN));
             }
             (self.begun, self.slowest) = (now, (f64::MAX, now));
-            self.say_again(axis, now);
+            self.repeat(Stopping::again(axis), now);
         }
         self.stopping.settle(axis, TURN);
         let now = axis.connection.now();
@@ -152,8 +152,9 @@ impl Stop {
                 None => Err(axis.not_at_rest(now.since(self.begun))),
             });
         } else if self.stopping.is_seen_turning() && now >= self.said_at + self.pause {
-            self.pause = TURNS_ON_AFTER_MAX;
-            self.say_again(axis, now);
+            // Its drive took the one before, and answers.
+            (self.pause, self.may_be_done) = (TURNS_ON_AFTER_MAX, true);
+            self.repeat(Stopping::begin(axis), now);
         }
     }
 }

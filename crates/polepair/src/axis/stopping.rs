@@ -55,6 +55,8 @@ pub struct Stopping {
     class: Class,
     took: Duration,
     trouble: Option<Error>,
+    /// Whether the motor stands is asked again where that is not answered, as anything else.
+    patient: bool,
 }
 
 /// How far a stop is known to have come.
@@ -121,15 +123,32 @@ impl Stopping {
 
     /// Of one that was carried out elsewhere: is it seen to stand?
     fn carried_out(axis: &Axis) -> Self {
-        let (mut stopping, now) = (Self::new(axis), axis.connection().now());
+        let (mut stopping, now) = (Self::new(axis).patiently(), axis.connection().now());
         stopping.came(Class::Acknowledged, now);
-        stopping.stage = Stage::Watching(Watch { once: false, ..Watch::new(axis, now) });
+        stopping.watch(axis, now);
         stopping
+    }
+
+    /// For who waits for this axis alone: an answer that is lost is asked for again.
+    pub(super) fn patiently(mut self) -> Self {
+        self.patient = true;
+        self
+    }
+
+    fn watch(&mut self, axis: &Axis, now: Instant) {
+        self.stage = Stage::Watching(Watch { once: !self.patient, ..Watch::new(axis, now) });
     }
 
     fn new(axis: &Axis) -> Self {
         let (begun, stage) = (axis.connection().now(), Stage::Over);
-        Self { begun, stage, class: Class::Sent, took: Duration::ZERO, trouble: None }
+        Self {
+            begun,
+            stage,
+            class: Class::Sent,
+            took: Duration::ZERO,
+            trouble: None,
+            patient: false,
+        }
     }
 
     fn tell(&mut self, axis: &Axis, once: bool) {
@@ -261,7 +280,7 @@ impl Stopping {
                     if axis.connection().with(|axes, _| axes.is_confirmed(index)) {
                         self.came(Class::Acknowledged, now);
                     }
-                    self.stage = Stage::Watching(Watch::new(axis, now));
+                    self.watch(axis, now);
                     self.turn(axis, now);
                 }
                 Err(error) => self.fail(error),

@@ -83,10 +83,15 @@ fn a_turning_motor_stands_when_its_stop_returns() {
 /// A TMCL module made from the protocol's manual: it tells a speed of `speed`, and its position goes on by so
 /// many counts a second until it was told to stop so often. 4000 counts are a turn. Returns where it listens.
 fn module_whose_position_runs(speed: i32, counts_per_s: f64, stops: u32) -> String {
+    module_that_loses(0, speed, counts_per_s, stops)
+}
+
+/// The same, and of its answers about its speed it loses the `lost`th after its stop.
+fn module_that_loses(lost: u32, speed: i32, counts_per_s: f64, stops: u32) -> String {
     let server = TcpListener::bind("127.0.0.1:0").expect("a port");
     let url = format!("tmcl+tcp://{}?profile=tmcm-170#1", server.local_addr().expect("an address"));
     std::thread::spawn(move || {
-        let mut told = 0;
+        let (mut told, mut looks) = (0, 0);
         for wire in server.incoming() {
             let Ok(mut wire) = wire else { return };
             let (begun, mut asked, mut stands_at) = (Instant::now(), [0; 9], None);
@@ -95,6 +100,11 @@ fn module_whose_position_runs(speed: i32, counts_per_s: f64, stops: u32) -> Stri
                 told += u32::from(asked[1] == 3);
                 if told >= stops && asked[1] == 3 {
                     stands_at.get_or_insert(position);
+                }
+                let looked = told > 0 && (asked[1], asked[2]) == (6, 3);
+                looks += u32::from(looked);
+                if looked && looks == lost {
+                    continue;
                 }
                 let (status, value): (u8, i32) = match (asked[1], asked[2]) {
                     (3, _) => (100, 0),
@@ -159,6 +169,13 @@ fn a_motor_that_turns_on_is_told_to_stop_again() {
         stopped.expect("the third stop is obeyed");
         assert!(begun.elapsed() >= Duration::from_secs(3), "it is given time to brake");
     }
+}
+
+/// One answer that is lost while a motor is looked at makes no stop fail: it is asked for again.
+#[test]
+fn a_look_that_is_lost_is_asked_for_again() {
+    let link = connect(&module_that_loses(2, 300, 20_000.0, 1)).expect("a module");
+    link.axes()[0].stop().expect("it stands");
 }
 
 /// What the stop itself takes for standing does: a slow turn, and an encoder that goes up and down by one.
