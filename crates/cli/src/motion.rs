@@ -258,17 +258,17 @@ fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     for (mut running, (axis, command)) in begun.into_iter().zip(commands) {
         let left = deadline.since(axis.connection().now());
         if running.wait(left).map_err(outcome::error)?.is_none() {
-            return Err(late(axis, command));
+            return Err(late(&axis.label(), command.verb).hint("give it more time: --timeout"));
         }
     }
     Ok(())
 }
 
-fn late(axis: &Axis, command: &Command) -> Problem {
-    let what = format!("{}: {} did not end in time.", axis.label(), command.verb.name());
+/// What a verb waited for did not come.
+pub fn late(label: &str, verb: Verb) -> Problem {
+    let what = format!("{label}: {} did not end in time.", verb.name());
     Problem::new(Exit::Negative, "E101", what)
         .why("The drive took the command, but what was waited for did not come.")
-        .hint("give it more time: --timeout")
 }
 
 /// Waits, and shows what the drive does where a person looks.
@@ -359,10 +359,6 @@ fn finish(started: &[Started], arrived: bool) -> Result<()> {
     let mut ended = Ok(());
     for one @ Started { axis, enabled_here, .. } in started {
         let stopped = stopped.next().unwrap_or(Ok(()));
-        let rested = match &stopped {
-            Ok(()) if *enabled_here && !arrived => rest(axis),
-            _ => Ok(()),
-        };
         // Also after a stop that failed: a motor without power at least does not drive.
         let off = if *enabled_here { verb_if_any(axis, Verb::Disable) } else { Ok(None) };
         axis.arm(false);
@@ -372,7 +368,7 @@ fn finish(started: &[Started], arrived: bool) -> Result<()> {
         } else if off.is_err() {
             say(&format!("{} may still be powered", axis.label()));
         }
-        ended = ended.and(stopped).and(rested).and(off.map(drop));
+        ended = ended.and(stopped).and(off.map(drop));
     }
     ended
 }

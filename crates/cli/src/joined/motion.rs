@@ -13,7 +13,7 @@ use polepair_link::clock;
 
 use super::{Joined, cannot, refused, signal_shown, unit_of};
 use crate::interrupt;
-use crate::motion::{ARRIVE_MAX, Then, hold_while};
+use crate::motion::{ARRIVE_MAX, Then, hold_while, late};
 use crate::outcome::{self, sentence};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::say;
@@ -24,8 +24,6 @@ const LOOK: Duration = Duration::from_millis(25);
 pub const ANSWER_MAX: Duration = Duration::from_secs(10);
 /// A server answers who says stop within 10 s.
 const STOP_MAX: Duration = Duration::from_secs(12);
-/// How long a stopping motor keeps its power.
-const REST_MAX: Duration = Duration::from_millis(800);
 /// How long a value is waited for that was read after it was asked for.
 const FRESH_MAX: Duration = Duration::from_secs(1);
 /// How long a drive may be silent while its motor is held in motion. A server tells an axis' state every
@@ -36,8 +34,6 @@ const SILENT_MAX: Duration = Duration::from_millis(2500);
 const SERVER_SILENT_MAX: Duration = Duration::from_millis(1500);
 /// How long a motor whose lease was lost is waited for: who took it, or stopped it, has it stand.
 const LOST_MAX: Duration = Duration::from_secs(3);
-/// Slower than this it stands, rad/s or m/s.
-const STANDS: f64 = 0.05;
 
 /// What an axis is to do.
 pub struct Order {
@@ -107,7 +103,7 @@ pub fn run(server: &Joined, orders: &[Order], then: Then) -> Result {
     // Whoever has no link to a drive any more cannot stop it: neither we, nor the server.
     let cut = taken.iter().find_map(|taken| taken.cut(&live));
     let ours = taken.iter().all(|taken| taken.lease.check().is_ok());
-    let stopped = finish(server, taken, arrived);
+    let stopped = finish(taken, arrived);
     match (ended, cut) {
         (Ok(()), _) => stopped.map(|()| Exit::Ok),
         (Err(problem), Some(cut)) => {
@@ -223,20 +219,13 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
         match pending.wait(LOOK) {
             Ok(Some(())) => return Ok(()),
             Ok(None) if clock::now() >= deadline => {
-                return Err(late(taken, verb).hint("give it more time: --timeout"));
+                return Err(late(&taken.axis.label, verb).hint("give it more time: --timeout"));
             }
             Ok(None) => {}
             Err(error) => return Err(refused(error)),
         }
         taken.lease.check().map_err(refused)?;
     }
-}
-
-/// What was waited for did not come.
-fn late(taken: &Taken<'_>, verb: Verb) -> Problem {
-    let what = format!("{}: {} did not end in time.", taken.axis.label, verb.name());
-    Problem::new(Exit::Negative, "E101", what)
-        .why("The drive took the command, but what was waited for did not come.")
 }
 
 fn hold(live: &Live, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
@@ -345,7 +334,7 @@ fn arrive(taken: &[Taken<'_>], orders: &[Order], deadline: Instant) -> Result<()
 
 /// Stops what was started, takes the power off that was put on, and gives all back. An axis that is
 /// ours no more is its next owner's: the end of the lease has stopped it.
-fn finish(server: &Joined, taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
+fn finish(taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
     let ours = |taken: &Taken<'_>| taken.lease.check().is_ok();
     let stop = |taken: &Taken<'_>| {
         let stops = !arrived && ours(taken) && taken.can(Verb::Stop);
@@ -358,7 +347,7 @@ fn finish(server: &Joined, taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
         let stopped =
             stop.map_or(Ok(()), |stop| match stop.and_then(|mut stop| stop.wait(STOP_MAX)) {
                 Ok(Some(())) => Ok(()),
-                Ok(None) => Err(late(&taken, Verb::Stop)),
+                Ok(None) => Err(late(&taken.axis.label, Verb::Stop)),
                 Err(error) => Err(refused(error)),
             });
         if stopped.is_err() {
@@ -369,9 +358,6 @@ fn finish(server: &Joined, taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
             ended = ended.and(stopped);
             continue;
         }
-        if taken.enabled_here && !arrived {
-            rest(server, taken.axis);
-        }
         let off = match taken.enabled_here && taken.can(Verb::Disable) {
             true => taken.say(Verb::Disable.name()),
             false => Ok(()),
@@ -380,23 +366,6 @@ fn finish(server: &Joined, taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
         ended = ended.and(stopped).and(off).and(back);
     }
     ended
-}
-
-/// Waits until a motor that was told to stop stands still: without power it would coast.
-fn rest(server: &Joined, axis: &AxisInfo) {
-    let end = clock::now() + REST_MAX;
-    let turns = || {
-        let velocity = read_since(server, axis, Signal::Velocity, end);
-        velocity.is_ok_and(|read| read.is_some_and(|read| read.value.is_some_and(is_motion)))
-    };
-    // Where it cannot be asked, power goes off all the same.
-    while clock::now() < end && turns() {
-        clock::sleep_until(clock::now() + LOOK);
-    }
-}
-
-fn is_motion(velocity: f64) -> bool {
-    velocity.abs() > STANDS
 }
 
 /// An axis as the server saw it since it was asked for, or as it is known where that takes too long.
