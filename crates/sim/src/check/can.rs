@@ -146,7 +146,16 @@ impl CanWatch {
         if reply.strange {
             return self.believed(now);
         }
-        self.last_match = if reply.unsure { Match::Unknown } else { Match::Sound };
+        if reply.unsure {
+            self.last_match = Match::Unknown;
+            // It may answer what is older, and then the answer itself is still to come.
+            if let Some(asked) = self.last_asked(&reply) {
+                self.open.retain(|other| other.mark.tag != asked.mark.tag);
+                self.owe(now, asked, false);
+            }
+            return None;
+        }
+        self.last_match = Match::Sound;
         let (tag, question) = reply.answers?;
         if behind.is_some_and(|owed| owed.strange)
             && let Some(asked) = self.last_asked(&reply).filter(|asked| asked.mark.tag != tag)
