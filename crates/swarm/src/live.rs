@@ -312,6 +312,9 @@ impl Live {
         if ["stop", "disable"].contains(&verb) {
             watch.stopped_at = self.now;
         }
+        if verb == "stop" {
+            watch.is_owed_to_holder(epoch, self.now);
+        }
         if verb == "velocity" {
             // Who has lost his lease and does not know it moves nothing.
             watch.moved = watch.moved.max(Some(epoch));

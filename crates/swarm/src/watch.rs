@@ -17,6 +17,8 @@ const TURNS: f64 = 1.0;
 const ARRIVES: Duration = Duration::from_secs(3);
 /// The hand looks at its link so often at least; an alarm may be as late, and a little.
 const NOTICED: Duration = Duration::from_millis(250);
+/// The stop of a lease's holder raises no alarm for so long, while it goes well.
+const HOLDER_WAITS: Duration = Duration::from_secs(2);
 /// So long a rest is none between two turns of a motor that swings.
 const RESTS: Duration = Duration::from_millis(60);
 /// Whoever says STOP is answered within so long.
@@ -40,6 +42,8 @@ pub struct Watch {
     stands_since: Option<Instant>,
     /// Since when it is owed a stop, by what was said and what the bench told of its lease.
     pub owed: Option<Instant>,
+    /// The holder of its lease said that stop, and nobody else since.
+    by_holder: bool,
     /// The epoch of its lease, while somebody has it.
     pub epoch: Option<u64>,
     /// Since when that lease is held, and when its holder last had it move.
@@ -70,6 +74,7 @@ impl Watch {
             turns_since: None,
             stands_since: Some(Instant::ZERO),
             owed: None,
+            by_holder: false,
             epoch: None,
             held_since: Instant::ZERO,
             moves_since: Instant::ZERO,
@@ -91,7 +96,15 @@ impl Watch {
     /// It is to stand from now on.
     pub fn is_owed(&mut self, now: Instant) {
         self.stopped_at = now;
+        self.by_holder = false;
         self.owed.get_or_insert(now);
+    }
+
+    /// The same, by whoever says that lease is theirs: what they have it do next ends it.
+    pub fn is_owed_to_holder(&mut self, epoch: u64, now: Instant) {
+        if self.epoch == Some(epoch) && self.owed.is_none() {
+            (self.owed, self.by_holder) = (Some(now), true);
+        }
     }
 
     /// Somebody else has its lease, or nobody.
@@ -112,6 +125,9 @@ impl Watch {
     pub fn is_to_move(&mut self, epoch: u64, now: Instant) {
         if self.epoch == Some(epoch) {
             self.moves_since = now;
+            if self.by_holder {
+                self.owed = None;
+            }
         }
     }
 
@@ -228,8 +244,9 @@ impl Watch {
         if before.is_some() && since.is_none() && self.turns() && !dismissed && !goes_on {
             found.push(("G4", format!("the alarm ended, and it turns at {speed:.2} rad/s")));
         }
+        let noticed = if self.by_holder { HOLDER_WAITS + NOTICED } else { NOTICED };
         if let (Some(owed), Some(turns), None) = (self.owed, self.turns_since, since)
-            && now.since(owed.max(turns)) > NOTICED
+            && now.since(owed.max(turns)) > noticed
         {
             let owed = now.since(owed).as_secs_f64();
             let what =

@@ -113,7 +113,9 @@ impl Live {
             if outcome == Ended::Unknown || !watch.kind.answers {
                 watch.unknown_until = now.plus_ms(LINGERS_MS);
             }
-            if outcome == Ended::Done && verb == "velocity" {
+            // One whose answer was lost is the holder's, too.
+            let obeyed = outcome == Ended::Done || outcome == Ended::Unknown && executed;
+            if obeyed && verb == "velocity" {
                 watch.is_commanded(said);
             }
         }

@@ -21,3 +21,35 @@ fn only_an_axis_that_was_told_of_may_turn_when_the_server_has_ended() {
     }
     assert!(watch.is_left(now, true, well(long + 1)).is_some(), "there was time enough");
 }
+
+/// A stop that its lease's holder said is owed like any other, its alarm comes later, and what the holder has
+/// it do next ends it.
+#[test]
+fn a_stop_of_the_holder_is_owed_until_it_goes_on() {
+    let kind = &KINDS[0];
+    let at = |ms: u32| Instant::ZERO.plus_ms(ms);
+    let truth = Truth { velocity: 20.0, enabled: true, ..Truth::default() };
+    let broken = |goes_on: bool| {
+        let mut watch = Watch::new(kind, 0);
+        watch.leased(Some(1), at(0));
+        (watch.moved, watch.stands_since) = (Some(1), None);
+        watch.is_to_move(1, at(10));
+        watch.is_owed_to_holder(2, at(20));
+        assert_eq!(watch.owed, None, "that lease is nobody's");
+        watch.is_owed_to_holder(1, at(20));
+        if goes_on {
+            watch.is_to_move(1, at(500));
+        }
+        let mut found = Vec::new();
+        for ms in (100..20_000 + kind.ramp_ms).step_by(10) {
+            let broke = watch.look(at(ms), truth, Some(at(0)), Some(false), false);
+            found.extend(broke.into_iter().map(|(invariant, _)| (invariant, ms)));
+        }
+        found
+    };
+    assert_eq!(broken(true), []);
+    let found = broken(false);
+    let when = |what: &str| found.iter().find(|(invariant, _)| *invariant == what).map(|f| f.1);
+    assert!(when("G2").is_some_and(|ms| (2_250..2_400).contains(&ms)), "{found:?}");
+    assert!(when("G1").is_some_and(|ms| ms >= 3_000), "{found:?}");
+}
