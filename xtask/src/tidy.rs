@@ -3,6 +3,7 @@
 //! What stands below `#[cfg(test)]`, in `tests.rs`, `tests/`, `benches/` and `examples/` may do
 //! what tests must; generated files may be long.
 
+mod decisions;
 mod docs;
 mod names;
 mod programs;
@@ -35,6 +36,7 @@ pub fn run(root: &Path) -> Result<(), String> {
         broken.extend(check(&shown(root, &file), &text, &names));
     }
     broken.extend(docs::check(root));
+    broken.extend(decisions::check(root));
     broken.extend(programs::check(root));
     if broken.is_empty() { Ok(()) } else { Err(broken.join("\n")) }
 }

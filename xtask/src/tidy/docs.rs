@@ -75,7 +75,7 @@ pub(crate) fn unknown(text: &str, verbs: &[String], targets: &[String]) -> Vec<(
     broken
 }
 
-fn pages(root: &Path) -> Vec<PathBuf> {
+pub(super) fn pages(root: &Path) -> Vec<PathBuf> {
     let mut pages = vec![root.join("README.md"), root.join("CONTRIBUTING.md")];
     let mut folders = vec![root.join("docs")];
     while let Some(folder) = folders.pop() {

@@ -1,7 +1,7 @@
 //! Each rule refuses a small snippet that breaks it, and lets its decent twin through.
 
 use super::names::Names;
-use super::{check, docs, programs, run};
+use super::{check, decisions, docs, programs, run};
 use std::path::Path;
 
 fn names() -> Names {
@@ -101,6 +101,14 @@ fn commands_in_docs_must_exist() {
 fn codes_are_explained_alone_and_in_ranges() {
     let page = "| 1 | `E101` no · `E110` to `E112` maybe | `E20`, `polepair` to `E2`";
     assert_eq!(docs::explained(page).into_iter().collect::<Vec<_>>(), [101, 110, 111, 112]);
+}
+
+#[test]
+fn cited_decisions_must_exist() {
+    let ids = ["STOP-1", "STOP-2", "GW-10"].map(str::to_owned).into();
+    let text = "// so decided (STOP-1, STOP-3); TMCM-170 and UTF-8 are none; GW-1, not GW-10";
+    let missing: Vec<_> = decisions::cited(text, &ids).into_iter().collect();
+    assert_eq!(missing, ["GW-1", "STOP-3"]);
 }
 
 #[test]
