@@ -96,7 +96,10 @@ impl Watch {
     /// It is to stand from now on.
     pub fn is_owed(&mut self, now: Instant) {
         self.stopped_at = now;
-        self.by_holder = false;
+        if std::mem::take(&mut self.by_holder) {
+            // From now on it is owed with its alarm.
+            self.owed = None;
+        }
         self.owed.get_or_insert(now);
     }
 
