@@ -23,6 +23,11 @@ const LOOK_MS: u32 = 25;
 const READ_MS: u32 = 250;
 /// How far ahead a held motion on an axis with ends looks: reading and stopping take their time.
 const AHEAD: Duration = Duration::from_millis(150);
+/// Of the speed that was asked for: faster than this share it has turned, slower than that it stands.
+const TURNS: f64 = 0.5;
+const STANDS: f64 = 0.02;
+/// A motor that is held in motion may stand for so long.
+const STANDS_MAX: Duration = Duration::from_secs(1);
 /// How long a stopping motor keeps its power: Ctrl-C ends a verb within a second.
 const REST_MAX: Duration = Duration::from_millis(800);
 /// How long a move may take unless the user says otherwise.
@@ -142,7 +147,12 @@ fn carry_out(
         });
     if then == Then::Detach && ended.is_ok() {
         begun.leave();
-        say(&format!("left running; this stops it: polepair stop {}", session.words));
+        say(&match session.link.simulation() {
+            Some(_) => {
+                "left running, and gone: what is simulated ends with this program".to_owned()
+            }
+            None => format!("left running; this stops it: polepair stop {}", session.words),
+        });
         return Ok(Exit::Ok);
     }
     let arrived = matches!(then, Then::Arrive(_)) && ended.is_ok();
@@ -275,6 +285,7 @@ pub fn late(label: &str, verb: Verb) -> Problem {
 pub fn hold(session: &Session, commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
     let mut next = session.now();
     let mut live = Live::new();
+    let mut held: Vec<_> = commands.iter().map(|(axis, c)| Held::new(axis.label(), c)).collect();
     let pause = |until: Instant| session.link.sleep(until.since(session.now()));
     hold_while(seconds, (&|| session.now(), &pause), |now| {
         for (axis, _) in commands {
@@ -285,13 +296,70 @@ pub fn hold(session: &Session, commands: &[(Axis, Command)], seconds: Option<f64
         }
         if now >= next {
             next = now.plus_ms(READ_MS);
-            for (axis, _) in commands {
+            for ((axis, _), held) in commands.iter().zip(&mut held) {
                 check_fault(axis)?;
+                let enabled = signal(axis, Signal::Enabled)?.map(|read| read.raw != 0);
+                let velocity = match held.asks_velocity() {
+                    true => signal(axis, Signal::Velocity)?,
+                    false => None,
+                };
+                held.check(now, enabled, velocity.map(|read| read.value * read.unit.si()))?;
             }
             live.show(commands)?;
         }
         Ok(())
     })
+}
+
+/// What tells of a motor that is held in motion whether it still is: another program, an input or the drive
+/// itself may have ended that.
+pub struct Held {
+    label: String,
+    /// The speed that was asked for, rad/s or m/s.
+    velocity: Option<f64>,
+    was_enabled: bool,
+    has_turned: bool,
+    stands_since: Option<Instant>,
+}
+
+impl Held {
+    pub fn new(label: String, command: &Command) -> Self {
+        let velocity = command.velocity.filter(|si| command.verb == Verb::Velocity && *si != 0.0);
+        Self { label, velocity, was_enabled: false, has_turned: false, stands_since: None }
+    }
+
+    /// Whether its speed tells something.
+    pub fn asks_velocity(&self) -> bool {
+        self.velocity.is_some()
+    }
+
+    /// Takes what was read: whether it has power, and its speed in SI. `E102` when it has none any more, and
+    /// when it stands though it turned before.
+    pub fn check(&mut self, now: Instant, enabled: Option<bool>, si: Option<f64>) -> Result<()> {
+        let ended = |what: &str, why: &str| {
+            Err(Problem::new(Exit::Negative, "E102", format!("{} {what}.", self.label))
+                .why(why)
+                .hint("polepair info shows its state; see who else commands it"))
+        };
+        self.was_enabled |= enabled == Some(true);
+        if self.was_enabled && enabled == Some(false) {
+            return ended(
+                "has no power any more, and was to turn",
+                "Another program or an input took it, or the drive gave up by itself.",
+            );
+        }
+        let (Some(asked), Some(si)) = (self.velocity, si) else { return Ok(()) };
+        self.has_turned |= si.abs() > asked.abs() * TURNS;
+        let stands = self.has_turned && si.abs() < asked.abs() * STANDS;
+        self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
+        match self.stands_since {
+            Some(since) if now.since(since) >= STANDS_MAX => ended(
+                "stands, and was to turn",
+                "Another program stopped it, or something holds it.",
+            ),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// The clock that is waited on: what it shows, and who waits until an instant of it.

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
-use polepair::url::Target::Rack;
+use polepair::url::{Target::Rack, shell_word};
 use polepair::{Axis, Connector, Link};
 use polepair_capture::{Decoder, Rules, Stamp, text};
 use polepair_core::axis::{Command, RehearsedStep, Verb};
@@ -171,7 +171,7 @@ impl Target {
         if let Some(axis) = link.axes().first() {
             self.name_frames(axis.profile());
         }
-        Ok(Session { link, words: format!("{}{}", self.url, self.profiles.words()) })
+        Ok(Session { link, words: format!("{}{}", shell_word(&self.url), self.profiles.words()) })
     }
 }
 

@@ -17,6 +17,7 @@ use crate::registry;
 use crate::words;
 use polepair_core::medium::MediumKind;
 use polepair_core::proto::GROUP;
+use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
@@ -537,6 +538,27 @@ impl fmt::Display for Url {
             write!(f, "{}{axis}", if n == 0 { '#' } else { ',' })?;
         }
         Ok(())
+    }
+}
+
+/// The same word as a shell reads it: a connection string may have characters that mean something there. A
+/// command that is shown to be pasted names its drives by this.
+///
+/// ```
+/// use polepair::url::shell_word;
+/// assert_eq!(shell_word("tmcl+tcp://10.0.0.4:4001#1,2"), "tmcl+tcp://10.0.0.4:4001#1,2");
+/// # #[cfg(not(windows))]
+/// assert_eq!(shell_word("tmcl://x?host=3&timeout=9#1"), "'tmcl://x?host=3&timeout=9#1'");
+/// ```
+#[must_use]
+pub fn shell_word(word: &str) -> Cow<'_, str> {
+    let plain = |c: char| c.is_alphanumeric() || "_-+=:,./@%".contains(c);
+    // Behind something else `#` begins no comment.
+    let is_plain = word.chars().enumerate().all(|(n, c)| plain(c) || c == '#' && n > 0);
+    match word.is_empty() || !is_plain {
+        false => Cow::Borrowed(word),
+        true if cfg!(windows) => Cow::Owned(format!("\"{}\"", word.replace('"', "\\\""))),
+        true => Cow::Owned(format!("'{}'", word.replace('\'', r"'\''"))),
     }
 }
 

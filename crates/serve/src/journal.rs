@@ -15,6 +15,7 @@ use std::io::{BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use polepair::url::shell_word;
 use polepair_link::clock;
 use serde::Serialize;
 use serde_json::Value;
@@ -219,7 +220,7 @@ fn owed_by(path: &Path) -> String {
     let owed = read_owed(path).unwrap_or_default();
     let stop = |(link, number): (String, u32)| {
         let url = link.split('#').next().unwrap_or_default().to_owned();
-        format!("`polepair stop {url}#{number}`")
+        format!("`polepair stop {}`", shell_word(&format!("{url}#{number}")))
     };
     let stops: Vec<String> = owed.into_iter().map(stop).collect();
     match stops.is_empty() {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use polepair::Axis;
 use polepair::settings::{AxisSettings, Change, Settings};
+use polepair::url::shell_word;
 use polepair_capture::jsonl;
 use polepair_core::profile::Signal;
 
@@ -208,7 +209,7 @@ impl Apply {
                     .why(
                         "Its motor would follow new limits and gains at once. Nothing was written.",
                     )
-                    .hint(format!("polepair disable {}", self.target.url))
+                    .hint(format!("polepair disable {}", shell_word(&self.target.url)))
                     .hint("--powered writes all the same"));
             }
         }

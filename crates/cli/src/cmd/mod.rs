@@ -38,6 +38,7 @@ use std::sync::Once;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use polepair::url::shell_word;
 use polepair::{Connector, Error, FileError};
 use polepair_capture::Format;
 use polepair_core::profile::Profile;
@@ -297,11 +298,7 @@ impl ProfileFile {
     /// What gives it to another verb, behind a URL; empty without one.
     pub fn words(&self) -> String {
         let Some(file) = &self.file else { return String::new() };
-        let file = file.display().to_string();
-        match file.contains(char::is_whitespace) {
-            true => format!(" --profile \"{file}\""),
-            false => format!(" --profile {file}"),
-        }
+        format!(" --profile {}", shell_word(&file.display().to_string()))
     }
 
     /// Whether there is one.

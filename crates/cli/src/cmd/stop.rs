@@ -6,6 +6,7 @@ use clap::Args;
 use polepair::axis::Standing;
 use polepair::heard::Heard;
 use polepair::stop::{self as stopping, Event};
+use polepair::url::shell_word;
 use polepair_client::message::{AxisInfo, AxisStopped, StopClass, StopOrder, Stopped, Unreached};
 use polepair_client::{Gateway, Refused, pick_each};
 use polepair_core::axis::{Command, Verb};
@@ -230,9 +231,10 @@ pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
         let told = if stopped.everybody { "everybody was told to stop, unconfirmed; " } else { "" };
         say(&format!(
             "{told}asked {} addresses for {} ms each; a drive that answers later, or has another \
-             address, is stopped by its number: polepair stop {link}#N",
+             address, is stopped by its number: polepair stop {}",
             stopped.asked,
-            patience.as_millis()
+            patience.as_millis(),
+            shell_word(&format!("{link}#N"))
         ));
     }
     if let Some((first, last)) = stopped.left {

@@ -3,9 +3,10 @@
 use std::time::Duration;
 
 use polepair::quantity;
+use polepair::url::shell_word;
 use polepair_client::message::{Arguments, AxisInfo, AxisState, FaultTold, SignalValue};
 use polepair_client::{Lease, Live, Pending, Refused, unit};
-use polepair_core::axis::Verb;
+use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
@@ -13,7 +14,7 @@ use polepair_link::clock;
 
 use super::{Joined, cannot, refused, signal_shown, unit_of};
 use crate::interrupt;
-use crate::motion::{ARRIVE_MAX, Then, hold_while, late};
+use crate::motion::{ARRIVE_MAX, Held, Then, hold_while, late};
 use crate::outcome::{self, sentence};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::say;
@@ -96,7 +97,7 @@ pub fn run(server: &Joined, orders: &[Order], then: Then) -> Result {
     let deadline = clock::now() + within;
     let powered = taken.iter_mut().try_for_each(|taken| taken.power(server));
     let ended = powered.and_then(|()| start(&taken, orders, deadline)).and_then(|()| match then {
-        Then::Hold(seconds) => hold(&live, &taken, seconds),
+        Then::Hold(seconds) => hold(&live, &taken, orders, seconds),
         _ => arrive(&taken, orders, deadline),
     });
     let arrived = ended.is_ok() && matches!(then, Then::Arrive(_));
@@ -141,9 +142,10 @@ fn directly(server: &Joined, orders: &[Order], problem: Problem) -> Problem {
         let link = server.bench.links.iter().find(|link| link.id == axis.link);
         if let Some(link) = link.filter(|link| !link.simulated) {
             let url = link.url.split('#').next().unwrap_or_default();
+            let url = format!("{url}#{}", axis.number);
             problem = problem.hint(format!(
-                "polepair stop {url}#{} stops it without the server, once that has let go of the port",
-                axis.number
+                "polepair stop {} stops it without the server, once that has let go of the port",
+                shell_word(&url)
             ));
         }
     }
@@ -228,13 +230,27 @@ fn wait(mut pending: Pending, taken: &Taken<'_>, verb: Verb, deadline: Instant) 
     }
 }
 
-fn hold(live: &Live, taken: &[Taken<'_>], seconds: Option<f64>) -> Result<()> {
-    hold_while(seconds, (&clock::now, &clock::sleep_until), |_| {
-        for taken in taken {
+fn hold(live: &Live, taken: &[Taken<'_>], orders: &[Order], seconds: Option<f64>) -> Result<()> {
+    let held = |order: &Order| {
+        let command = Command { velocity: order.arguments.velocity, ..Command::new(order.verb) };
+        Held::new(order.axis.label.clone(), &command)
+    };
+    let mut held: Vec<_> = orders.iter().map(held).collect();
+    let begun = clock::now();
+    hold_while(seconds, (&clock::now, &clock::sleep_until), |now| {
+        for (taken, held) in taken.iter().zip(&mut held) {
             check_ours(live, taken)?;
             live.linked(taken.axis.id).map_err(refused)?;
             check_heard(live, taken)?;
             check_fault(taken)?;
+            let Some(state) = taken.lease.state() else { continue };
+            let newest = |signal: Signal| {
+                let told = state.signals.iter().find(|told| told.signal == signal.name())?;
+                let since = now.since(begun).as_secs_f64() * 1e3;
+                told.value.filter(|_| told.age_ms < since)
+            };
+            let enabled = newest(Signal::Enabled).map(|value| value != 0.0);
+            held.check(now, enabled, newest(Signal::Velocity))?;
         }
         Ok(())
     })

@@ -55,14 +55,21 @@ fn cut_after(served: &Served, bytes: usize) -> String {
 
 #[test]
 fn a_path_that_begins_elsewhere_powers_nothing() {
-    let path =
-        file("away.csv", "time s, 1 deg, 2 deg\n0, 36000, 0\n0.1, 36000, 0\n0.2, 36000, 0\n");
+    // The nearest ones are within what the drive could do in one cycle.
+    for (degrees, turns) in [("36000", "100"), ("90", "0.25"), ("45", "0.125"), ("3.6", "0.01")] {
+        powers_nothing(degrees, turns);
+    }
+}
+
+fn powers_nothing(degrees: &str, turns: &str) {
+    let rows = ["0", "0.1", "0.2"].map(|time| format!("{time}, {degrees}, 0\n")).concat();
+    let path = file("away.csv", &format!("time s, 1 deg, 2 deg\n{rows}"));
     let trace = file("away.log", "");
     let (path, trace) = (path.display().to_string(), trace.display().to_string());
     let ran = polepair(&["stream", "sim:cia402:1,2", &path, "--trace", &trace]);
     assert_eq!(ran.code, 2, "{}", ran.err);
-    let says = "error[E222]: axis 1 stands at 0 turn, the path begins at 100 turn.";
-    assert!(ran.err.contains(says), "{}", ran.err);
+    let says = format!("error[E222]: axis 1 stands at 0 turn, the path begins at {turns} turn.");
+    assert!(ran.err.contains(&says), "{}", ran.err);
     assert!(!ran.err.contains("Nothing was sent"), "{}", ran.err);
     assert!(ran.err.contains("frames had gone out before."), "{}", ran.err);
     let frames = std::fs::read_to_string(&trace).expect("a trace");

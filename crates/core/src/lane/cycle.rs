@@ -15,7 +15,7 @@ use crate::error::{Failure, Outcome, Unsupported};
 use crate::profile::{ParameterId, Signal};
 use crate::station::{AxisIndex, Request, Ticket};
 use crate::stream::cyclic::{
-    APART, AXES_MAX, Account, Bounds, CYCLES_MAX, Excess, Following, Order, Setpoint, Trend,
+    AXES_MAX, Account, Bounds, CYCLES_MAX, Excess, Following, Order, Setpoint, Trend,
 };
 use crate::time::Instant;
 
@@ -406,8 +406,7 @@ impl Member {
         let held = || slot.to_si(self.target, self.raw).map(Trend::resting);
         let mut trend = self.fed.or_else(held).ok_or(Unsupported::BadArgument)?;
         if first && setpoint == Setpoint::Position {
-            let most = self.bounds.velocity.map_or(APART, |velocity| velocity * period);
-            if (si - trend.last).abs() > most {
+            if (si - trend.last).abs() > self.bounds.apart(period) {
                 return Err(Unsupported::Forbidden(AWAY));
             }
         }

@@ -12,9 +12,8 @@ pub const CYCLES_MAX: usize = 512;
 /// More of the wire's time than this share, in percent, is not planned for: what else is said on the
 /// wire needs room, and a disturbed frame is repeated.
 pub const LOAD_MAX_PERCENT: u64 = 80;
-/// Where no speed limit says how far one cycle may lead, the first position lies at most so far
-/// from the axis: rad or m.
-pub const APART: f64 = 0.01;
+/// The first position lies at most so far from the axis, which stands: rad or m.
+const APART_MAX: f64 = 0.01;
 
 /// What an axis is commanded cycle by cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -60,6 +59,15 @@ pub struct Bounds {
     pub acceleration: Option<f64>,
     /// Torque at most.
     pub torque: Option<f64>,
+}
+
+impl Bounds {
+    /// How far from an axis that stands a path may begin, rad or m: as far as one cycle of `period` seconds
+    /// may lead, but never further than what nobody sees. A drive goes there within that cycle.
+    #[must_use]
+    pub fn apart(&self, period: f64) -> f64 {
+        self.velocity.map_or(APART_MAX, |most| (most * period).min(APART_MAX))
+    }
 }
 
 /// What a set-point exceeds.

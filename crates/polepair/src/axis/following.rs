@@ -108,9 +108,7 @@ impl Following {
             return Ok(());
         }
         for ((axis, bounds), begins) in self.axes.iter().zip(&self.bounds).zip(setpoints) {
-            let most =
-                bounds.velocity.map_or(cyclic::APART, |most| most * self.period.as_secs_f64());
-            axis.check_begin(*begins, most)?;
+            axis.check_begin(*begins, bounds.apart(self.period.as_secs_f64()))?;
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use polepair::axis::{Class, Stopping};
 use polepair::listen::Listening;
+use polepair::url::shell_word;
 use polepair::wire::OpenWire;
 use polepair::{Axis, Link};
 use polepair_capture::{Event, Rule, Rules, Scope};
@@ -229,7 +230,7 @@ impl Monitor {
             if watched.turns() {
                 let speed = watched.shown(polepair_core::profile::Signal::Velocity);
                 let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
-                let url = &self.url;
+                let url = shell_word(&self.url);
                 said.push(format!(
                     "{label} turned{speed} when last asked and was left so; this stops it: \
                      polepair stop {url}"

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use polepair::axis::{Class, Stopping};
+use polepair::url::shell_word;
 use polepair_core::profile::Signal;
 
 use super::axes::{Doing, Shown, Watched};
@@ -185,7 +186,7 @@ impl Shows for Monitor {
     }
 
     fn unsaid(&self) -> Option<String> {
-        let link = self.url.split('#').next().unwrap_or_default();
+        let link = shell_word(self.url.split('#').next().unwrap_or_default());
         let told = format!("NOT STOPPED: this view only listens; polepair stop {link}");
         self.is_listening().then_some(told)
     }

@@ -1,6 +1,6 @@
 //! A drive that gets another address: it is written last, and read back where the drive then is.
 
-use polepair::url::Target;
+use polepair::url::{Target, shell_word};
 use polepair::{Axis, Connector};
 use polepair_core::profile::{ParameterId, Readdress};
 
@@ -88,8 +88,8 @@ impl Readdressing {
             (Ok(()), Err(_)) => {
                 let what = format!("{label} took {name} = {raw}, and does not answer there.");
                 Err(Problem::new(Exit::NoReply, "E401", what)
-                    .hint(format!("polepair info {new}"))
-                    .hint(format!("polepair info {old}, if it was not executed")))
+                    .hint(format!("polepair info {}", shell_word(&new.to_string())))
+                    .hint(format!("polepair info {}, if it was not executed", shell_word(&old.to_string()))))
             }
             (Err(error), Err(_)) => {
                 Err(outcome::error(error).hint(format!("if it was executed it is at {new}")))
@@ -108,7 +108,7 @@ fn free(connector: &Connector, url: &str, address: u32) -> Result<()> {
             let what = format!("A drive answers at address {address} already.");
             Err(Problem::usage("E222", what)
                 .why("Two drives of one address answer at once; nothing was written.")
-                .hint(format!("polepair info {url}")))
+                .hint(format!("polepair info {}", shell_word(url))))
         }
     }
 }
