@@ -2,9 +2,10 @@
 //!
 //! Some modules count to nine and know no pause: one that got a byte too many or too few takes no
 //! request any more. A single byte between two requests moves its count on by one, so that it is in
-//! step again after nine of them at most. A module that is only late must not get that byte, so it
-//! waits until the latest possible reply is past. The others of the line count that byte too: while one of
-//! them answers, a module that does not is probably gone, and no byte is put between.
+//! step again after nine of them at most. Others drop after a pause what is not whole, and such a byte then
+//! spoils the request behind it; so every fourth request goes without. A module that is only late must not
+//! get that byte, so it waits until the latest possible reply is past. The others of the line count that byte
+//! too: while one of them answers, a module that does not is probably gone, and no byte is put between.
 
 use super::{Opcode, Pending, SUSPECTS_MAX, Session};
 use crate::station::Class;
@@ -18,6 +19,9 @@ const SENDS_MIN: u8 = 2;
 /// has counted, so that no answer to one says little of its count. A motor may be silent, and its module
 /// answers for another.
 const STOPS_MIN: u8 = 6;
+
+/// Of so many requests to a module that was heard one goes without a byte before it.
+const PLAIN_EACH: u8 = 4;
 
 /// Places of a module's count.
 const SHIFTS_MAX: u8 = 9;
@@ -96,7 +100,10 @@ impl Session {
         let pending = self.pending.as_ref().filter(|_| self.suspicious);
         let pending = pending.filter(|pending| !pending.sent && !is_stop(pending));
         let Some(module) = pending.map(|pending| pending.ask.request.address) else { return false };
-        let shifts = self.is_out_of_step(now, module);
+        // A module may drop what is not whole after a pause, and the byte alone kept it from its request.
+        let plain = self.knows(module)
+            && self.quiet_of(module).is_some_and(|quiet| quiet.sends % PLAIN_EACH == 0);
+        let shifts = !plain && self.is_out_of_step(now, module);
         if let Some(quiet) = self.quiet.iter_mut().flatten().find(|quiet| quiet.module == module) {
             quiet.shifts = quiet.shifts.saturating_add(shifts.into());
         }

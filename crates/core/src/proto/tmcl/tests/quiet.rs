@@ -92,6 +92,36 @@ fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
     }
 }
 
+/// A module that drops what is not whole after a pause is heard soon after its answers come through again,
+/// however long they were lost, and whoever told it to stop meanwhile.
+#[test]
+fn a_module_that_knows_a_pause_is_heard_when_its_answers_come_again() {
+    for pause_ms in [5, 20, 40, 60, 80, 99] {
+        for (baud, lost_ms) in [(9600, 700), (9600, 2000), (0, 2000), (0, 2600), (115_200, 4100)] {
+            for stops in [1, 2, 5, 100] {
+                let quirks = Quirks { byte_timeout_ms: Some(pause_ms), ..Quirks::default() };
+                let mut wire = Wire::new(baud, Quirks { bad_sum: BadSum::Ignore, ..quirks });
+                wire.host =
+                    SerialHost::new(&HostOptions { doubt: Some(5), ..HostOptions::new(baud) });
+                assert_eq!(wire.read(4), Ok(4007));
+                wire.replies = Box::new(|_, _| Some(Vec::new()));
+                let (until, mut asked) = (wire.now.plus_ms(lost_ms), 0);
+                while wire.now < until {
+                    asked += 1;
+                    let _ = if asked % stops == 0 { stop(&mut wire) } else { wire.read(9).is_ok() };
+                }
+                wire.replies = super::pair::sound();
+                let start = wire.now;
+                while wire.read(9) != Ok(9007) {
+                    let took = wire.now.since(start).as_millis();
+                    assert!(took < 1_500, "{pause_ms} {baud} {lost_ms} {stops}: {:?}", wire.host);
+                    let _ = stop(&mut wire);
+                }
+            }
+        }
+    }
+}
+
 /// A motor that is silent puts its module out of step for no other motor.
 #[test]
 fn a_motor_that_is_silent_leaves_its_module_in_step() {
