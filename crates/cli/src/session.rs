@@ -96,6 +96,13 @@ pub fn signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
         word: None,
     };
     Ok(Some(match source.equals {
+        Some(equals) if masked != equals && signal == Signal::Moving => {
+            // Its flag is often that a target is not reached: its speed says it, too.
+            if let Some(source) = axis.profile().signal(Signal::Velocity) {
+                axis.read_if_any(source.parameter).map_err(outcome::error)?;
+            }
+            plain(i64::from(axis.moving(&axis.state()) == Some(true)))
+        }
         Some(equals) => plain(i64::from(masked == equals)),
         None if source.mask == -1 => value,
         None => {

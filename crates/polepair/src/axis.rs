@@ -151,7 +151,7 @@ impl Axis {
     #[must_use]
     pub fn state(&self) -> State {
         let state = self.connection.with(|axes, _| axes.state(self.index).copied());
-        self.of_machine(state.unwrap_or(State::UNKNOWN))
+        self.seen_moving(self.of_machine(state.unwrap_or(State::UNKNOWN)))
     }
 
     /// Every parameter that the profile has.
@@ -634,6 +634,13 @@ impl Axis {
                 }
                 read.push(source.parameter);
             }
+        }
+        // Whether it moves says its speed, too.
+        if let Some(source) = self.profile.signal(Signal::Velocity)
+            && signals.contains(&Signal::Moving)
+            && !read.contains(&source.parameter)
+        {
+            self.read_if_any(source.parameter)?;
         }
         let state = self.state();
         Ok(signals.iter().map(|signal| state.reading(*signal)).collect())

@@ -1,7 +1,7 @@
 //! What a state says: the mode of operation in words, and whether the motor moves.
 
 use super::Axis;
-use polepair_core::axis::State;
+use polepair_core::axis::{Reading, State};
 use polepair_core::profile::{Encoding, Signal};
 
 impl Axis {
@@ -31,11 +31,20 @@ impl Axis {
         let reading = state.reading(Signal::Moving);
         let told = self.profile.signal(Signal::Moving).and(reading.at);
         let flag = told.map(|_| reading.raw != 0);
-        let turns = self.turns().map(|turns| turns && !self.is_one_count(state));
+        let turns = self.turns_in(state).map(|turns| turns && !self.is_one_count(state));
         match (flag, turns) {
             (None, None) => None,
             (flag, turns) => Some(flag == Some(true) || turns == Some(true)),
         }
+    }
+
+    /// The state with what [`moving`](Self::moving) says in the place of the drive's own flag.
+    pub(super) fn seen_moving(&self, mut state: State) -> State {
+        let flag = state.reading(Signal::Moving);
+        if flag.at.is_some() && flag.raw == 0 && self.moving(&state) == Some(true) {
+            state.note(Signal::Moving, Reading { raw: 1, value: 1.0, ..flag });
+        }
+        state
     }
 
     /// Whether a speed that is counted in counts and their fractions is at most one count: an encoder

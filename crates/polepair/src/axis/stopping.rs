@@ -15,7 +15,7 @@ use std::time::Duration;
 use super::{Axis, Running};
 use crate::error::Error;
 use crate::url::Number;
-use polepair_core::axis::{StopPart, Verb};
+use polepair_core::axis::{State, StopPart, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::plan::{Compare, Step, Test};
 use polepair_core::profile::{ParameterId, RamMode, Signal};
@@ -562,7 +562,11 @@ impl Axis {
     /// `None` where none was read.
     #[must_use]
     pub fn turns(&self) -> Option<bool> {
-        let reading = self.state().reading(Signal::Velocity);
+        self.turns_in(&self.state())
+    }
+
+    pub(super) fn turns_in(&self, state: &State) -> Option<bool> {
+        let reading = state.reading(Signal::Velocity);
         reading.at?;
         let standing = self.standing_speed();
         Some(standing.map_or(reading.raw != 0, |test| !test.passes(reading.raw)))
