@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use polepair::Axis;
-use polepair::axis::{OWED_MAX, stop_owed};
+use polepair::axis::{OWED_MAX, check_together, stop_owed};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::{Severity, Signal};
@@ -103,20 +103,29 @@ pub fn caution(session: &Session) {
 
 /// Carries a motion out on every axis of the session, and stops what it started when it ends early.
 pub fn run(session: &Session, commands: &[(Axis, Command)], then: Then) -> Result {
-    carry_out(session, commands, then, start_each)
+    let check = |commands: &[(Axis, Command)]| {
+        commands.iter().try_for_each(|(axis, command)| {
+            axis.rehearse(*command).map(drop).map_err(outcome::error)
+        })
+    };
+    carry_out(session, commands, then, (check, start_each))
 }
 
 /// The same with moves that begin at one signal.
 pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: Then) -> Result {
+    let check = |commands: &[_]| check_together(commands).map_err(outcome::error);
     let start = |commands: &[_], _| polepair::start_together(commands).map_err(outcome::error);
-    carry_out(session, commands, then, start)
+    carry_out(session, commands, then, (check, start))
 }
 
 fn carry_out(
     session: &Session,
     commands: &[(Axis, Command)],
     then: Then,
-    start: impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
+    (check, start): (
+        impl FnOnce(&[(Axis, Command)]) -> Result<()>,
+        impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
+    ),
 ) -> Result {
     let watched = commands.iter().find(|(axis, command)| axis.has_ends() && lasts(command.verb));
     if let Some((axis, _)) = watched.filter(|_| then == Then::Detach) {
@@ -134,8 +143,9 @@ fn carry_out(
     };
     // One span for all of it: homing is part of the command, the way to a target is not.
     let deadline = session.now() + within;
-    let powered = power(commands, &mut begun);
-    let ended = powered
+    // What is refused is refused before anything has power.
+    let ended = check(commands)
+        .and_then(|()| power(commands, &mut begun))
         .and_then(|()| {
             begun.moves();
             start(commands, deadline)
@@ -156,7 +166,8 @@ fn carry_out(
         return Ok(Exit::Ok);
     }
     let arrived = matches!(then, Then::Arrive(_)) && ended.is_ok();
-    over(ended, begun.finish(arrived), "the motion was stopped")
+    let quiet = begun.quiet();
+    over(ended, begun.finish(arrived), quiet)
 }
 
 /// What a verb tells that has ended a motion: why it ended, and what became of its stop.
@@ -186,7 +197,8 @@ pub fn within(session: &Session, axis: &Axis, motion: impl FnOnce() -> Result<()
         begun.moves();
         motion()
     });
-    over(ended, begun.finish(false), "the motion was stopped")
+    let quiet = begun.quiet();
+    over(ended, begun.finish(false), quiet)
 }
 
 /// Whether a motion goes on until it is stopped.
@@ -226,6 +238,14 @@ impl Begun {
         self.started.iter_mut().for_each(|one| one.moved = true);
     }
 
+    /// What is told of it once all of it was stopped.
+    fn quiet(&self) -> &'static str {
+        match self.started.iter().any(|one| one.moved) {
+            true => "the motion was stopped",
+            false => "nothing was told to move",
+        }
+    }
+
     /// The motion goes on without this process.
     fn leave(mut self) {
         self.started.clear();
@@ -247,10 +267,6 @@ impl Drop for Begun {
 
 /// Powers every axis, before any of them moves.
 fn power(commands: &[(Axis, Command)], begun: &mut Begun) -> Result<()> {
-    // What the limits of a file refuse is refused before anything has power.
-    for (axis, command) in commands {
-        axis.prepare(*command).map(drop).map_err(outcome::error)?;
-    }
     for (axis, _) in commands {
         let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
         begun.power(axis, !enabled)?;
@@ -277,8 +293,7 @@ fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
 /// What a verb waited for did not come.
 pub fn late(label: &str, verb: Verb) -> Problem {
     let what = format!("{label}: {} did not end in time.", verb.name());
-    Problem::new(Exit::Negative, "E101", what)
-        .why("The drive took the command, but what was waited for did not come.")
+    Problem::new(Exit::Negative, "E101", what).why("What was waited for did not come in that time.")
 }
 
 /// Waits, and shows what the drive does where a person looks.

@@ -65,7 +65,7 @@ fn why(error: &Error) -> String {
         (Exit::NoReply, _) => "Nothing came back within the time allowed, repeats included.",
         (Exit::Corrupt, _) => "Noise, a second host, or two drives with one address can do that.",
         (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",
-        (Exit::Negative, _) => "The drive took the command, but what was waited for did not come.",
+        (Exit::Negative, _) => "What was waited for did not come in that time.",
         // What was executed of it, the sentence says.
         (Exit::Usage, Some(false)) => return unsent(),
         _ => "",

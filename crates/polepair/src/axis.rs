@@ -39,7 +39,7 @@ pub use owed::{OWED_MAX, stop_owed};
 pub use running::{Prepared, Running};
 pub use scaled::Pending;
 pub use stopping::{Class, Standing, Stopping};
-pub use together::start_together;
+pub use together::{check_together, start_together};
 pub use watchdog::WatchdogState;
 
 use crate::amount::{Amount, Meant, Value};

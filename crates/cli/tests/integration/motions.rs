@@ -184,10 +184,18 @@ fn limits_and_units_are_checked_before_anything_is_sent() {
         refused(&polepair(&["torque", &sim.url, torque, "--for", "1s"]), 2, code);
     }
     assert_eq!(polepair(&["jog", &sim.url, "--for", "1s", "--detach"]).code, 2);
-    stopped(&sim, &KINDS[0]);
+    // A module of this kind has its driver on from the beginning, and nobody switched it.
+    assert_eq!((raw(&sim, KINDS[0].power), raw(&sim, KINDS[0].target)), (1, 0));
     sim.end();
     let sim = served(&KINDS[1]);
-    refused(&polepair(&["jog", &sim.url, "99999rpm", "--for", "1s"]), 2, "E216");
+    let trace = std::env::temp_dir().join(format!("polepair-limit-{}.log", std::process::id()));
+    let trace = trace.to_str().expect("text");
+    let far = ["jog", &sim.url, "99999rpm", "--for", "1s", "--trace", trace];
+    refused(&polepair(&far), 2, "E216");
+    // Not even the motor's power was put on.
+    let frames = ok(&["decode", trace, "--as", "modbus-rtu"]);
+    std::fs::remove_file(trace).expect("removed");
+    assert!(frames.contains("read") && !frames.contains("write"), "{frames}");
     refused(&polepair(&["jog", &sim.url, "1A", "--for", "1s"]), 2, "E217");
     refused(&polepair(&["torque", &sim.url, "10%", "--for", "1s"]), 2, "E218");
     stopped(&sim, &KINDS[1]);

@@ -25,19 +25,7 @@ use polepair_core::axis::{Command, Verb};
 /// or by: nothing was sent. Others by blame; nothing moves before the signal, and what was made
 /// ready is then taken back by a stop.
 pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
-    super::following::on_one_wire(moves.iter().map(|(axis, _)| axis))?;
-    let prepared = moves.iter().map(|(axis, command)| {
-        let verb = match command.verb {
-            Verb::MoveTo => Verb::PrepareTo,
-            Verb::MoveBy => Verb::PrepareBy,
-            other => {
-                let what = format!("`{}` cannot wait for a signal", other.name());
-                return Err(Error::usage("E218", what, "only moves to, or by, start together"));
-            }
-        };
-        can(axis, verb).map(|()| (axis, Command { verb, ..*command }))
-    });
-    let prepared: Vec<_> = prepared.collect::<Result<_, _>>()?;
+    let prepared = prepared(moves)?;
     let Some((first, _)) = prepared.first() else { return Ok(()) };
     let begun = all(&prepared).and_then(|()| first.run(Command::new(Verb::Begin)));
     if let Err(error) = begun {
@@ -52,6 +40,32 @@ pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
     let begun: Vec<_> =
         prepared.iter().map(|(axis, _)| (*axis, Command::new(Verb::Begun))).collect();
     all(&begun)
+}
+
+/// Checks moves that are to [start together](start_together), before the motors have power. Nothing of
+/// them is sent; where a scale depends on parameters of a drive that were not read yet, those are read.
+///
+/// # Errors
+/// [`Error::Unsupported`] as [`start_together`] itself would give.
+pub fn check_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
+    prepared(moves)?.into_iter().try_for_each(|(axis, command)| axis.rehearse(command).map(drop))
+}
+
+/// The commands that make each drive ready.
+fn prepared(moves: &[(Axis, Command)]) -> Result<Vec<(&Axis, Command)>, Error> {
+    super::following::on_one_wire(moves.iter().map(|(axis, _)| axis))?;
+    let prepared = moves.iter().map(|(axis, command)| {
+        let verb = match command.verb {
+            Verb::MoveTo => Verb::PrepareTo,
+            Verb::MoveBy => Verb::PrepareBy,
+            other => {
+                let what = format!("`{}` cannot wait for a signal", other.name());
+                return Err(Error::usage("E218", what, "only moves to, or by, start together"));
+            }
+        };
+        can(axis, verb).map(|()| (axis, Command { verb, ..*command }))
+    });
+    prepared.collect()
 }
 
 /// Whether the profile has steps for a verb.
