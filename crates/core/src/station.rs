@@ -107,11 +107,11 @@ pub struct Counters {
     pub early: u64,
     /// Valid frames of another address, opcode or length than the one asked.
     pub foreign: u64,
-    /// Our own bytes heard back (RS-485 echo).
+    /// Our own frames, or bytes that went alone, heard back (RS-485 echo).
     pub echoed: u64,
     /// Bytes thrown away while looking for a frame.
     pub skipped: u64,
-    /// Frames whose check failed.
+    /// Frames whose check failed, here or by what the drive says of a request.
     pub corrupt: u64,
     /// Acknowledgements of what waited for one, by the drive that was asked.
     pub acknowledged: u64,

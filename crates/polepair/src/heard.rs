@@ -10,7 +10,7 @@ use std::fmt;
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 #[non_exhaustive]
 pub struct Heard {
-    /// Frames whose check failed.
+    /// Frames whose check failed, here or by what the drive says of a request.
     pub corrupt: u16,
     /// Fitting answers that came sooner than the line's rate lets them, and were not believed.
     pub early: u16,

@@ -405,10 +405,9 @@ impl Member {
         let first = self.fed.is_none();
         let held = || slot.to_si(self.target, self.raw).map(Trend::resting);
         let mut trend = self.fed.or_else(held).ok_or(Unsupported::BadArgument)?;
-        if first && setpoint == Setpoint::Position {
-            if (si - trend.last).abs() > self.bounds.apart(period) {
-                return Err(Unsupported::Forbidden(AWAY));
-            }
+        let leaps = || (si - trend.last).abs() > self.bounds.apart(period);
+        if first && setpoint == Setpoint::Position && leaps() {
+            return Err(Unsupported::Forbidden(AWAY));
         }
         let judged = trend.take(&self.bounds, setpoint, si, period);
         judged.map_err(|excess: Excess| Unsupported::Forbidden(excess.hint()))?;

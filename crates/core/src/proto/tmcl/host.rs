@@ -45,6 +45,8 @@ pub struct SerialHost {
     echo_due: bool,
     /// The byte that went out alone may come back before anything else.
     shift_echo_due: bool,
+    /// Bytes that are still to come of a frame whose check failed.
+    spoiled: usize,
     /// What was thrown away since the end of a line: a module in ASCII mode answers in text.
     text: ascii::Line,
     /// Until when the line has to be silent.
@@ -80,6 +82,7 @@ impl SerialHost {
             sent: [0; DATAGRAM],
             echo_due: false,
             shift_echo_due: false,
+            spoiled: 0,
             text: ascii::Line::EMPTY,
             quiet: Instant(quiet_ns.max(gap_ns)),
             shifted: false,
@@ -101,8 +104,8 @@ impl SerialHost {
     fn window(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
         if self.echo_due && *window == self.sent {
             self.echo_due = false;
-            self.session.counters.echoed += DATAGRAM as u64;
-            return DATAGRAM;
+            self.session.counters.echoed += 1;
+            return self.whole();
         }
         if checksum(window) == window[DATAGRAM - 1] {
             let reply = Reply::unchecked(window);
@@ -111,11 +114,11 @@ impl SerialHost {
             {
                 self.shift_echo_due = false;
                 self.session.reply(now, reply, self.pace.early() > 0);
-                return DATAGRAM;
+                return self.whole();
             }
             if reply.status.is_named() {
                 self.session.counters.foreign += 1;
-                return DATAGRAM;
+                return self.whole();
             }
         }
         self.text_or_noise(now, window)
@@ -129,16 +132,29 @@ impl SerialHost {
             && text.host == self.host
         {
             self.session.text(now, text);
-            return DATAGRAM;
+            return self.whole();
         }
-        self.session.counters.corrupt += u64::from(window[0] == self.host);
+        if window[0] == self.host && self.spoiled == 0 {
+            self.session.counters.corrupt += 1;
+            self.spoiled = DATAGRAM;
+        }
         self.skip(window[0]);
         self.quiet = self.quiet.max(now.plus_ns(self.quiet_ns));
         1
     }
 
-    /// Throws a byte away.
+    /// A frame ends here, and all of it is done with.
+    const fn whole(&mut self) -> usize {
+        self.spoiled = 0;
+        DATAGRAM
+    }
+
+    /// Throws a byte away. Those of a frame that was counted are not counted again.
     fn skip(&mut self, byte: u8) {
+        if self.spoiled > 0 {
+            self.spoiled -= 1;
+            return self.text.push(byte);
+        }
         if byte == SHIFT && core::mem::take(&mut self.shift_echo_due) {
             self.session.counters.echoed += 1;
             return;

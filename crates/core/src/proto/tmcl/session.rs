@@ -496,9 +496,7 @@ impl Session {
 
     fn judge(&mut self, now: Instant, reply: Reply, soon: bool) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
-            let asked = self.was_asked(reply.module, reply.opcode.number());
-            self.counters.late += u64::from(asked);
-            self.counters.foreign += u64::from(!asked);
+            self.unasked(&reply);
             self.older(reply.module);
             return;
         };
@@ -508,6 +506,7 @@ impl Session {
                 // One of its pieces; the next one may be whole.
                 return;
             }
+            self.counters.corrupt += 1;
             pending.doubts.bad_sum = true;
             pending.doubts.bad_sum_of_module = reply.module == request.address;
             pending.deadline = pending.deadline.min(now.plus_ns(GRACE_NS));
@@ -518,7 +517,7 @@ impl Session {
         let refused = refusal && !reply.status.is_good();
         let stored = request.opcode == Opcode::ReadMemory && !refused;
         if !refusal && !stored {
-            self.counters.foreign += 1;
+            self.unasked(&reply);
             self.older(reply.module);
             return;
         }

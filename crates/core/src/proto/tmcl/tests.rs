@@ -5,6 +5,7 @@ extern crate std;
 mod doubt;
 mod effect;
 mod garbage;
+mod heard;
 mod motors;
 mod pair;
 mod quiet;

@@ -4,7 +4,7 @@
 use super::{Ask, EARLY_MAX, LATEST_TIMEOUTS, Pending, RECENT_MAX, Session, Suspect};
 use crate::error::Failure;
 use crate::proto::tmcl::opcode::Opcode;
-use crate::proto::tmcl::wire::Request;
+use crate::proto::tmcl::wire::{Reply, Request};
 use crate::station::{Class, Ticket};
 use crate::time::Instant;
 
@@ -130,7 +130,14 @@ impl Session {
     }
 
     /// Whether such a reply answers one of the last requests.
-    pub(super) fn was_asked(&self, module: u8, opcode: u8) -> bool {
+    /// Counts an answer to nothing that waits: a late one where it was asked for.
+    pub(super) fn unasked(&mut self, reply: &Reply) {
+        let asked = self.was_asked(reply.module, reply.opcode.number());
+        self.counters.late += u64::from(asked);
+        self.counters.foreign += u64::from(!asked);
+    }
+
+    fn was_asked(&self, module: u8, opcode: u8) -> bool {
         self.recent.iter().any(|(to, what, _)| (*to, *what) == (module, opcode))
     }
 
