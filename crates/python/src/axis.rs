@@ -158,20 +158,35 @@ impl Axis {
         self.0.profile().caution
     }
 
-    /// What the drive does when nobody talks to it: `none`, `fixed` with its seconds, or
-    /// `configurable` by a parameter.
+    /// What the drive does when nobody talks to it: `none`, `fixed` with its seconds, `configurable` by
+    /// a parameter, or `heartbeat` with the parameter that says whose, where this link sends one.
     #[getter]
     fn watchdog(&self) -> (&'static str, Option<f64>, Option<&'static str>) {
+        let name = || {
+            let id = self.0.watchdog_parameter();
+            id.and_then(|id| self.0.profile().parameter(id)).map(|parameter| parameter.name)
+        };
         match self.0.profile().watchdog {
-            // A heartbeat is no time that a program could set for a while: its link has to send it.
-            Watchdog::None | Watchdog::Heartbeat { .. } => ("none", None, None),
+            Watchdog::None => ("none", None, None),
             Watchdog::Fixed { after_ms } => ("fixed", Some(f64::from(after_ms) / 1e3), None),
-            Watchdog::Configurable { .. } => {
-                let id = self.0.watchdog_parameter();
-                let parameter = id.and_then(|id| self.0.profile().parameter(id));
-                ("configurable", None, parameter.map(|p| p.name))
+            Watchdog::Configurable { .. } => ("configurable", None, name()),
+            Watchdog::Heartbeat { .. } => {
+                ("heartbeat", None, if self.0.sends_heartbeat() { name() } else { None })
             }
         }
+    }
+
+    /// Has the drive stop by itself after so many seconds of silence. Gives how it was set before, as
+    /// names and raw values; nothing for what it does not tell.
+    fn set_watchdog(&self, py: Python<'_>, seconds: f64) -> PyResult<Vec<(&'static str, i64)>> {
+        let after = Duration::try_from_secs_f64(seconds)
+            .map_err(|_| usage(py, "E216", &format!("{seconds} s is no time"), "say 0.5"))?;
+        self.done(py, |axis| {
+            let before = axis.watchdog_setting()?.unwrap_or_default();
+            axis.set_watchdog(Some(after))?;
+            let name = |id| axis.profile().parameter(id).map(|parameter| parameter.name);
+            Ok(before.into_iter().filter_map(|(id, raw)| Some((name(id)?, raw))).collect())
+        })
     }
 
     /// Whether its parameters are known without asking: always.

@@ -3,8 +3,8 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use polepair::Axis;
 use polepair::axis::{OWED_MAX, stop_owed};
+use polepair::{Axis, Error};
 use polepair_core::axis::Verb;
 use pyo3::prelude::*;
 
@@ -15,6 +15,12 @@ static ARMED: Mutex<Vec<Axis>> = Mutex::new(Vec::new());
 
 fn armed() -> MutexGuard<'static, Vec<Axis>> {
     ARMED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Held by whoever ends everything: the other waits for that.
+fn ends() -> MutexGuard<'static, ()> {
+    static ENDS: Mutex<()> = Mutex::new(());
+    ENDS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn is_same(one: &Axis, other: &Axis) -> bool {
@@ -47,9 +53,28 @@ pub fn forked() {
 }
 
 /// Stops, disables and disarms whatever is armed, and says on stderr who may turn: for who ends at once.
+/// Where a signal does that already, and ends the process, this waits for it.
 #[pyfunction]
 pub fn stop_armed(py: Python<'_>) {
-    py.detach(end_all);
+    py.detach(|| {
+        let _one = ends();
+        end_all();
+    });
+}
+
+/// Stops, disables and disarms what is armed of a link that is about to be closed.
+///
+/// # Errors
+/// The first, after every axis was tried.
+pub fn end_link(link: &polepair::Link) -> Result<(), polepair::Error> {
+    let is_of_link =
+        |axis: &Axis| link.axes().iter().any(|one| one.connection().is(axis.connection()));
+    let mut armed = armed();
+    let axes: Vec<Axis> = armed.extract_if(.., |axis| is_of_link(axis)).collect();
+    system::set_idle(armed.is_empty());
+    drop(armed);
+    let ended = end(&axes).into_iter().map(|(stopped, off)| stopped.and(off));
+    ended.fold(Ok(()), Result::and)
 }
 
 /// Stops axes, and says it again to those that did not confirm it; the first error, after all were
@@ -71,18 +96,27 @@ pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::Axis>>) -> PyResult<(
     }
 }
 
-fn end_all() {
-    let axes = std::mem::take(&mut *armed());
+/// Stops axes, and takes their power: how each of both ended.
+fn end(axes: &[Axis]) -> Vec<(Result<(), Error>, Result<(), Error>)> {
     // What other threads still ask for is refused.
     axes.iter().for_each(|axis| axis.arm(false));
-    for (axis, ended) in axes.iter().zip(stop_owed(&axes, OWED_MAX, |_, _| true)) {
-        let off = axis.profile().plan(Verb::Disable).map_or(Ok(()), |_| axis.disable());
-        match (ended, off) {
+    let stopped = stop_owed(axes, OWED_MAX, |_, _| true);
+    let off = axes
+        .iter()
+        .map(|axis| axis.profile().plan(Verb::Disable).map_or(Ok(()), |_| axis.disable()));
+    stopped.into_iter().zip(off).collect()
+}
+
+fn end_all() {
+    let axes = std::mem::take(&mut *armed());
+    for ended in end(&axes) {
+        match ended {
             (Ok(()), Ok(())) => {}
             (Err(error), _) => tell(&format!("{error}. It may still turn: cut its supply.")),
             (Ok(()), Err(error)) => tell(&format!("{error}. It may still be powered.")),
         }
     }
+    system::set_idle(true);
     // The last handle of a connection waits for its keeper, and nobody need wait for that now.
     std::mem::forget(axes);
 }
@@ -100,12 +134,16 @@ mod system {
 
     use pyo3::prelude::*;
     use signal_hook::consts::signal::{
-        SIGALRM, SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2,
+        SIGABRT, SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPROF, SIGQUIT, SIGSYS, SIGTERM, SIGTRAP,
+        SIGTSTP, SIGUSR1, SIGUSR2, SIGVTALRM, SIGXCPU,
     };
     use signal_hook::iterator::Signals;
 
-    /// Signals that end a process that has not said otherwise.
-    const ENDING: [i32; 7] = [SIGTERM, SIGHUP, SIGQUIT, SIGINT, SIGALRM, SIGUSR1, SIGUSR2];
+    /// Signals that end, or suspend, a process that has not said otherwise.
+    const ENDING: [i32; 15] = [
+        SIGTERM, SIGHUP, SIGQUIT, SIGINT, SIGALRM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGPROF, SIGXCPU,
+        SIGABRT, SIGIO, SIGSYS, SIGTRAP, SIGTSTP,
+    ];
 
     /// Nothing is armed: signals do what they always do.
     static IDLE: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| Arc::new(AtomicBool::new(true)));
@@ -124,11 +162,16 @@ mod system {
     pub fn hear(py: Python<'_>) {
         set_idle(false);
         let process = std::process::id();
-        if HEARS.swap(process, Ordering::SeqCst) == process {
+        let before = HEARS.swap(process, Ordering::SeqCst);
+        if before == process {
             return;
         }
-        let unheard: Vec<i32> =
-            ENDING.into_iter().filter(|signal| is_default(py, *signal).unwrap_or(false)).collect();
+        // A fork's child has the handlers of its parent, which are ours.
+        let caught = if before == 0 { caught() } else { 0 };
+        let is_ours = |signal: &i32| {
+            caught >> (signal - 1) & 1 == 0 && is_default(py, *signal).unwrap_or(false)
+        };
+        let unheard: Vec<i32> = ENDING.into_iter().filter(is_ours).collect();
         for signal in &unheard {
             // Where nothing is armed this ends the process before anything else is done.
             let _ = signal_hook::flag::register_conditional_default(*signal, Arc::clone(&IDLE));
@@ -136,11 +179,23 @@ mod system {
         let Ok(mut signals) = Signals::new(unheard) else { return };
         let hear = move || {
             for signal in &mut signals {
+                let _one = super::ends();
+                // What came while nothing was armed has done what it does.
+                if IDLE.load(Ordering::SeqCst) {
+                    continue;
+                }
                 super::end_all();
                 let _ = signal_hook::low_level::emulate_default_handler(signal);
             }
         };
         let _ = std::thread::Builder::new().name("polepair-signals".to_owned()).spawn(hear);
+    }
+
+    /// The signals that a library of the process catches, the first in bit 0, where the system tells.
+    fn caught() -> u64 {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+        let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
+        caught.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
     }
 
     /// Whether a signal does what it does by default, as far as the interpreter knows.

@@ -15,6 +15,7 @@ use crate::axis::Axis;
 use crate::errors::raised;
 use crate::events::Events;
 use crate::given;
+use crate::guard;
 use crate::outside::Outside;
 use crate::simulation::Simulation;
 use crate::wiretrace::WireTrace;
@@ -205,6 +206,12 @@ impl Link {
             };
             seen.into_iter().map(row).collect()
         }))
+    }
+
+    /// Stops, disables and disarms what this program armed of it, and raises what went wrong.
+    fn stop_armed(&self, py: Python<'_>) -> PyResult<()> {
+        let link = self.inner.ours(py)?.clone();
+        py.detach(|| guard::end_link(&link)).map_err(|error| raised(py, &error))
     }
 
     /// Closes it at once, though Python still holds axes of it.

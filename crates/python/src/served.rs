@@ -31,6 +31,8 @@ use request::ended;
 
 /// What a verb may take that is over when the drive has answered.
 const ANSWER_MAX: Duration = Duration::from_secs(10);
+/// How long a server says a stop again before it tells that it is owed.
+const STOP_MAX: Duration = Duration::from_secs(12);
 
 /// A server that was joined.
 #[pyclass(frozen, name = "ServedLink", module = "polepair._polepair")]
@@ -170,6 +172,37 @@ impl Joined {
         // What was done was done, whoever has the axis by now.
         let _ = change.give_back();
         done
+    }
+
+    /// Stops what is armed here, all at once, switches it off and gives it back; the first error, after
+    /// every one was tried. What is ours no more was stopped by that.
+    fn stop_armed(self: &Arc<Self>) -> Result<(), Refused> {
+        let ids = self.bench.axes.iter().map(|axis| axis.id);
+        let armed = ids.filter_map(|id| Some((id, self.armed(id)?)));
+        let armed: Vec<_> = armed.filter(|(_, lease)| lease.check().is_ok()).collect();
+        let does = |id: u16, verb: &str| {
+            let info = &self.bench.axes[usize::from(id)];
+            info.verbs.iter().any(|known| known.verb == verb)
+        };
+        let begin = |(id, lease): &(u16, Arc<Lease>)| {
+            does(*id, "stop").then(|| lease.start("stop", Arguments::default()))
+        };
+        let begun: Vec<_> = armed.iter().map(begin).collect();
+        let late = || Refused {
+            executed: None,
+            ..Refused::new("E101", "a motor was not seen to stand in time")
+        };
+        let stopped =
+            begun.into_iter().flatten().map(|begun| begun?.wait(STOP_MAX)?.ok_or_else(late));
+        let stopped = stopped.fold(Ok(()), Result::and);
+        armed.into_iter().fold(stopped, |ended, (id, lease)| {
+            let off = match does(id, "disable") {
+                true => lease.run("disable", Arguments::default(), ANSWER_MAX),
+                false => Ok(()),
+            };
+            drop(lease);
+            ended.and(off).and(self.changes(id).disarm())
+        })
     }
 
     fn parameters(&self, axis: u16) -> Result<&[ParameterInfo], Refused> {
@@ -312,6 +345,12 @@ impl Link {
         let joined = self.0.ours(py)?;
         let axes = joined.bench.axes.iter().map(|axis| axis.id).collect();
         ended(py, joined.gateway.start(move |gateway| Joined::stop(gateway, axes)))
+    }
+
+    /// Stops, disables and disarms what this program armed of it, and raises what went wrong.
+    fn stop_armed(&self, py: Python<'_>) -> PyResult<()> {
+        let joined = Arc::clone(self.0.ours(py)?);
+        py.detach(|| joined.stop_armed()).map_err(|refused| told(py, &refused))
     }
 
     fn events(&self, py: Python<'_>) -> PyResult<()> {

@@ -102,6 +102,59 @@ def test_the_watchdog_is_set_for_as_long_as_it_is_armed() -> None:
             assert abs(link.simulation.truth().velocity) < 1
 
 
+def test_a_heartbeat_is_watched_for_as_long_as_it_is_armed() -> None:
+    with polepair.connect("sim:cia402:5?time=virtual&heartbeat=100") as link:
+        axis = link.axes[0]
+        (watched,) = [name for name in axis.params if "heartbeat" in name and "consumer" in name]
+        before = axis.params.raw[watched]
+        with axis.armed(watchdog=0.5):
+            assert axis.params.raw[watched] & 0xFFFF == 500
+        assert axis.params.raw[watched] == before
+        with pytest.raises(polepair.Unsupported) as refused, axis.armed(watchdog=0.1):
+            pass
+        assert refused.value.code == "E216" and not axis._native.is_armed
+
+
+def test_a_heartbeat_that_nobody_sends_guards_nothing() -> None:
+    with polepair.connect("sim:cia402:5?time=virtual") as link:
+        axis = link.axes[0]
+        with pytest.raises(polepair.Unsupported) as refused, axis.armed(watchdog=0.5):
+            pass
+        assert "heartbeat=100" in "".join(refused.value.__notes__)
+        assert not axis._native.is_armed
+
+
+def ready(axis: polepair.Axis) -> None:
+    """A TS obeys Modbus only where it is told to."""
+    if "control mode" in axis.params:
+        axis.params["control mode"] = 1
+
+
+@pytest.mark.parametrize("drive", ["tmcl", "cia402:5", "thruster", "modbus-rtu"])
+def test_behind_the_block_it_has_no_power(drive: str) -> None:
+    with polepair.connect(f"sim:{drive}?time=virtual") as link:
+        axis = link.axes[0]
+        ready(axis)
+        with axis.armed():
+            axis.spin(10)
+            link.sleep(0.5)
+            axis.read("enabled") if "enabled" in axis.signals else None
+        assert not axis.state().enabled and not axis.state().moving
+
+
+@pytest.mark.parametrize("drive", ["cia402:5", "modbus-rtu", "technosoft-f514l"])
+def test_a_turning_motor_is_read_as_moving(drive: str) -> None:
+    with polepair.connect(f"sim:{drive}?time=virtual") as link:
+        axis = link.axes[0]
+        ready(axis)
+        with axis.armed():
+            axis.spin(10)
+            link.sleep(1.0)
+            assert axis.read("moving")["moving"] == 1
+            assert axis.state().moving
+        assert axis.read("moving")["moving"] == 0
+
+
 def test_a_fault_has_words() -> None:
     with polepair.connect("sim:thruster?time=virtual") as link:
         axis = link.axes[0]

@@ -183,6 +183,16 @@ def test_a_stop_of_all_needs_no_lease_and_locks_nothing(
         ours.move(1.0).wait(30)
 
 
+def test_a_link_that_is_closed_stops_what_is_armed(
+    server: Server, link: polepair.Link
+) -> None:
+    with server.join() as other:
+        other.axis(1).armed().__enter__().spin(20)
+        until("it turns", lambda: speed(link.axis(1)) > 10)
+    assert speed(link.axis(1)) < 0.5
+    assert can_be_armed(link.axis(1))
+
+
 JOGS = """
 import sys, time, polepair
 link = polepair.connect(sys.argv[1], token_file=sys.argv[2])

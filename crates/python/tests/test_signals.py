@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,6 +39,20 @@ DAEMON = BLOCK + """
 threading.Thread(target=turn, args=sys.argv[1:], daemon=True).start()
 sys.stdin.readline()
 """
+ARMING = """
+import sys, polepair
+with polepair.connect(sys.argv[1]) as link:
+    print("ready", flush=True)
+    while True:
+        with link.axes[0].armed() as axis:
+            axis.spin(300, "rpm")
+"""
+RESUMED = BLOCK.replace("time.sleep(3600)", """sys.stdin.readline()
+            try:
+                axis.spin(300, "rpm")
+            except polepair.PolepairError as error:
+                print(type(error).__name__)
+""") + "turn(sys.argv[1])"
 LOOP = """
 import asyncio, sys, polepair
 async def turn(url):
@@ -88,7 +103,10 @@ def stands(url: str) -> None:
         assert axis.params.raw["driver enable"] == 0
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGQUIT"])
+ENDS = ["SIGTERM", "SIGHUP", "SIGQUIT", "SIGVTALRM", "SIGXCPU", "SIGABRT", "SIGSYS"]
+
+
+@pytest.mark.parametrize("name", ENDS)
 @pytest.mark.parametrize("program", [MAIN, THREAD, LOOP], ids=["main", "thread", "loop"])
 def test_a_signal_that_ends_the_process_stops_first(program: str, name: str, url: str) -> None:
     number = signal.Signals[name]
@@ -97,6 +115,80 @@ def test_a_signal_that_ends_the_process_stops_first(program: str, name: str, url
     process.communicate(timeout=60)
     # It ends as it would without us.
     assert process.returncode == -number
+    stands(url)
+
+
+@pytest.mark.parametrize("after", [0.0, 0.002, 0.005, 0.01, 0.02, 0.05])
+def test_a_signal_ends_the_process_as_ever_while_it_arms(after: float, url: str) -> None:
+    process = begun(ARMING, url)
+    time.sleep(after)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=60)
+    assert process.returncode == -signal.SIGTERM
+    # It may not have been armed once: a module of this kind has its driver on from the beginning.
+    with polepair.connect(url) as link:
+        assert link.axes[0].params.raw["target velocity"] == 0
+
+
+def test_ctrl_z_stops_and_suspends(url: str) -> None:
+    process = begun(MAIN, url)
+    process.send_signal(signal.SIGTSTP)
+    _, status = os.waitpid(process.pid, os.WUNTRACED)
+    assert os.WIFSTOPPED(status)
+    # It was stopped before, not by its end, which nothing tells it.
+    process.kill()
+    process.communicate(timeout=60)
+    stands(url)
+
+
+def test_what_is_resumed_after_ctrl_z_is_not_armed(url: str) -> None:
+    process = begun(RESUMED, url)
+    for _ in range(2):
+        process.send_signal(signal.SIGTSTP)
+        _, status = os.waitpid(process.pid, os.WUNTRACED)
+        assert os.WIFSTOPPED(status)
+        process.send_signal(signal.SIGCONT)
+    said, _ = process.communicate("\n", timeout=60)
+    assert said == "Unsupported\n"
+    stands(url)
+
+
+def test_a_link_that_is_closed_stops_what_is_armed(url: str) -> None:
+    link = polepair.connect(url)
+    armed = link.axes[0].armed()
+    armed.__enter__().spin(300, "rpm")
+    link.close()
+    stands(url)
+
+
+def test_a_block_of_a_link_stops_what_is_armed(url: str) -> None:
+    with polepair.connect(url) as link:
+        link.axes[0].armed().__enter__().spin(300, "rpm")
+    stands(url)
+
+
+@pytest.mark.parametrize("awaited", [False, True], ids=["entered", "awaited"])
+def test_a_block_of_a_loop_stops_what_is_armed(awaited: bool, url: str) -> None:
+    async def main() -> int:
+        opening = polepair.aio.connect(url)
+        looked = 0
+
+        async def look() -> None:
+            nonlocal looked
+            while True:
+                await asyncio.sleep(0.01)
+                looked += 1
+
+        async with await opening if awaited else opening as link:
+            axis = await link.axes[0].armed().__aenter__()
+            await axis.spin(300, "rpm")
+            await asyncio.sleep(0.3)
+            looking = asyncio.ensure_future(look())
+        looking.cancel()
+        return looked
+
+    # The loop goes on meanwhile.
+    assert asyncio.run(main()) >= 3
     stands(url)
 
 

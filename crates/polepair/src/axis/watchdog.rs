@@ -134,6 +134,12 @@ impl Axis {
         matches!(self.profile.watchdog, Watchdog::Heartbeat { .. }) && self.heartbeat.is_none()
     }
 
+    /// Whether this connection was told to send a heartbeat that drives can watch.
+    #[must_use]
+    pub const fn sends_heartbeat(&self) -> bool {
+        self.heartbeat.is_some()
+    }
+
     /// What to know before [`set_watchdog`](Self::set_watchdog) sets it, or switches it `off`: that the
     /// drive keeps it over power-off by itself, that the host has to send a heartbeat. Nothing is asked.
     #[must_use]
@@ -233,6 +239,7 @@ impl Axis {
                     self.refuse(WHAT, Unsupported::OutOfRange { parameter, value, min, max })
                 })?;
                 let ms = if after.is_some_and(|after| !after.is_zero()) { ms.max(1) } else { ms };
+                self.outlasts_heartbeat(ms)?;
                 // The reaction goes first: a watch without one is none.
                 if ms > 0 && self.read(reaction)? == 0 {
                     self.write(reaction, QUICK_STOP, false)?;
@@ -242,6 +249,23 @@ impl Axis {
             }
         }
         self.watchdog()
+    }
+
+    /// Refuses to have the heartbeat watched for less time than lies between two of it: the drive would
+    /// stop at once.
+    fn outlasts_heartbeat(&self, ms: u32) -> Result<(), Error> {
+        match self.heartbeat.map(|period| period.as_millis()) {
+            Some(period) if ms > 0 && u128::from(ms) <= period => {
+                let what = format!(
+                    "{}: a watchdog of {ms} ms ends before the next heartbeat of this connection",
+                    self.label()
+                );
+                let hint =
+                    format!("more than {period} ms, better three times; or a shorter heartbeat=");
+                Err(Error::usage("E216", what, hint))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Has a drive that watches heartbeats watch this host's, where the connection was told to send one
@@ -281,9 +305,12 @@ impl Axis {
         self.read_if_any(source.parameter).map(|raw| raw.is_some())
     }
 
-    /// Its watchdog's setting, raw, to be [put back](Self::put_back); `None` where the drive does not
-    /// tell it.
-    pub(crate) fn watchdog_setting(&self) -> Result<Option<Vec<(ParameterId, i64)>>, Error> {
+    /// Its watchdog's setting, as parameters and raw values, to be written back later; `None` where the
+    /// drive does not tell it.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn watchdog_setting(&self) -> Result<Option<Vec<(ParameterId, i64)>>, Error> {
         let ids = match self.profile.watchdog {
             Watchdog::Heartbeat { consumer, reaction } => vec![consumer, reaction],
             _ => self.watchdog_parameter().into_iter().collect(),

@@ -31,6 +31,9 @@ ANSWER = 0.05
 Asked: TypeAlias = list[native.Request | native.ServedRequest]
 """Whether a move has arrived, if that was asked and not answered yet."""
 
+Settings: TypeAlias = list[tuple[str, int]]
+"""Parameters and the raw values that they had."""
+
 ELSEWHERE = "what is open belongs to this process; pass the connection string, and connect there"
 """Why nothing that is open can be sent to another process."""
 
@@ -344,8 +347,8 @@ class AxisSteps:
         at = yield from self._find(name)
         yield Wait(self._native.start_write(at, raw, keep))
 
-    def _arm(self, watchdog: float | None) -> Steps[int | None]:
-        """Arms and enables; gives the raw watchdog time that was there before, where it can be read.
+    def _arm(self, watchdog: float | None) -> Steps[Settings]:
+        """Arms and enables; gives how the watchdog was set before, where that can be read.
 
         One that cannot be read stays as it was set here.
         """
@@ -371,19 +374,23 @@ class AxisSteps:
         with suppress(PolepairError):
             yield Whole(self._native.arm, False)
 
-    def _guard(self, seconds: float | None) -> Steps[int | None]:
+    def _guard(self, seconds: float | None) -> Steps[Settings]:
         if seconds is None:
-            return None
+            return []
         kind, fixed, parameter = self._native.watchdog
         if kind == "fixed" and fixed is not None and fixed <= seconds:
-            return None
+            return []
         if parameter is None:
             what = f"{self.label} has no watchdog that stops it within {seconds:g} s"
             hint = "leave watchdog out, and have something else that stops the motor"
+            if kind == "heartbeat":
+                hint = f"add heartbeat=100 to the connection: its drive watches a heartbeat; or {hint}"
             raise Unsupported(what, "E218", False, hint)
+        if isinstance(self._native, native.Axis):
+            return (yield Whole(self._native.set_watchdog, seconds))  # type: ignore[no-any-return]
         at = yield from self._find(parameter)
         info = self._native.parameters()[at]
-        before = (yield from self._get_raw(parameter)) if info.readable else None
+        before = [(parameter, (yield from self._get_raw(parameter)))] if info.readable else []
         yield from self._set(parameter, f"{seconds!r} s")
         return before
 
@@ -401,7 +408,7 @@ class AxisSteps:
             yield Wait(begun)
         return begun is not None
 
-    def _release(self, before: int | None, *, stop: bool = True) -> Steps[None]:
+    def _release(self, before: Settings, *, stop: bool = True) -> Steps[None]:
         """Stops, disables and disarms; whatever fails, the rest is tried. Without `stop` it was told
         to stop already.
 
@@ -419,7 +426,7 @@ class AxisSteps:
         if failed is not None:
             raise failed
 
-    def _ended(self, before: int | None, stop: bool) -> Steps[PolepairError | None]:
+    def _ended(self, before: Settings, stop: bool) -> Steps[PolepairError | None]:
         failed: PolepairError | None = None
         try:
             if stop and "stop" in self.verbs and not (yield from self._stop_own()):
@@ -435,9 +442,14 @@ class AxisSteps:
                 yield Wait(begun)
         except PolepairError as error:
             failed = failed or error
-        if before is not None and failed is None:
-            try:
-                yield from self._set_raw(str(self._native.watchdog[2]), before)
-            except PolepairError as error:
-                failed = error
-        return failed
+        if failed is not None:
+            return failed
+        # So that `state()` tells what is now, not what was in the block.
+        told = [name for name in ("enabled", "moving") if name in self.signals]
+        try:
+            for name, raw in before:
+                yield from self._set_raw(name, raw)
+            yield from self._read(*told)
+        except PolepairError as error:
+            return error
+        return None

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 from . import _polepair as native
-from ._axis import TIMEOUT, AxisSteps
+from ._axis import TIMEOUT, AxisSteps, Settings
 from ._steps import Call, Steps, Urgent, Wait
 from .errors import PolepairError
 from .quantity import Amount, given
@@ -102,8 +102,8 @@ class GroupSteps(Generic[A]):
         if failed is not None:
             raise failed
 
-    def _arm(self, watchdog: float | None) -> Steps[list[int | None]]:
-        before: list[int | None] = []
+    def _arm(self, watchdog: float | None) -> Steps[list[Settings]]:
+        before: list[Settings] = []
         try:
             for axis in self.axes:
                 before.append((yield from axis._arm(watchdog)))
@@ -112,7 +112,7 @@ class GroupSteps(Generic[A]):
             raise
         return before
 
-    def _release(self, before: Sequence[int | None]) -> Steps[None]:
+    def _release(self, before: Sequence[Settings]) -> Steps[None]:
         """Stops all of them at once, then disables and disarms each; whatever fails, the rest is
         tried."""
         failed: BaseException | None = None

@@ -8,7 +8,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from . import _polepair as native
-from ._axis import ELSEWHERE, AxisSteps
+from ._axis import ELSEWHERE, AxisSteps, Settings
 from ._records import Losses
 from .errors import PolepairError
 
@@ -112,15 +112,24 @@ class LinkOf(Generic[A]):
         return Subscription(self._heard(Events(self._open().events())), function)
 
     def close(self) -> None:
-        """Closes it, and ends its events. Axes that are still held raise `PolepairError` E322 then."""
-        for one in self._listening:
-            if (events := one()) is not None:
-                events.close()
-        # What a fork's child inherited is not its own to close.
-        if isinstance(self._native, native.Link) and self._process == os.getpid():
-            self._native.close()
-        self._native = None
-        self._axes = []
+        """Closes it, and ends its events. Axes that are still held raise `PolepairError` E322 then.
+
+        What is armed here is stopped before, switched off and disarmed. Where that fails the link is
+        closed, and the error says who may turn.
+        """
+        # What a fork's child inherited is not its own to stop, or to close.
+        link = self._native if self._process == os.getpid() else None
+        try:
+            if link is not None:
+                link.stop_armed()
+        finally:
+            for one in self._listening:
+                if (events := one()) is not None:
+                    events.close()
+            if isinstance(link, native.Link):
+                link.close()
+            self._native = None
+            self._axes = []
 
     def _open(self) -> native.Link | native.ServedLink:
         if self._native is None:
@@ -177,7 +186,7 @@ class ArmedOf(Generic[A]):
     def __init__(self, axis: A, watchdog: float | None) -> None:
         self._axis = axis
         self._watchdog = watchdog
-        self._before: int | None = None
+        self._before: Settings = []
 
 
 def not_stopped(failed: PolepairError, error: BaseException | None) -> None:

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, TypeAlias
 
 from . import _polepair as native
-from ._axis import TIMEOUT, Asked, AxisSteps
+from ._axis import TIMEOUT, Asked, AxisSteps, Settings
 from ._group import GroupSteps, Targets
 from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped
 from ._records import Fault
@@ -296,7 +296,7 @@ class GroupArmed:
     def __init__(self, group: Group, watchdog: float | None) -> None:
         self._group = group
         self._watchdog = watchdog
-        self._before: list[int | None] = []
+        self._before: list[Settings] = []
 
     def __enter__(self) -> Group:
         self._before = run(self._group._arm(self._watchdog))

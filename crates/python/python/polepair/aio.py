@@ -22,7 +22,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from . import _polepair as native
-from ._axis import TIMEOUT, Asked, AxisSteps
+from ._axis import TIMEOUT, Asked, AxisSteps, Settings
 from ._group import GroupSteps, Targets
 from ._link import ArmedOf, LinkOf, ParametersOf, not_stopped, opened
 from ._records import Fault
@@ -405,7 +405,7 @@ class GroupArmed:
     def __init__(self, group: Group, watchdog: float | None) -> None:
         self._group = group
         self._watchdog = watchdog
-        self._before: list[int | None] = []
+        self._before: list[Settings] = []
 
     async def __aenter__(self) -> Group:
         self._before = await arun(self._group._arm(self._watchdog))
@@ -521,7 +521,16 @@ class Link(LinkOf[Axis]):
         return self
 
     async def __aexit__(self, *error: object) -> None:
-        self.close()
+        await self._closed()
+
+    async def _closed(self) -> None:
+        """Closes it; a stop that takes its time keeps nobody else in the loop waiting."""
+        try:
+            if self._native is not None and self._process == getpid():
+                loop = asyncio.get_running_loop()
+                await _whole(loop.run_in_executor(_stopping(), self._native.stop_armed))
+        finally:
+            self.close()
 
 
 def _known(
@@ -557,7 +566,7 @@ class Opening:
 
     async def __aexit__(self, *error: object) -> None:
         if self._link is not None:
-            self._link.close()
+            await self._link._closed()
 
 
 def connect(
