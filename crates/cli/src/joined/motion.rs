@@ -104,14 +104,22 @@ pub fn run(server: &Joined, orders: &[Order], then: Then) -> Result {
     // Whoever has no link to a drive any more cannot stop it: neither we, nor the server.
     let cut = taken.iter().find_map(|taken| taken.cut(&live));
     let ours = taken.iter().all(|taken| taken.lease.check().is_ok());
-    let stopped = finish(taken, arrived);
+    let stood = taken.iter().all(Taken::was_left_standing);
+    let stopped = finish(&live, taken, arrived);
     match (ended, cut) {
         (Ok(()), _) => stopped.map(|()| Exit::Ok),
         (Err(problem), Some(cut)) => {
             let problem = match problem.exit {
                 Exit::Interrupted => refused(cut),
+                // The lease ended with the server.
+                _ if stood => Problem::new(cut.exit(), cut.code, "The server went away."),
                 _ => problem,
             };
+            if stood {
+                return Err(Problem { may_turn: false, ..problem }.why(
+                    "The server stopped what was commanded before it went: it was seen standing.",
+                ));
+            }
             // A simulated motor is gone with its server.
             let may_turn = orders.iter().any(|order| !order.axis.simulated);
             let problem = Problem { may_turn, ..problem };
@@ -192,6 +200,13 @@ impl Taken<'_> {
         live.linked(self.axis.id).err().map(|why| Refused { executed: None, ..why })
     }
 
+    /// Whether the last that the server said of it is that it stands, and commanded by nobody.
+    fn was_left_standing(&self) -> bool {
+        self.lease.state().is_some_and(|state| {
+            state.lease.is_none() && state.owed.is_none() && state.moving == Some(false)
+        })
+    }
+
     fn can(&self, verb: Verb) -> bool {
         self.axis.verbs.iter().any(|info| info.verb == verb.name())
     }
@@ -266,18 +281,21 @@ fn check_ours(live: &Live, taken: &Taken<'_>) -> Result<()> {
 /// Whether an axis that is ours no more stands by what was read since, or is somebody else's.
 fn comes_to_rest(live: &Live, taken: &Taken<'_>) -> bool {
     let begun = clock::now();
-    while clock::now().since(begun) < LOST_MAX && live.check().is_ok() {
+    loop {
+        let is_last = clock::now().since(begun) >= LOST_MAX || live.check().is_err();
         let since = clock::now().since(begun).as_secs_f64() * 1e3;
         let is_over = taken.lease.state().is_some_and(|state| {
-            let stands = state.owed.is_none() && state.moving != Some(true);
-            state.lease.is_some() || stands && newest_ms(&state) < since
+            let newest = newest_ms(&state);
+            let stands =
+                state.lease.is_none() && state.owed.is_none() && state.moving != Some(true);
+            let anothers = state.lease.is_some_and(|lease| lease.epoch != taken.lease.epoch());
+            anothers || stands && newest < since
         });
-        if is_over {
-            return true;
+        if is_over || is_last {
+            return is_over || taken.was_left_standing();
         }
         clock::sleep_until(clock::now() + LOOK);
     }
-    false
 }
 
 /// Ends when the drive has been silent for too long, by what the server says.
@@ -350,7 +368,7 @@ fn arrive(taken: &[Taken<'_>], orders: &[Order], deadline: Instant) -> Result<()
 
 /// Stops what was started, takes the power off that was put on, and gives all back. An axis that is
 /// ours no more is its next owner's: the end of the lease has stopped it.
-fn finish(taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
+fn finish(live: &Live, taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
     let ours = |taken: &Taken<'_>| taken.lease.check().is_ok();
     let stop = |taken: &Taken<'_>| {
         let stops = !arrived && ours(taken) && taken.can(Verb::Stop);
@@ -366,6 +384,11 @@ fn finish(taken: Vec<Taken<'_>>, arrived: bool) -> Result<()> {
                 Ok(None) => Err(late(&taken.axis.label, Verb::Stop)),
                 Err(error) => Err(refused(error)),
             });
+        // Who took it, or said stop, has it stand: that is no stop of ours any more.
+        let lost = |problem: &Problem| ["gateway.lease", "gateway.busy"].contains(&&*problem.code);
+        let is_lost = stopped.as_ref().is_err_and(|problem| lost(problem) || !ours(&taken));
+        let left = is_lost && comes_to_rest(live, &taken);
+        let stopped = if left { Ok(()) } else { stopped };
         if stopped.is_err() {
             let label = &taken.axis.label;
             say(&format!("{label} did not confirm its stop and may still turn: cut its supply"));

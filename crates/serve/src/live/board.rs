@@ -106,6 +106,7 @@ impl Board {
                     gate.board.tell(&gate, event);
                 }
                 if ended.is_ok() {
+                    gate.board.say_last(&gate);
                     // Nobody may watch.
                     let _ = gate.board.news.send(News::End);
                 }
@@ -160,6 +161,14 @@ impl Board {
         for id in 0..=u16::MAX {
             let Ok(state) = gate.bench.axis(id) else { break };
             self.show(state);
+        }
+    }
+
+    /// Says how each axis was left.
+    fn say_last(&self, gate: &Shared) {
+        for state in (0..=u16::MAX).map_while(|id| gate.bench.axis(id).ok()) {
+            // Nobody may watch.
+            let _ = self.news.send(News::Text(text(&ServerMessage::Axis(state))));
         }
     }
 
