@@ -2,6 +2,9 @@
 
 use super::{Inputs, Limits, Motor, MotorParameters, Setpoint, TICK_S, Trajectory, Winding, cut};
 
+/// What rounding adds to a speed that is taken from the way of a tick, rad/s.
+const ROUNDING: f64 = 1e-6;
+
 /// Gains of the loops, SI.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Gains {
@@ -213,11 +216,13 @@ impl Servo {
         }
         let (ramp, current) = (self.trajectory.limits(), self.max_current);
         let velocity = match self.goal {
-            // What an S-curve still smooths was asked for before.
-            Goal::Velocity(asked) => ramp.velocity.min(asked.abs().max(self.trajectory.smoothed())),
+            Goal::Velocity(asked) => ramp.velocity.min(asked.abs()),
             Goal::Position(_) => ramp.velocity,
             _ => return Bounds { current, ..Bounds::NONE },
         };
+        // What an S-curve still smooths was asked for before, and the limits of then held it.
+        let smoothed = self.trajectory.smoothed();
+        let velocity = if smoothed > velocity + ROUNDING { smoothed } else { velocity };
         Bounds { velocity, acceleration: ramp.acceleration, current }
     }
 

@@ -265,6 +265,34 @@ fn an_s_curve_that_is_told_to_stop_is_held_to_what_it_still_smooths() {
     assert_eq!(t.smoothed(), 0.0, "left behind");
 }
 
+/// Swarm can:1116971: a move by, and then a turning, with a lower speed came while an S-curve still gained speed.
+#[test]
+fn an_s_curve_that_is_held_to_less_in_flight_is_held_to_what_it_still_smooths() {
+    for goal in [Goal::Position(4.0), Goal::Velocity(9.0)] {
+        let (mut motor, mut servo) = running();
+        let limits = Limits { smoothing_s: 0.02, ..Limits::trapezoid(28.0, 1000.0) };
+        servo.set_limits(limits);
+        servo.go(Goal::Velocity(28.0));
+        let mut fly = |servo: &mut Servo, ticks| {
+            let mut fastest = 0.0_f64;
+            for _ in 0..ticks {
+                let (before, held_to) = (servo.setpoint().velocity, servo.bounds().velocity);
+                servo.step(&mut motor, Conditions { bus: 48.0, load: 0.0 });
+                let velocity = servo.setpoint().velocity;
+                assert!(velocity <= held_to.max(before) + 1e-6, "{velocity}, held to {held_to}");
+                fastest = fastest.max(velocity);
+            }
+            fastest
+        };
+        let before = fly(&mut servo, 20);
+        assert_eq!(servo.bounds().velocity, 28.0, "the limit, whatever rounding adds");
+        servo.go(goal);
+        servo.set_limits(Limits { velocity: 9.0, ..limits });
+        assert!(fly(&mut servo, 100) > before + 1.0, "it gained speed for a while");
+        assert_eq!(servo.bounds().velocity, 9.0, "left behind");
+    }
+}
+
 #[test]
 fn a_new_goal_in_flight_is_met_from_where_it_is() {
     for smoothing_s in [0.0, 0.08] {
