@@ -525,11 +525,12 @@ impl Session {
         let (module, opcode, again) =
             (request.address, request.opcode.number(), pending.attempts > 1);
         // What comes too soon is believed where no earlier request could own it; that shows that the
-        // line has no baud rate.
+        // line has no baud rate, unless that was believed: then somebody else asked for it.
         let probe = pending.ticket.is_none() && self.waiting.is_some();
         let proof = probe && !self.proven.holds(module);
         if soon && self.early_streak < EARLY_MAX && !proof {
-            if again || self.could_own(now, module, opcode) {
+            let believed = self.timely >= TIMELY_MIN;
+            if again || believed || self.could_own(now, module, opcode) {
                 if let Some(pending) = &mut self.pending {
                     pending.doubts.early = true;
                 }

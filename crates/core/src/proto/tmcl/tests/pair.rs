@@ -568,6 +568,44 @@ fn a_copy_on_can_that_comes_too_soon_is_no_answer() {
     assert!(matches!(answer, Some(Ok(Answer::Reply(r))) if r.value == 9), "{answer:?}");
 }
 
+/// What a stranger asked in the program's name is answered before the program's own request can have left, or
+/// a module at last says what it was asked before others kept the bus for seconds: once the bit rate was taken
+/// for fiction, and each answer for the next question's (swarm seeds can:1011309, can:1084928).
+#[test]
+fn an_answer_that_comes_too_soon_is_no_answer_where_others_took_their_time() {
+    let mut host = CanHost::new(&HostOptions::new(250_000));
+    let mut frame = Frame::default();
+    let mut ask = |host: &mut CanHost, now| {
+        host.submit(now, Ticket(1), Ask::of(request(Opcode::Gap, 1, 0))).unwrap();
+        host.poll_transmit(now, &mut frame).unwrap();
+    };
+    let reply = |value| Frame::standard(2, &[1, 100, 6, 0, 0, 0, value]);
+    let answer = |host: &mut CanHost| match host.poll_event() {
+        Some((_, Ok(Answer::Reply(reply)))) => Some(reply.value),
+        Some(other) => panic!("{other:?}"),
+        None => None,
+    };
+    let mut now = Instant(1);
+    for n in 0..16 {
+        ask(&mut host, now);
+        now = now.plus_ms(1);
+        host.handle_input(now, &reply(n));
+        assert_eq!(answer(&mut host), Some(n.into()));
+    }
+    // So long after that no earlier request could own it.
+    now = now.plus_ms(2_000);
+    ask(&mut host, now);
+    host.handle_input(now.plus_ns(110 * 4_000), &reply(200));
+    assert_eq!(answer(&mut host), None);
+    now = now.plus_ns(330 * 4_000);
+    host.handle_input(now, &reply(20));
+    assert_eq!(answer(&mut host), Some(20));
+    ask(&mut host, now);
+    host.handle_input(now.plus_ns(250 * 4_000), &reply(21));
+    assert_eq!(answer(&mut host), Some(21));
+    assert_eq!(host.counters().early, 1);
+}
+
 /// Loss, delay and repetition without corruption: then no value may ever be wrong. With corruption
 /// a wrong one must have passed every check of the wire.
 #[test]
