@@ -150,6 +150,9 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let mut open = u64::MAX;
         while let Some((n, job)) = self.jobs.next(open) {
             let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
+            if core::mem::take(&mut slot.mistaken) {
+                self.host.mistrust(now, slot.driver.address());
+            }
             if let Some((id, request)) = execute::plain_read(job, slot) {
                 if let Ok(()) = self.host.submit(now, Ticket(n as u32), *request) {
                     job.asked = Asked::Read(id);

@@ -249,6 +249,13 @@ pub trait Host<M: Medium>: Station<M> {
         false
     }
 
+    /// What the drive at this address said last cannot be, so that it may answer another question: nothing
+    /// but stops is asked of it before nothing older can come. For hosts of protocols whose answers do not
+    /// say what they answer.
+    fn mistrust(&mut self, now: Instant, address: u32) {
+        let _ = (now, address);
+    }
+
     /// Somebody else had the wire until now: what has to be silent before a frame begins anew.
     fn disturbed(&mut self, now: Instant) {
         let _ = now;

@@ -47,12 +47,15 @@ impl Factor {
 
     /// Takes a reading. What it cannot have may belong to another question, where answers do not say
     /// what they answer; a drive that has it all the same says so again.
-    fn accept_reading(&mut self, raw: i64, possible: bool) {
-        if possible || self.odd == Some(raw) {
+    /// Returns whether it was believed.
+    fn accept_reading(&mut self, raw: i64, possible: bool) -> bool {
+        let believed = possible || self.odd == Some(raw);
+        if believed {
             (self.raw, self.odd) = (Some(raw), None);
         } else {
             self.odd = Some(raw);
         }
+        believed
     }
 }
 
@@ -70,6 +73,8 @@ pub struct Slot<R, A> {
     /// ended in silence, for the last one that did.
     pub asked_at: Counters,
     pub heard: Counters,
+    /// It said what it cannot have, which may answer another question.
+    pub mistaken: bool,
     factors: Vec<Factor>,
     /// What is needed of a parameter again and again, by [`ParameterId`].
     entries: Vec<Entry<R>>,
@@ -119,6 +124,7 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
             transfer: None,
             asked_at: Counters::default(),
             heard: Counters::default(),
+            mistaken: false,
             factors,
             entries: Vec::with_capacity(profile.parameters.len()),
         };
@@ -190,7 +196,8 @@ impl<R: crate::station::Request, A: Copy + 'static> Slot<R, A> {
     pub fn note(&mut self, now: Instant, id: ParameterId, raw: i64) {
         let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
         if let Some(factor) = entry.factor.and_then(|at| self.factors.get_mut(at)) {
-            factor.accept_reading(raw, (entry.parameter.min..=entry.parameter.max).contains(&raw));
+            let possible = (entry.parameter.min..=entry.parameter.max).contains(&raw);
+            self.mistaken |= !factor.accept_reading(raw, possible);
         }
         if entry.sources.is_empty() {
             return;

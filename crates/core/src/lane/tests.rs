@@ -173,6 +173,8 @@ struct Toy {
     mistake: Vec<(usize, i64)>,
     refuse: Option<u16>,
     forbids: Option<u16>,
+    /// How many requests had been answered whenever something was said that cannot be.
+    mistrusted: Vec<usize>,
     out: Option<(Ticket, Ask)>,
     /// The wire has to be silent for a while: nothing is sent.
     hush: bool,
@@ -239,6 +241,10 @@ impl Host<Stream> for Toy {
     }
     fn poll_event(&mut self) -> Option<&Event<i64>> {
         self.events.next()
+    }
+    fn mistrust(&mut self, _: Instant, address: u32) {
+        assert_eq!(address, ToyDriver.address());
+        self.mistrusted.push(self.log.len());
     }
     fn emit(&self, request: &Ask, out: &mut [u8]) -> usize {
         out[0] = request.index as u8;
@@ -336,6 +342,18 @@ fn a_scale_that_cannot_be_is_asked_again() {
     bench.lane.host.mistake = std::vec![(3, 25)];
     bench.lane.read(bench.now, Ticket(2), AXIS, STEPS).unwrap();
     assert_eq!(bench.run(), [(2, Outcome::Done(25))]);
+    assert_eq!(bench.lane.to_si(AXIS, POSITION, 4096), Some(core::f64::consts::TAU));
+}
+
+/// A shift goes on, and the question before may be the same each time: once 167 steps a turn were said twice
+/// and believed (swarm seed can:1020091). So a host that can is told before anything else is asked.
+#[test]
+fn who_says_a_scale_that_cannot_be_is_mistrusted_at_once() {
+    let mut bench = Bench::new();
+    bench.lane.host.mistake = std::vec![(0, 167), (1, 168)];
+    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    bench.run();
+    assert_eq!(bench.lane.host.mistrusted, [1, 2]);
     assert_eq!(bench.lane.to_si(AXIS, POSITION, 4096), Some(core::f64::consts::TAU));
 }
 

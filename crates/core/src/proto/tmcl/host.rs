@@ -316,6 +316,10 @@ impl Host<Stream> for SerialHost {
         len
     }
 
+    fn mistrust(&mut self, now: Instant, address: u32) {
+        self.session.mistrust(now, address);
+    }
+
     fn disturbed(&mut self, now: Instant) {
         self.quiet = self.quiet.max(now.plus_ns(self.gap_ns));
     }
@@ -430,6 +434,10 @@ impl Host<Can> for CanHost {
 
     fn own_address(&self) -> Option<u32> {
         Some(self.reply_id.into())
+    }
+
+    fn mistrust(&mut self, now: Instant, address: u32) {
+        self.session.mistrust(now, address);
     }
 
     #[inline]

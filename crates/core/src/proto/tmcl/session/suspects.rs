@@ -1,6 +1,9 @@
 //! Modules of which an answer to an earlier request may still come.
 
-use super::{LATEST_TIMEOUTS, PROBES_MAX, Pending, SUSPECTS_MAX, Session, Suspect, TAGS_MAX};
+use super::{
+    Ask, LATEST_TIMEOUTS, Opcode, PROBES_MAX, Pending, Request, SUSPECTS_MAX, Session, Suspect,
+    TAGS_MAX,
+};
 use crate::time::Instant;
 
 impl Suspect {
@@ -24,6 +27,17 @@ impl Suspect {
 }
 
 impl Session {
+    /// What a module said of a parameter cannot be: since a copy of an older reply each answer may be the one
+    /// to the question before, and the last is still to come. So a probe of another opcode is asked.
+    #[cold]
+    pub(in crate::proto::tmcl) fn mistrust(&mut self, now: Instant, address: u32) {
+        let Ok(address) = u8::try_from(address) else { return };
+        let request = Request { address, opcode: Opcode::Gap, kind: 0, motor: 0, value: 0 };
+        let owed = Pending { attempts: 1, ..Pending::new(now, None, Ask::of(request), 0) };
+        self.suspect(now, &owed, true);
+        self.next(now);
+    }
+
     /// Notes that replies of `pending` may still come.
     pub(super) fn suspect(&mut self, now: Instant, pending: &Pending, probe: bool) {
         if pending.attempts == 0 {

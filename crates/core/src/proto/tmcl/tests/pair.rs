@@ -606,6 +606,35 @@ fn an_answer_that_comes_too_soon_is_no_answer_where_others_took_their_time() {
     assert_eq!(host.counters().early, 1);
 }
 
+/// A copy of a reply came when an answer could, and each answer then is the one to the question before: once
+/// a wrong scale was so said twice (swarm seed can:1020091). A probe of another opcode ends that.
+#[test]
+fn nothing_older_is_taken_from_a_module_that_is_mistrusted() {
+    let mut host = CanHost::new(&HostOptions::new(250_000));
+    let mut frame = Frame::default();
+    let gap = Ask::of(request(Opcode::Gap, 250, 0));
+    let reply = |opcode, value| Frame::standard(2, &[1, 100, opcode, 0, 0, 0, value]);
+    let mut now = Instant(1);
+    host.submit(now, Ticket(1), gap).unwrap();
+    host.poll_transmit(now, &mut frame).unwrap();
+    now = now.plus_ms(1);
+    host.handle_input(now, &reply(6, 167));
+    assert!(host.poll_event().is_some(), "the copy is taken");
+    host.mistrust(now, 1);
+    assert_eq!(host.submit(now, Ticket(2), gap), Err(gap));
+    host.poll_transmit(now, &mut frame).unwrap();
+    assert_eq!((frame.data[0], frame.data[1]), (Opcode::Version.number(), 1));
+    now = now.plus_ms(1);
+    host.handle_input(now, &reply(6, 99));
+    assert_eq!(host.submit(now, Ticket(2), gap), Err(gap));
+    host.handle_input(now.plus_ms(1), &reply(Opcode::Version.number(), 7));
+    assert!(host.poll_event().is_none(), "neither is anybody's answer");
+    now = now.plus_ms(2);
+    assert_eq!(host.submit(now, Ticket(2), gap), Ok(()));
+    host.poll_transmit(now, &mut frame).unwrap();
+    assert_eq!((frame.data[0], frame.data[1]), (6, 250));
+}
+
 /// Loss, delay and repetition without corruption: then no value may ever be wrong. With corruption
 /// a wrong one must have passed every check of the wire.
 #[test]
