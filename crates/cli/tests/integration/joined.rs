@@ -484,6 +484,37 @@ fn a_server_that_leaves_a_motor_unseen_does_not_end_well() {
     assert!(held.err.contains("The motor may still turn: cut its supply."), "{}", held.err);
 }
 
+/// Who commands is not told that the motor may turn where others have stopped it.
+#[test]
+fn who_is_stopped_by_others_hears_that_the_axis_was_left_standing() {
+    let drive = Served::new("tmcl:1");
+    let mut server = Server::new(&[&drive.url]);
+    let all_well = |ran: &Ran| !ran.err.contains("may still turn") && ran.code != 0;
+    for stop in [&["stop", "1"][..], &["stop"]] {
+        let held = server.held(&["spin", "1", "300rpm"]);
+        until(|| server.velocity("1") > 100.0, || {});
+        server.ok(stop);
+        let ended = held.ended();
+        assert!(all_well(&ended), "{stop:?}: {}", ended.err);
+        server.ok(&["release"]);
+        std::thread::scope(|scope| {
+            let moves = scope.spawn(|| server.run(&["move", "1", "3000turn", "--vel", "300rpm"]));
+            until(|| server.velocity("1") > 100.0, || {});
+            server.ok(stop);
+            let ended = moves.join().expect("ends");
+            assert!(all_well(&ended), "{stop:?}: {}", ended.err);
+        });
+        server.ok(&["release"]);
+    }
+    let held = server.held(&["spin", "1", "300rpm"]);
+    until(|| server.velocity("1") > 100.0, || {});
+    signal("TERM", server.child.id());
+    assert_eq!(server.child.wait().expect("ends").code(), Some(0));
+    let ended = held.ended();
+    assert!(all_well(&ended) && ended.code == 3, "{}", ended.err);
+    assert!(ended.err.contains("it was seen standing"), "{}", ended.err);
+}
+
 /// A server that hangs tells nothing of its drives: none of them is blamed.
 #[test]
 fn a_server_that_hangs_is_not_told_as_a_silent_drive() {
