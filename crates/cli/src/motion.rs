@@ -62,7 +62,7 @@ pub fn argument(
         };
         let name = axis.profile().name;
         let what = match axis.profile().plan(verb) {
-            None => format!("{name} cannot {}.", verb.name().replace('-', " ")),
+            None => format!("{name} has no `{}`.", command_of(verb)),
             Some(_) => format!("{name} takes no {option} with this verb."),
         };
         let why = format!("Its profile has no steps for that. {}", outcome::unsent());
@@ -81,8 +81,19 @@ pub fn argument(
     }
     // Why a unit is not the drive's, its parameter's description says best.
     let written = axis.destination(verb, which).flatten();
-    let about = written.map_or("", |parameter| parameter.about);
-    measure.in_unit(unit).map_err(|wrong| outcome::error(wrong).why(about))
+    measure.in_unit(unit).map_err(|wrong| {
+        let about = written.map(|into| format!("It is written to {:?}: {}", into.name, into.about));
+        outcome::error(wrong).why(about.unwrap_or_default())
+    })
+}
+
+/// The command that a verb of motion is said by.
+pub const fn command_of(verb: Verb) -> &'static str {
+    match verb {
+        Verb::Velocity => "spin",
+        Verb::MoveTo | Verb::MoveBy | Verb::MoveOn | Verb::CurveTo | Verb::CurveBy => "move",
+        other => other.name(),
+    }
 }
 
 /// Says what to watch out for, once per product, before anything moves.

@@ -23,8 +23,8 @@ pub fn unsent() -> String {
     let sent = SENT.lock().unwrap_or_else(PoisonError::into_inner);
     match sent.iter().map(Sent::count).sum::<u64>() {
         0 => "Nothing was sent.".to_owned(),
-        1 => "It was not sent; 1 frame had gone out before.".to_owned(),
-        count => format!("It was not sent; {count} frames had gone out before."),
+        1 => "It was not sent. 1 frame was sent before it.".to_owned(),
+        count => format!("It was not sent. {count} frames were sent before it."),
     }
 }
 
@@ -64,6 +64,9 @@ fn why(error: &Error) -> String {
         }
         (Exit::NoReply, _) => "Nothing came back within the time allowed, repeats included.",
         (Exit::Corrupt, _) => "Noise, a second host, or two drives with one address can do that.",
+        (Exit::Refused, Some(false)) if error.code() == "E602" => {
+            "The drive told a state in which it cannot do that; it was not executed."
+        }
         (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",
         (Exit::Negative, _) => "What was waited for did not come in that time.",
         // What was executed of it, the sentence says.

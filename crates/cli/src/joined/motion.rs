@@ -14,7 +14,7 @@ use polepair_link::clock;
 
 use super::{Joined, cannot, refused, signal_shown, unit_of};
 use crate::interrupt;
-use crate::motion::{ARRIVE_MAX, Held, Then, hold_while, late};
+use crate::motion::{ARRIVE_MAX, Held, Then, command_of, hold_while, late};
 use crate::outcome::{self, sentence};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::say;
@@ -47,7 +47,7 @@ pub struct Order {
 pub fn argument(axis: &AxisInfo, verb: Verb, name: &str, text: &str) -> Result<f64> {
     let info = axis.verbs.iter().find(|info| info.verb == verb.name());
     let info = info.ok_or_else(|| {
-        let what = format!("{} cannot {}.", axis.profile, verb.name().replace('-', " "));
+        let what = format!("{} has no `{}`.", axis.profile, command_of(verb));
         Problem::usage("E218", what).why("Its profile has no steps for that.")
     })?;
     let argument = info.arguments.iter().find(|argument| argument.name == name);

@@ -71,7 +71,7 @@ fn powers_nothing(degrees: &str, turns: &str) {
     let says = format!("error[E222]: axis 1 stands at 0 turn, the path begins at {turns} turn.");
     assert!(ran.err.contains(&says), "{}", ran.err);
     assert!(!ran.err.contains("Nothing was sent"), "{}", ran.err);
-    assert!(ran.err.contains("frames had gone out before."), "{}", ran.err);
+    assert!(ran.err.contains("frames were sent before it."), "{}", ran.err);
     let frames = std::fs::read_to_string(&trace).expect("a trace");
     // An SDO that writes two bytes to 6040h.
     assert!(frames.contains("#40") && !frames.contains("#2B4060"), "{frames}");

@@ -3484,7 +3484,7 @@ pub static CIA402: Profile = Profile {
     ],
     watchdog: Watchdog::Heartbeat { consumer: ParameterId(6), reaction: ParameterId(86) },
     reply_timeout_ms: 200,
-    caution: "The drive goes on when the bus dies, unless it watches a heartbeat (1016h, and 6007h for what it does then): give the connection heartbeat=100 and the drive that node-ID and a time. Scales come from the drive's 608Fh: check that a small move is as large as you asked. Have a switch in its supply within reach.",
+    caution: "The drive goes on when the bus dies, unless it watches the heartbeat of its connection (heartbeat=; 1016h, and 6007h for what it does then). Scales come from the drive's 608Fh: check that a small move is as large as you asked. Have a switch in its supply within reach.",
 };
 
 /// Every profile of this file, by name.
