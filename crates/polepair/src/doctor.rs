@@ -26,8 +26,9 @@ use crate::identify::{Probe, Prober};
 use crate::scan::{self, Found};
 use crate::url::{Number, Target, Url};
 use crate::wire::SharedLink;
+pub use drive::{ABSENT, says_absent, watchdog_if_any};
 pub use machine::machine;
-pub use prove::{prove_watchdog, proving_speed};
+pub use prove::{Unproven, Witness, prove_watchdog, proving_speed};
 
 /// Addresses that are asked where the string names none.
 const FEW: usize = 8;
@@ -91,7 +92,10 @@ impl Check {
     }
 
     fn error(about: &str, error: &Error) -> Self {
-        Self::wrong(about, error.exit(), error.to_string(), error.hint())
+        let said = error.to_string();
+        // Errors of an axis begin with its label.
+        let found = said.strip_prefix(about).and_then(|rest| rest.strip_prefix(": "));
+        Self::wrong(about, error.exit(), found.unwrap_or(&said), error.hint())
     }
 }
 

@@ -3,21 +3,23 @@
 use std::io::IsTerminal as _;
 
 use clap::Args;
-use polepair::Connector;
-use polepair::doctor::{self, Check, Grade, Options};
+use polepair::doctor::{self, Check, Grade, Options, Unproven, Witness};
+use polepair::{Axis, Connector, Error};
 use polepair_capture::jsonl;
 
 use crate::cmd::watchdog::span;
+use crate::interrupt;
+use crate::motion::Owed;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::Session;
-use crate::terminal::{Output, colour_out, draw};
+use crate::terminal::{Output, colour_out, draw, say};
 
 /// Looks for what is wrong, from the cable up, and says what to try.
 ///
 /// Without a URL: this machine's adapters and configuration. With one: that link, step by step.
-/// Nothing is moved or written, but by --prove-watchdog. The exit code is that of the worst check that
-/// is wrong.
+/// Nothing is moved or written, but by --prove-watchdog. Ctrl-C ends that, too: the motor is stopped and
+/// its watchdog set as before. The exit code is that of the worst check that is wrong.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -90,16 +92,28 @@ impl Doctor {
         let session = Session { link, words: url.to_owned() };
         self.consent(&session)?;
         session.listen();
-        let mut shown = Ok(());
+        let words = &session.words;
+        // Whoever leaves at once is told what is left behind, the watchdog's value too.
+        let _holding = interrupt::hold(&match after {
+            None => words.clone(),
+            Some(_) => format!(
+                "{words}; its watchdog may not be as it was: `polepair watchdog {words}` shows and sets it"
+            ),
+        });
+        let mut watching = Watching { show, shown: Ok(()), owed: None };
         for axis in session.axes() {
-            let mut hear = |check| {
-                if shown.is_ok() {
-                    shown = show(check);
-                }
-            };
-            doctor::prove_watchdog(axis, after, &mut hear).map_err(outcome::error)?;
+            if interrupt::came() {
+                break;
+            }
+            if let Err(unproven) = doctor::prove_watchdog(axis, after, &mut watching) {
+                return Err(watching.unproven(axis, &session, unproven));
+            }
         }
-        shown
+        if interrupt::came() {
+            say("interrupted: no motor turns by this proof any more");
+            return Err(Problem::interrupted());
+        }
+        watching.shown
     }
 
     /// A motor turns only if somebody agrees.
@@ -138,6 +152,51 @@ impl Doctor {
             }
         }
         shown
+    }
+}
+
+/// Shows what a proof finds, and ends it when somebody wants that.
+struct Watching<'a> {
+    show: &'a mut dyn FnMut(Check) -> Result<()>,
+    shown: Result<()>,
+    /// What is said of a stop that was lost.
+    owed: Option<Owed>,
+}
+
+impl Witness for Watching<'_> {
+    fn hear(&mut self, check: Check) {
+        if self.shown.is_ok() {
+            self.shown = (self.show)(check);
+        }
+    }
+
+    fn ends(&self) -> bool {
+        interrupt::came()
+    }
+
+    fn again(&mut self, axis: &Axis, turns: bool) -> bool {
+        let may = if turns { "still turn" } else { "still be powered" };
+        self.owed.get_or_insert_with(Owed::new).again(axis, may)
+    }
+}
+
+impl Watching<'_> {
+    /// Why nothing was proven, and what became of the motor.
+    fn unproven(&mut self, axis: &Axis, session: &Session, unproven: Unproven) -> Problem {
+        let Unproven { error, moved, may_turn } = unproven;
+        if let (false, Some(owed)) = (may_turn, &mut self.owed) {
+            let _ = owed.told(axis, Ok(()));
+        }
+        if !may_turn && matches!(*error, Error::Interrupted { .. }) {
+            say(match moved {
+                true => "interrupted: the motor was stopped",
+                false => "interrupted: nothing moved",
+            });
+            return Problem::interrupted();
+        }
+        let problem = Problem { may_turn, ..outcome::error(*error) };
+        let stop = format!("polepair stop {}, once its drive answers again", session.words);
+        problem.hint_if(may_turn.then_some(stop))
     }
 }
 

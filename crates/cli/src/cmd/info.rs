@@ -2,9 +2,11 @@
 
 use clap::Args;
 use polepair::Axis;
+use polepair::doctor::{ABSENT, says_absent, watchdog_if_any};
 use polepair_client::message::{AxisInfo, AxisState, SignalValue};
 use polepair_core::profile::{Severity, Signal};
 
+use crate::cmd::watchdog;
 use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
@@ -170,29 +172,45 @@ fn describe(axis: &Axis) -> Result<String> {
     row("profile", format!("{} ({})", profile.name, axis.protocol()));
     row("known", axis.identified().to_string());
     for signal in Signal::ALL {
-        if signal != Signal::Fault
-            && let Some(shown) = shown(axis, signal)?
-        {
-            row(signal.name(), shown);
+        if signal == Signal::Fault {
+            continue;
+        }
+        match shown(axis, signal) {
+            Ok(Some(shown)) => row(signal.name(), shown),
+            Ok(None) => {}
+            Err(problem) => row(signal.name(), absent(axis, signal, problem)?),
         }
     }
     row("watchdog", watchdog(axis)?);
-    let faults = faults(axis)?;
-    if faults.is_empty() {
-        row("faults", "none".to_owned());
-    }
+    let faults = match faults(axis) {
+        Ok(faults) => {
+            if faults.is_empty() {
+                row("faults", "none".to_owned());
+            }
+            faults
+        }
+        Err(problem) => {
+            row("faults", format!("not told: {}", absent(axis, Signal::Fault, problem)?));
+            String::new()
+        }
+    };
     Ok(format!("{}: {}\n{}{faults}", axis.label(), profile.title, table.render(false)))
+}
+
+/// What is said of a signal that could not be read, where this drive has none such.
+fn absent(axis: &Axis, wanted: Signal, problem: Problem) -> Result<String> {
+    let source = axis.profile().signal(wanted).filter(|_| problem.exit == Exit::Refused);
+    let Some(source) = source else { return Err(problem) };
+    match axis.read(source.parameter) {
+        Err(error) if says_absent(axis, &error) => Ok(ABSENT.to_owned()),
+        _ => Err(problem),
+    }
 }
 
 /// What the drive does when its host falls silent, and whether that is on now.
 fn watchdog(axis: &Axis) -> Result<String> {
-    let state = axis.watchdog().map_err(outcome::error)?;
-    let id = axis.watchdog_parameter();
-    let parameter = id.and_then(|id| axis.profile().parameter(id));
-    Ok(match parameter {
-        Some(parameter) => format!("{} (`{}`)", axis.watchdog_in_words(state), parameter.name),
-        None => axis.watchdog_in_words(state),
-    })
+    let state = watchdog_if_any(axis).map_err(outcome::error)?;
+    Ok(watchdog::shown(axis, state))
 }
 
 /// A signal's value in words or in its unit.

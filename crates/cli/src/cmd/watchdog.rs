@@ -5,7 +5,9 @@ use std::time::Duration;
 use clap::Args;
 use polepair::Axis;
 use polepair::axis::WatchdogState;
+use polepair::doctor::{ABSENT, watchdog_if_any};
 use polepair_client::message::{SetWatchdog, WatchdogTold};
+use polepair_core::profile::Watchdog as Kind;
 
 use crate::joined::{self, Joined};
 use crate::outcome::{self, sentence};
@@ -37,10 +39,19 @@ impl Watchdog {
         let wanted = self.time.as_deref().map(span).transpose()?;
         let session = self.target.open()?;
         session.listen();
+        let period = session.link.url().milliseconds("heartbeat").map_err(outcome::error)?;
+        let period = period.map(|ms| Duration::from_secs_f64(ms / 1e3)).filter(|p| !p.is_zero());
         let mut out = Output::stdout();
         for axis in session.axes() {
             let state = match wanted {
-                None => axis.watchdog(),
+                None => watchdog_if_any(axis),
+                Some(_) if axis.watchdog_parameter().is_none() => {
+                    return Err(none(&axis.label(), &axis.watchdog_rule()));
+                }
+                // Not told apart from a wrong value by its refusal alone.
+                Some(_) if watchdog_if_any(axis) == Ok(WatchdogState::None) => {
+                    return Err(none(&axis.label(), &WatchdogState::None.to_string()));
+                }
                 Some(after) => {
                     if let Some(caution) = axis.watchdog_caution(after.is_none()) {
                         say(&format!("{}: {caution}", axis.label()));
@@ -50,6 +61,17 @@ impl Watchdog {
             };
             let state = state.map_err(outcome::error)?;
             out.line(&format!("{}: {}", axis.label(), shown(axis, state)));
+            if let (WatchdogState::On(after), Some(period)) = (state, period)
+                && matches!(axis.profile().watchdog, Kind::Heartbeat { .. })
+                && after <= period
+            {
+                say(&format!(
+                    "warning: {}: its watchdog ends before the next heartbeat of this connection \
+                     ({} ms): the drive stops though this host speaks",
+                    axis.label(),
+                    period.as_millis()
+                ));
+            }
         }
         out.flush()?;
         Ok(Exit::Ok)
@@ -63,6 +85,9 @@ impl Watchdog {
             let told = server.gateway.watchdog(axis.id).map_err(joined::refused)?;
             let told = match wanted {
                 None => told,
+                Some(_) if told.parameter.is_none() => {
+                    return Err(none(&axis.label, &told.text));
+                }
                 Some(after) => {
                     if !told.caution.is_empty() {
                         say(&format!("{}: {}", axis.label, told.caution));
@@ -76,6 +101,13 @@ impl Watchdog {
         out.flush()?;
         Ok(Exit::Ok)
     }
+}
+
+/// A drive that has none that can be set.
+fn none(label: &str, does: &str) -> Problem {
+    Problem::usage("E218", format!("{label} has no watchdog that can be set."))
+        .why(format!("What it does in silence: {does}. {}", outcome::unsent()))
+        .hint("an emergency stop that needs no computer; for a speed, `--for TIME` or a move")
 }
 
 /// Sets it under a lease of its own.
@@ -103,10 +135,17 @@ pub fn span(text: &str) -> Result<Option<Duration>> {
     Ok(Some(span).filter(|span| !span.is_zero()))
 }
 
-fn shown(axis: &Axis, state: WatchdogState) -> String {
+/// How a drive's watchdog is set, with the parameter that sets it.
+pub fn shown(axis: &Axis, state: WatchdogState) -> String {
     let id = axis.watchdog_parameter();
-    match id.and_then(|id| axis.profile().parameter(id)) {
-        Some(parameter) => format!("{} ({})", axis.watchdog_in_words(state), parameter.name),
-        None => axis.watchdog_in_words(state),
+    match (id.and_then(|id| axis.profile().parameter(id)), state) {
+        (Some(parameter), WatchdogState::None) => {
+            let does = "the motor keeps doing what it was last told";
+            format!("{ABSENT} (`{}`): {does}", parameter.name)
+        }
+        (Some(parameter), _) => {
+            format!("{} (`{}`)", axis.watchdog_in_words(state), parameter.name)
+        }
+        (None, _) => axis.watchdog_in_words(state),
     }
 }

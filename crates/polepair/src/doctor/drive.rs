@@ -4,7 +4,8 @@ use super::Check;
 use crate::amount::Value;
 use crate::axis::{Axis, WatchdogState};
 use crate::error::{Error, Exit};
-use polepair_core::profile::{Fault, Severity, Signal};
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
 
 /// Below this no motor supply is there, whatever the drive [inferred: the smallest take 7 V].
 const VOLTS_MIN: f64 = 5.0;
@@ -15,6 +16,44 @@ const COLD: f64 = -30.0;
 
 /// Looks at one thing; nothing to say where the drive does not tell it.
 type Look = fn(&Axis, &str) -> Result<Option<Check>, Error>;
+
+/// What is said of something that a drive has not.
+pub const ABSENT: &str = "this firmware has none";
+
+/// Whether a drive that refused a read said by it that it has no such thing. Profiles tell what drives
+/// of a kind have; their firmwares differ.
+///
+/// ```
+/// let link = polepair::connect("sim:cia402:5?time=virtual")?;
+/// let refused = link.axes()[0].get_raw("0x2345").unwrap_err();
+/// assert!(!polepair::doctor::says_absent(&link.axes()[0], &refused), "nobody was asked");
+/// # Ok::<(), polepair::Error>(())
+/// ```
+#[must_use]
+pub fn says_absent(axis: &Axis, error: &Error) -> bool {
+    let Error::Failed { outcome: Outcome::NotDone(Failure::Refused { code }), .. } = error else {
+        return false;
+    };
+    match axis.protocol() {
+        // Invalid command, wrong type, invalid value, command not available.
+        "tmcl" => matches!(code, 2 | 3 | 4 | 6),
+        // CiA 301: no such object, no such subindex.
+        "canopen" => matches!(code, 0x0602_0000 | 0x0609_0011),
+        _ => false,
+    }
+}
+
+/// How a drive's own watchdog is set now; [`WatchdogState::None`] also where its profile has one and its
+/// firmware refuses the parameter.
+///
+/// # Errors
+/// [`Error`] by blame.
+pub fn watchdog_if_any(axis: &Axis) -> Result<WatchdogState, Error> {
+    match axis.watchdog() {
+        Err(error) if says_absent(axis, &error) => Ok(WatchdogState::None),
+        other => other,
+    }
+}
 
 /// Looks at one drive, by reads.
 pub(super) fn examine(axis: &Axis, hear: &mut dyn FnMut(Check)) {
@@ -40,9 +79,16 @@ enum Told<T> {
 
 fn read(axis: &Axis, signal: Signal) -> Result<Told<Value>, Error> {
     let Some(source) = axis.profile().signal(signal) else { return Ok(Told::Nowhere) };
-    match axis.read_if_any(source.parameter)? {
+    match read_if_there(axis, source.parameter)? {
         Some(raw) => axis.value(source.parameter, raw).map(Told::This),
         None => Ok(Told::Lacking(signal.name())),
+    }
+}
+
+fn read_if_there(axis: &Axis, id: ParameterId) -> Result<Option<i64>, Error> {
+    match axis.read_if_any(id) {
+        Err(error) if says_absent(axis, &error) => Ok(None),
+        other => other,
     }
 }
 
@@ -50,9 +96,7 @@ fn read(axis: &Axis, signal: Signal) -> Result<Told<Value>, Error> {
 fn check<T>(about: &str, told: Told<T>, look: impl FnOnce(T) -> Check) -> Option<Check> {
     match told {
         Told::Nowhere => None,
-        Told::Lacking(what) => {
-            Some(Check::ok(about, format!("{what}: absent, the drive has no object for it")))
-        }
+        Told::Lacking(what) => Some(Check::ok(about, format!("{what}: absent, {ABSENT}"))),
         Told::This(value) => Some(look(value)),
     }
 }
@@ -60,7 +104,7 @@ fn check<T>(about: &str, told: Told<T>, look: impl FnOnce(T) -> Check) -> Option
 /// The bits of a signal, and whether they mean true where it is a flag.
 fn bits(axis: &Axis, signal: Signal) -> Result<Told<(i64, bool)>, Error> {
     let Some(source) = axis.profile().signal(signal) else { return Ok(Told::Nowhere) };
-    let Some(raw) = axis.read_if_any(source.parameter)? else {
+    let Some(raw) = read_if_there(axis, source.parameter)? else {
         return Ok(Told::Lacking(signal.name()));
     };
     let masked = raw & source.mask;
@@ -126,7 +170,7 @@ fn watchdog(axis: &Axis) -> Check {
     let (about, profile) = (axis.label(), axis.profile());
     let id = axis.watchdog_parameter();
     let name = id.and_then(|id| profile.parameter(id)).map_or("", |parameter| parameter.name);
-    let state = match axis.watchdog() {
+    let state = match watchdog_if_any(axis) {
         Ok(state) => state,
         Err(error) => return Check::error(&about, &error),
     };

@@ -1,8 +1,10 @@
 //! The drive's own watchdog: which parameter it is, what it is set to, and whether it works.
 
 use polepair::axis::WatchdogState;
-use polepair::doctor::{Check, Grade, prove_watchdog};
-use polepair::{Axis, Link};
+use polepair::doctor::{Check, Grade, Witness, prove_watchdog};
+use polepair::{Axis, Error, Link};
+use std::io::{Read as _, Write as _};
+use std::net::TcpListener;
 use std::time::Duration;
 
 const HALF: Duration = Duration::from_millis(500);
@@ -132,4 +134,141 @@ fn a_heartbeat_that_is_watched_has_to_lead_to_something() {
     let axis = &sends.axes()[0];
     let said = axis.watchdog_in_words(axis.set_watchdog(Some(HALF)).unwrap());
     assert_eq!(said, "on, the drive stops after 500 ms of silence");
+}
+
+/// Ends a proof as soon as the motor turns.
+struct Ends<'a> {
+    link: &'a Link,
+    found: Vec<String>,
+}
+
+impl Witness for Ends<'_> {
+    fn hear(&mut self, check: Check) {
+        self.found.push(check.found);
+    }
+
+    fn ends(&self) -> bool {
+        speed(self.link) > 0.5
+    }
+}
+
+fn speed(link: &Link) -> f64 {
+    link.simulation().unwrap().truth(0, 0).unwrap().velocity.abs()
+}
+
+#[test]
+fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
+    for url in ["sim:tmcl?", "sim:tmcl+can:3?", "sim:cia402:5?heartbeat=100&"] {
+        let link = open(url);
+        let axis = &link.axes()[0];
+        let before = axis.watchdog().unwrap();
+        let mut ends = Ends { link: &link, found: Vec::new() };
+        let unproven = prove_watchdog(axis, Some(HALF), &mut ends).unwrap_err();
+        assert!(matches!(*unproven.error, Error::Interrupted { .. }), "{url}: {unproven:?}");
+        assert!(unproven.moved && !unproven.may_turn, "{url}: {unproven:?}");
+        assert!(!unproven.to_string().contains("may still turn"), "{url}: {unproven}");
+        // Nobody waited for its watchdog: it was stopped.
+        assert!(speed(&link) < 0.1, "{url}: {}", speed(&link));
+        assert_eq!(axis.watchdog().unwrap(), before, "{url}");
+        let [last] = &ends.found[..] else { panic!("{url}: {:?}", ends.found) };
+        assert!(last.contains("is set as before"), "{url}: {last}");
+        axis.armed().unwrap().release().unwrap_or_else(|error| panic!("{url}: {error}"));
+    }
+}
+
+/// A TMCL module made from the protocol's manual. It turns when it is told to, and answers nobody any more
+/// once it has told its speed so often since. Returns where it listens.
+fn module_that_falls_silent(after: u32) -> String {
+    module(after, 100)
+}
+
+/// The same, which answers with this status to who asks for its heartbeat, and sets it.
+fn module(after: u32, status: u8) -> String {
+    let server = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let at = server.local_addr().expect("an address");
+    std::thread::spawn(move || {
+        let (mut wire, _) = server.accept().expect("a host");
+        let (mut asked, mut speed, mut told, mut heartbeat) = ([0; 9], 0, 0, 0);
+        while wire.read_exact(&mut asked).is_ok() {
+            let given = i32::from_be_bytes([asked[4], asked[5], asked[6], asked[7]]);
+            let value = match (asked[1], asked[2]) {
+                // ROR and MST; the serial heartbeat is SGP and GGP 68.
+                (1, _) => std::mem::replace(&mut speed, given),
+                (3, _) => 0,
+                (9, 68) => std::mem::replace(&mut heartbeat, given),
+                (10, 68) => heartbeat,
+                (6, 3) => speed,
+                (6, 210 | 250) => 4000,
+                _ => 0,
+            };
+            told += u32::from(speed != 0 && (asked[1], asked[2]) == (6, 3));
+            if told > after {
+                continue;
+            }
+            let status = if matches!(asked[1], 9 | 10) { status } else { 100 };
+            let mut reply = [2, 1, status, asked[1], 0, 0, 0, 0, 0];
+            reply[4..8].copy_from_slice(&value.to_be_bytes());
+            reply[8] = reply[..8].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
+            if wire.write_all(&reply).is_err() {
+                return;
+            }
+        }
+    });
+    format!("tmcl+tcp://{at}?profile=tmcm-170&timeout=100#1")
+}
+
+#[test]
+fn a_firmware_that_has_none_has_nothing_proven_and_does_not_move() {
+    for after in [None, Some(HALF)] {
+        let link = polepair::connect(&module(u32::MAX, 3)).expect("a module");
+        let axis = &link.axes()[0];
+        let mut checks = Vec::new();
+        prove_watchdog(axis, after, &mut |check| checks.push(check)).expect("nothing is wrong");
+        let [check] = &checks[..] else { panic!("{checks:#?}") };
+        assert_eq!(check.grade, Grade::Wrong, "{check:#?}");
+        assert!(
+            check.found.contains("none") && check.found.contains("nothing moved"),
+            "{check:#?}"
+        );
+        assert!(check.remedy.contains("needs no computer"), "{check:#?}");
+    }
+}
+
+/// Hears what is found, and has a lost stop said again so often.
+struct Patient {
+    left: u32,
+    turns: bool,
+    found: Vec<String>,
+}
+
+impl Witness for Patient {
+    fn hear(&mut self, check: Check) {
+        self.found.push(check.found);
+    }
+
+    fn again(&mut self, _: &Axis, turns: bool) -> bool {
+        self.turns |= turns;
+        self.left = self.left.saturating_sub(1);
+        self.left > 0
+    }
+}
+
+#[test]
+fn a_motor_whose_wire_falls_silent_for_good_may_turn() {
+    // While it is looked for whether it turns, and while its watch begins.
+    for after in [0, 2] {
+        let link = polepair::connect(&module_that_falls_silent(after)).expect("a module");
+        let axis = &link.axes()[0];
+        let mut patient = Patient { left: 2, turns: false, found: Vec::new() };
+        let unproven = prove_watchdog(axis, Some(HALF), &mut patient).unwrap_err();
+        assert!(unproven.moved && unproven.may_turn, "{unproven:?}");
+        assert_eq!(unproven.error.code(), "E401", "{unproven:?}");
+        let said = unproven.to_string();
+        assert!(said.contains("the motor may still turn: cut its supply"), "{said}");
+        assert_eq!(said.matches("may still turn").count(), 1, "{said}");
+        assert_eq!((patient.left, patient.turns), (0, true));
+        // What may stop the motor is not taken away.
+        let [last] = &patient.found[..] else { panic!("{:?}", patient.found) };
+        assert!(last.contains("its watchdog stays set"), "{last}");
+    }
 }
