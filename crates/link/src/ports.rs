@@ -125,7 +125,7 @@ pub(crate) fn stable_name(path: &str) -> Option<String> {
 }
 
 /// `In use by minicom (process 4711).`, or nothing when this user may not see who; for another run
-/// of this program also how it is ended.
+/// of this program also how it is ended, and of one that is suspended what has it go on.
 #[cfg(unix)]
 pub(crate) fn holder_sentence(path: &str) -> String {
     let Some((name, pid)) = system::locker(path).or_else(|| system::holder(path)) else {
@@ -133,12 +133,20 @@ pub(crate) fn holder_sentence(path: &str) -> String {
     };
     let ours = std::env::current_exe().ok();
     let ours = ours.as_deref().and_then(std::path::Path::file_name);
-    match ours.is_some_and(|ours| ours == name.as_str()) {
-        true => format!(
+    let ours = ours.is_some_and(|ours| ours == name.as_str());
+    match (ours, system::is_suspended(pid)) {
+        (true, false) => format!(
             "In use by {name} (process {pid}): Ctrl-C there, or `kill -INT {pid}`, ends it and \
              stops the motion that it holds."
         ),
-        false => format!("In use by {name} (process {pid})."),
+        (true, true) => format!(
+            "In use by {name} (process {pid}), which is suspended and hears nothing: \
+             `kill -INT {pid}; kill -CONT {pid}` ends it and stops the motion that it holds."
+        ),
+        (false, false) => format!("In use by {name} (process {pid})."),
+        (false, true) => format!(
+            "In use by {name} (process {pid}), which is suspended: `kill -CONT {pid}` has it go on."
+        ),
     }
 }
 

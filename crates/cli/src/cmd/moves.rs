@@ -151,7 +151,11 @@ pub struct Move {
 pub struct Home {
     #[command(flatten)]
     target: Target,
-    /// Speed of the search
+    /// Speed of the search for the switch, with its unit: 10rpm, 0.5rad/s [default: the drive's own]
+    ///
+    /// It is written to the drive's own parameter, which keeps it until power-off: `homing speed` (TML;
+    /// its sign tells to which limit switch: --vel=-10rpm), `homing speed switch` (CANopen). TMCL modules
+    /// (100 rpm) and SYNTRON drives on Modbus take none.
     #[arg(long, value_name = "VALUE")]
     vel: Option<String>,
     #[command(flatten)]

@@ -195,7 +195,7 @@ fn which(motors: &[u8]) -> String {
 /// Says what was stopped, and what was not reached.
 pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
     let link = url.split('#').next().unwrap_or(url);
-    let mut failed: Vec<Problem> = Vec::new();
+    let (mut failed, mut unasked): (Vec<Problem>, _) = (Vec::new(), None);
     let mut obeyed = 0;
     for (label, ended) in stopped.axes {
         match ended {
@@ -241,13 +241,18 @@ pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
         let what = format!("addresses {first} to {last} were not asked: there was no time left.");
         match stopped.everybody {
             true => say(&what),
-            false => failed.push(Problem::new(Exit::Partial, "E703", what)),
+            false => unasked = Some(Problem::new(Exit::Partial, "E703", what)),
         }
     }
-    match (failed.len(), obeyed) {
-        (0, 0) => Err(nobody(stopped.everybody, &stopped.heard)),
-        (0, _) => Ok(Exit::Ok),
-        (count, _) => stops_failed(failed, count + obeyed),
+    match (failed.len(), unasked) {
+        (0, None) if obeyed == 0 => Err(nobody(stopped.everybody, &stopped.heard)),
+        (0, None) => Ok(Exit::Ok),
+        // Of addresses that were not asked nobody knows whether a drive is there: they are no stops.
+        (0, Some(unasked)) => Err(unasked),
+        (count, unasked) => {
+            unasked.into_iter().for_each(|unasked| say(unasked.render(false).trim_end()));
+            stops_failed(failed, count + obeyed)
+        }
     }
 }
 
@@ -264,5 +269,28 @@ fn nobody(everybody: bool, heard: &Heard) -> Problem {
             problem.hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
         }
         false => problem.hint(heard.hint()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use polepair::Error;
+
+    fn seen(label: &str) -> (String, std::result::Result<Standing, Error>) {
+        (label.to_owned(), Ok(Standing::Seen))
+    }
+
+    /// Behind addresses that were not asked there may be nobody: no stop of theirs is counted.
+    #[test]
+    fn stops_are_counted_of_drives_alone() {
+        let unasked = |axes| stopping::Stopped { axes, left: Some((9, 32)), ..Default::default() };
+        let one = report("tmcl+serial:///dev/null", unasked(vec![seen("axis 1")])).unwrap_err();
+        assert_eq!((one.code.as_ref(), one.exit), ("E703", Exit::Partial));
+        let lost = Error::Interrupted { what: "axis 2".to_owned() };
+        let two = vec![seen("axis 1"), ("axis 2".to_owned(), Err(lost))];
+        let two = report("tmcl+serial:///dev/null", unasked(two)).unwrap_err();
+        assert_eq!(two.code.as_ref(), "E702");
+        assert_eq!(two.what, "one stop of 2 is not confirmed.");
     }
 }

@@ -5,7 +5,7 @@ mod cyclic;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use polepair::Error;
+use polepair::{Axis, Error};
 use polepair_core::stream::cyclic::Setpoint;
 use polepair_core::stream::{PathKind, Point};
 
@@ -19,8 +19,9 @@ use crate::value;
 
 /// Moves axes along the points of a file.
 ///
-/// Drives with a buffer take one axis: a line is `position, velocity, time`: rad, rad/s (m, m/s on
-/// linear axes), and the seconds since the point before. The path begins where the axis stands.
+/// Drives with a buffer (TML) take one axis: a line is `position, velocity, time`: rad, rad/s (m, m/s
+/// on linear axes), and the seconds since the line before, 0.001 to 0.511 where the drive's slow loop
+/// is 1 ms. The path begins where the axis stands: that is time 0, which has no line.
 ///
 /// Drives with cyclic modes take any number of axes on one SYNC, when the file has a header, or with
 /// --period or --mode: a line is the time since the beginning and a set-point for each axis. The
@@ -80,11 +81,12 @@ impl Stream {
         }
         let points = self.points(&lines)?;
         let session = self.target.open()?;
-        self.along(&session, points)
+        let numbers: Vec<usize> = lines.iter().map(|(n, _)| *n).collect();
+        self.along(&session, points, &numbers)
     }
 
     /// Along a drive's own buffer.
-    fn along(&self, session: &Session, points: Vec<Point>) -> Result {
+    fn along(&self, session: &Session, points: Vec<Point>, lines: &[usize]) -> Result {
         let [axis] = session.axes() else {
             return Err(Problem::usage("E210", "A path is for one axis.")
                 .why("Name it in the connection string: URL#1.")
@@ -94,9 +96,16 @@ impl Stream {
         session.listen();
         let kind = if self.pt { PathKind::Pt } else { PathKind::Pvt };
         axis.check_path(kind, &points).map_err(outcome::error)?;
+        let late = too_long(axis, &points).map(|at| {
+            let (name, n, time) = (self.path.display(), lines[at], points[at].time);
+            format!(
+                "{name}:{n} has {time} s; where the slow loop is 1 ms a time is 0.001 to 0.511 s"
+            )
+        });
         motion::within(session, axis, || {
             let streamed = axis.stream(kind, points).map_err(|error| match error {
                 Error::Interrupted { .. } => Problem::interrupted(),
+                other if other.code() == "E222" => outcome::error(other).hint_if(late),
                 other => outcome::error(other),
             });
             streamed.map(|count| say(&format!("{count} points")))
@@ -107,7 +116,14 @@ impl Stream {
     fn lines(&self) -> Result<Vec<(usize, String)>> {
         let name = self.path.display();
         let text = std::fs::read_to_string(&self.path).map_err(|error| {
-            Problem::usage("E210", format!("{name} cannot be read.")).why(error.to_string())
+            // As of racks and profiles; the exit code is that of what cannot be carried out.
+            let why = match error.kind() {
+                std::io::ErrorKind::NotFound => "There is no such file.".to_owned(),
+                _ => format!("The system says: {error}."),
+            };
+            Problem::usage("E230", format!("cannot read {name}."))
+                .why(format!("{why} {}", outcome::unsent()))
+                .hint("its lines are the points of a path: `polepair stream --help`")
         })?;
         let numbered = text.lines().enumerate().map(|(n, line)| (n + 1, line));
         let bare = numbered.map(|(n, line)| (n, line.split('#').next().unwrap_or("").trim()));
@@ -116,22 +132,40 @@ impl Stream {
 
     fn points(&self, lines: &[(usize, String)]) -> Result<Vec<Point>> {
         let points = lines.iter().map(|(n, line)| {
-            self.point(line).ok_or_else(|| {
+            let name = self.path.display();
+            let point = self.point(line).ok_or_else(|| {
                 let form = if self.pt { "position, time" } else { "position, velocity, time" };
-                let name = self.path.display();
                 Problem::usage("E210", format!("{name}:{n}: `{line}` is no point."))
                     .why(format!("A line is `{form}`, in rad (or m) and seconds."))
-            })
+            })?;
+            if point.time > 0.0 {
+                return Ok(point);
+            }
+            let what = format!("{name}:{n}: no point has the time {} s.", point.time);
+            Err(Problem::usage("E210", what)
+                .why(
+                    "A time is the seconds since the line before: more than 0. Time 0 is where the \
+                     axis stands when the path begins, and has no line.",
+                )
+                .hint("leave that line out, and let each time count from the line before"))
         });
         points.collect()
     }
 
+    /// The numbers of a line, if they have that form.
     fn point(&self, line: &str) -> Option<Point> {
         let mut numbers = line.split(',').map(|number| number.trim().parse::<f64>());
         let mut next = || numbers.next()?.ok().filter(|number| number.is_finite());
         let position = next()?;
         let velocity = if self.pt { 0.0 } else { next()? };
         let point = Point { position, velocity, time: next()? };
-        (numbers.next().is_none() && point.time > 0.0).then_some(point)
+        numbers.next().is_none().then_some(point)
     }
+}
+
+/// The first of the points whose time is none that a TML drive takes where its slow loop is 1 ms.
+fn too_long(axis: &Axis, points: &[Point]) -> Option<usize> {
+    let is_tml = matches!(axis.protocol(), "tml" | "tmlcan" | "technocan");
+    let loops = |point: &Point| (point.time * 1e3).round();
+    is_tml.then(|| points.iter().position(|point| !(1.0..=511.0).contains(&loops(point))))?
 }

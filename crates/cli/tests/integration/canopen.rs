@@ -143,6 +143,67 @@ fn paths_of_several_axes_go_out_on_sync() {
     assert!(ran.err.contains("min/median/max"), "{}", ran.err);
 }
 
+/// The path of one axis with a buffer: each time counts from the line before.
+#[test]
+fn a_line_that_is_no_point_is_told_with_its_time() {
+    let url = "sim:technosoft-f514l?time=virtual";
+    for time in ["0", "-0.5"] {
+        let file = Path::with(&format!("time{time}.csv"), &format!("0,0,0.2\n# one\n1,0,{time}\n"));
+        let ran = polepair(&["stream", url, file.name()]);
+        assert_eq!(ran.code, 2, "{}", ran.err);
+        let what = format!("error[E210]: {}:3: no point has the time {time} s.", file.name());
+        for said in [&*what, "seconds since the line before: more than 0", "Time 0 is where"] {
+            assert!(ran.err.contains(said), "{said}: {}", ran.err);
+        }
+    }
+    for time in ["0.0004", "0.512", "3"] {
+        let file = Path::with(&format!("loops{time}.csv"), &format!("0,0,0.2\n0,0,{time}\n"));
+        let ran = polepair(&["stream", url, file.name()]);
+        assert_eq!(ran.code, 2, "{}", ran.err);
+        let said = format!("{}:2 has {time} s; where the slow loop is 1 ms", file.name());
+        assert!(ran.err.contains("error[E222]") && ran.err.contains(&said), "{}", ran.err);
+    }
+    let file = Path::with("short.csv", "0,0.2\n");
+    let ran = polepair(&["stream", url, file.name()]);
+    assert!(ran.err.contains(":1: `0,0.2` is no point."), "{}", ran.err);
+    assert_eq!(polepair(&["stream", url, file.name(), "--pt"]).code, 0);
+}
+
+#[test]
+fn a_path_that_is_not_there_is_told_as_a_rack_that_is_not() {
+    let missing = std::env::temp_dir().join(format!("polepair-none-{}.csv", std::process::id()));
+    let missing = missing.to_str().expect("a name");
+    for more in [&[][..], &["--period", "2ms"]] {
+        let ran = polepair(&[&["stream", "sim:tml", missing], more].concat());
+        assert_eq!(ran.code, 2, "{}", ran.err);
+        let what = format!("error[E230]: cannot read {missing}.");
+        assert!(ran.err.contains(&what), "{}", ran.err);
+        assert!(ran.err.contains("There is no such file. Nothing was sent."), "{}", ran.err);
+    }
+}
+
+/// A drive that does not tell its mode says so in its row.
+#[test]
+fn an_object_that_a_drive_lacks_is_told_in_its_row() {
+    let folder = Path(std::env::temp_dir().join(format!("polepair-lacks-{}", std::process::id())));
+    std::fs::create_dir_all(&folder.0).expect("a folder");
+    let text = include_str!("../../../../interop/sheets/motor.eds");
+    let mut sheet = polepair::eds::parse("motor.eds", text).expect("a sheet");
+    sheet.objects.retain(|object| object.index != 0x6061);
+    std::fs::write(folder.0.join("drive.eds"), sheet.to_string()).expect("a sheet");
+    // Known by what it answers alone: the profile is the generic one.
+    let rack = "[[link]]\nbitrate = 500000\n[[link.drive]]\nprofile = \"canopen\"\naddress = 5\n\
+                eds = \"drive.eds\"\n";
+    std::fs::write(folder.0.join("rack.toml"), rack).expect("a rack");
+    let url = format!("sim:{}/rack.toml?time=virtual", folder.name());
+    let (info, doctor) = (polepair(&["info", &url]), polepair(&["doctor", &url]));
+    std::fs::remove_dir_all(&folder.0).expect("a folder");
+    assert_eq!(info.code, 0, "{}{}", info.out, info.err);
+    let row = info.out.lines().find(|line| line.trim().starts_with("mode")).expect("a row");
+    assert!(row.ends_with(" this firmware has none"), "{row}");
+    assert_eq!(doctor.code, 0, "{}{}", doctor.out, doctor.err);
+}
+
 #[test]
 fn paths_that_cannot_be_followed_move_nothing() {
     let refused = |url: &str, text: &str, more: &[&str], reason: &str| {

@@ -120,7 +120,7 @@ fn one_that_does_not_answer_keeps_no_other_turning() {
 
 /// A TMCL module made from the protocol's manual, nine bytes a datagram: what it answers with to a command
 /// and its motor, if it does. Returns where it listens, and the end of its only connection.
-fn module(
+pub(crate) fn module(
     mut answer: impl FnMut(u8, u8) -> Option<(u8, i32)> + Send + 'static,
 ) -> (String, std::thread::JoinHandle<()>) {
     let server = TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -256,6 +256,28 @@ fn who_holds_the_port_is_named_with_what_stops_him() {
     let who = format!("In use by polepair (process {pid}): Ctrl-C there, or `kill -INT {pid}`");
     assert!(ran.err.contains("error[E312]") && ran.err.contains(&who), "{}", ran.err);
     assert_eq!(holder.interrupt().code, 130);
+    assert_eq!(timed(&["stop", &sim.url]).code, 0);
+    sim.end();
+}
+
+/// A program that is suspended hears no signal but one; both signals are said in the order that works.
+#[cfg(target_os = "linux")]
+#[test]
+fn who_holds_the_port_and_is_suspended_is_named_with_what_wakes_him() {
+    let sim = Served::new("tmcl:1");
+    let holder = run::Held::new(&["spin", &sim.url, "300rpm"], "holding; Ctrl-C stops it");
+    let pid = holder.id();
+    run::signal("STOP", pid);
+    let ran = timed(&["stop", sim.link()]);
+    assert_eq!(ran.code, 3, "{}", ran.err);
+    let who = format!(
+        "In use by polepair (process {pid}), which is suspended and hears nothing: \
+         `kill -INT {pid}; kill -CONT {pid}` ends it"
+    );
+    assert!(ran.err.contains("error[E312]") && ran.err.contains(&who), "{}", ran.err);
+    let ended = holder.signalled(&["INT", "CONT"]);
+    assert_eq!(ended.code, 130, "{}", ended.err);
+    assert!(ended.err.contains("interrupted: the motion was stopped"), "{}", ended.err);
     assert_eq!(timed(&["stop", &sim.url]).code, 0);
     sim.end();
 }

@@ -30,6 +30,10 @@ pub(super) fn holder(_path: &str) -> Option<(String, u32)> {
     None
 }
 
+pub(super) fn is_suspended(_pid: u32) -> bool {
+    false
+}
+
 fn port(path: String) -> Port {
     use rustix::fs::{Access, access};
     let trouble = access(&*path, Access::READ_OK | Access::WRITE_OK)

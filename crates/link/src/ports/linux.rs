@@ -64,6 +64,13 @@ pub(super) fn holder(path: &str) -> Option<(String, u32)> {
     })
 }
 
+/// Whether a process was suspended: by SIGSTOP, by Ctrl-Z, or in the background by its terminal.
+pub(super) fn is_suspended(pid: u32) -> bool {
+    let stat = text(&Path::new("/proc").join(pid.to_string()), "stat");
+    // `4711 (name) T 1 …`; a name may have brackets.
+    stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
+}
+
 fn port(class: &Path) -> Option<Port> {
     // Without a device behind it, it is a console or a virtual terminal.
     let device = fs::canonicalize(class.join("device")).ok()?;

@@ -147,7 +147,7 @@ fn esc_stops_what_turns_and_says_how_far_that_came() {
     seat.wait(5);
     assert_eq!(seat.monitor.axes[1].doing(), Doing::Turns);
     assert!(seat.screen().contains("turns"));
-    assert!(seat.monitor.farewell()[0].contains("polepair stop sim:tmcl"));
+    assert!(seat.monitor.farewell()[0].contains("polepair stop 'sim:tmcl?"));
     // Not even a filter that is being typed keeps it from going out.
     seat.type_in("/q");
     assert_eq!(seat.press(KeyCode::Esc), Then::Stay);

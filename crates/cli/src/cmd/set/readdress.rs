@@ -89,7 +89,10 @@ impl Readdressing {
                 let what = format!("{label} took {name} = {raw}, and does not answer there.");
                 Err(Problem::new(Exit::NoReply, "E401", what)
                     .hint(format!("polepair info {}", shell_word(&new.to_string())))
-                    .hint(format!("polepair info {}, if it was not executed", shell_word(&old.to_string()))))
+                    .hint(format!(
+                        "polepair info {}, if it was not executed",
+                        shell_word(&old.to_string())
+                    )))
             }
             (Err(error), Err(_)) => {
                 Err(outcome::error(error).hint(format!("if it was executed it is at {new}")))
