@@ -14,6 +14,7 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use polepair::Connector;
+use polepair::url::shell_word;
 use serde_json::json;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
@@ -27,7 +28,7 @@ use crate::connections::{Connections, Here, Place};
 use crate::guard::Hosts;
 use crate::journal::Journal;
 use crate::live::{self, Board};
-use crate::message::Deed;
+use crate::message::{Deed, Refused};
 use crate::options::Options;
 use crate::refusal::Refusal;
 use crate::session::Door;
@@ -125,7 +126,8 @@ impl Server {
             "version": env!("CARGO_PKG_VERSION"), "links": links, "address": address,
             "scopes": options.scopes.iter().collect::<Vec<_>>(), "cut": cut,
         });
-        bench.note("server", Deed::Started, detail).wait()?;
+        let started = bench.note("server", Deed::Started, detail).wait();
+        started.map_err(|refused| not_started(refused, urls))?;
         let door = Door::new(grants, options.scopes, address.port(), options.tls)
             .keeping(&options.folder.join(SESSIONS));
         let hosts = Hosts::new(options.scheme(), address.ip(), address.port(), &options.names);
@@ -248,6 +250,21 @@ fn runtime(first: impl Fn() + Send + Sync + 'static) -> Result<Runtime, Refusal>
     threads.map_err(|error| {
         Refusal::adapter("E318", "no threads can be started").why(error.to_string())
     })
+}
+
+/// Its journal does not take its first record: no server runs that could stop anything.
+fn not_started(refused: Refused, urls: &[String]) -> Refusal {
+    let link = |url: &String| url.split('#').next().unwrap_or_default().to_owned();
+    let stops = urls.iter().filter(|url| !url.starts_with("sim:"));
+    let stops: Vec<_> =
+        stops.map(|url| format!("`polepair stop {}`", shell_word(&link(url)))).collect();
+    let without = match stops.is_empty() {
+        true => String::new(),
+        false => format!("; what stops motors without a server: {}", stops.join(", ")),
+    };
+    Refusal::from(refused)
+        .why("The server was not started.")
+        .hint(format!("make room on the disk, or another folder by --state{without}"))
 }
 
 /// Makes the server's folder, for its owner alone.

@@ -1,9 +1,39 @@
 //! A journal that meets the limit of a file's size, which the kernel tells by SIGXFSZ.
 
+use std::process::Command;
+
 use super::site::{Folder, Site};
+use crate::run::{self, Served};
 
 /// Blocks of 512 or 1024 bytes, as the shell counts.
 const BLOCKS: u32 = 8;
+
+/// No server runs that could stop anything: who asked for it is told what does.
+#[test]
+fn a_server_that_cannot_write_its_first_record_says_that_it_stops_nothing() {
+    let folder = Folder::new();
+    let state = folder.path("state");
+    // Longer than the limit below.
+    let mut site = Site::new(&folder, &["sim:tmcl"]);
+    (0..20).for_each(|_| assert_eq!(site.run(&["enable", "1"]).code, 0));
+    assert_eq!(site.signal("INT"), Some(0));
+    let serve = r#"ulimit -f 1; exec "$0" serve "$@""#;
+    let sim = Served::with(&["tmcl:1", "--tcp", "127.0.0.1:0"]);
+    let ran = Command::new("sh")
+        .args(["-c", serve, env!("CARGO_BIN_EXE_polepair"), &sim.url])
+        .args(["--bind", "127.0.0.1:0", "--state", &state])
+        .env("NO_COLOR", "1")
+        .output()
+        .expect("sh");
+    let ran = run::ran(ran);
+    assert_eq!(ran.code, 3, "{ran:?}");
+    let stops = format!("`polepair stop {}`", sim.link());
+    for said in ["error[gateway.journal]", "The server was not started.", "--state", &stops] {
+        assert!(ran.err.contains(said), "{said}: {}", ran.err);
+    }
+    assert!(!ran.err.contains("meanwhile"), "{}", ran.err);
+    sim.end();
+}
 
 #[test]
 fn a_journal_at_its_files_limit_keeps_the_server_and_its_stops() {
