@@ -143,7 +143,7 @@ fn a_firmware_without_a_watchdog_is_told_so_and_is_not_wrong() {
         let ran = ask(&["watchdog"]);
         assert_eq!(ran.code, 0, "{}", ran.err);
         assert!(
-            ran.out.contains("axis 1: this firmware has none (serial heartbeat)"),
+            ran.out.contains("axis 1: this firmware has none (`serial heartbeat`)"),
             "{}",
             ran.out
         );

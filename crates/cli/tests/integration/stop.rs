@@ -366,7 +366,8 @@ fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
     let ran = timed(&["stop", &url]);
     let functions = device.join().expect("a device");
     assert_eq!(ran.code, 2, "{}", ran.err);
-    for said in ["may still turn: cut its supply\n", "error[E218]", "It was not sent;", "?profile="]
+    for said in
+        ["may still turn: cut its supply\n", "error[E218]", "It was not sent. ", "?profile="]
     {
         assert!(ran.err.contains(said), "{}", ran.err);
     }

@@ -92,7 +92,7 @@ fn what_is_refused_before_a_link_is_open_says_that_nothing_was_sent() {
     let ran = polepair(&["spin", "sim:tmcl?no=1", "1rpm"]);
     assert!(ran.code == 2 && ran.err.contains("Nothing was sent."), "{}", ran.err);
     let ran = polepair(&["spin", "sim:tmcl", "1e6rpm"]);
-    assert!(ran.code == 2 && ran.err.contains("It was not sent;"), "{}", ran.err);
+    assert!(ran.code == 2 && ran.err.contains("It was not sent. "), "{}", ran.err);
 }
 
 #[test]
