@@ -24,8 +24,10 @@ const QUIET_CHARACTERS: u32 = 2;
 const SHIFT: u8 = 0;
 /// It is followed by so long a silence, that a module with a time limit between bytes drops it.
 const SHIFT_PAUSE_MS: u32 = 35;
-/// Bytes of a stop that goes out at each place of a module's count.
+/// Bytes of a request that goes out at each place of a module's count, without those before and after.
 const BURST: usize = DATAGRAM * (DATAGRAM + 1);
+/// The same with those.
+const BURST_MAX: usize = BURST + 2 * (DATAGRAM - 1);
 
 /// The host on RS-232, RS-485, a pseudo-terminal or TCP.
 #[derive(Debug)]
@@ -43,15 +45,14 @@ pub struct SerialHost {
     len: usize,
     sent: [u8; DATAGRAM],
     echo_due: bool,
-    /// The byte that went out alone may come back before anything else.
-    shift_echo_due: bool,
+    /// So many bytes that went out alone may come back before anything else.
+    shift_echo_due: u8,
     /// Bytes that are still to come of a frame whose check failed.
     spoiled: usize,
     /// What was thrown away since the end of a line: a module in ASCII mode answers in text.
     text: ascii::Line,
     /// Until when the line has to be silent.
     quiet: Instant,
-    shifted: bool,
 }
 
 impl SerialHost {
@@ -81,11 +82,10 @@ impl SerialHost {
             len: 0,
             sent: [0; DATAGRAM],
             echo_due: false,
-            shift_echo_due: false,
+            shift_echo_due: 0,
             spoiled: 0,
             text: ascii::Line::EMPTY,
             quiet: Instant(quiet_ns.max(gap_ns)),
-            shifted: false,
         }
     }
 
@@ -112,7 +112,7 @@ impl SerialHost {
             if reply.host == self.host
                 && (reply.status.is_named() || self.wants(Opcode::ReadMemory))
             {
-                self.shift_echo_due = false;
+                self.shift_echo_due = 0;
                 self.session.reply(now, reply, self.pace.early() > 0);
                 return self.whole();
             }
@@ -155,7 +155,8 @@ impl SerialHost {
             self.spoiled -= 1;
             return self.text.push(byte);
         }
-        if byte == SHIFT && core::mem::take(&mut self.shift_echo_due) {
+        if byte == SHIFT && self.shift_echo_due > 0 {
+            self.shift_echo_due -= 1;
             self.session.counters.echoed += 1;
             return;
         }
@@ -245,24 +246,25 @@ impl Station<Stream> for SerialHost {
         if !self.session.has_unsent() {
             return None;
         }
-        if !self.shifted && self.session.take_shift(now) {
-            self.shifted = true;
+        let shift = self.session.take_shift(now);
+        if shift > 0 {
             self.session.hold(now.plus_ms(SHIFT_PAUSE_MS));
-            self.shift_echo_due = true;
-            *out.first_mut()? = SHIFT;
-            return Some(1);
+            self.shift_echo_due = shift;
+            out.get_mut(..shift.into())?.fill(SHIFT);
+            return Some(shift.into());
         }
         if now < self.quiet {
             self.session.hold(self.quiet);
         }
-        let burst = self.session.burst(now).filter(|_| out.len() > BURST);
+        let burst = self.session.burst().filter(|_| out.len() >= BURST_MAX);
         let on_wire_ns = match burst {
             // Their own answers may be as many, and are nobody's.
-            Some(_) => (self.on_wire_ns.0, (1 + DATAGRAM as u64) * self.on_wire_ns.1),
+            Some(burst) => {
+                (self.on_wire_ns.0, burst_len(burst) * self.on_wire_ns.1 / DATAGRAM as u64)
+            }
             None => self.on_wire_ns,
         };
         let request = self.session.transmit(now, on_wire_ns, burst)?;
-        self.shifted = false;
         if self.len > 0 {
             self.skip_held();
         }
@@ -473,17 +475,20 @@ pub(super) fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
     reply.status.is_named().then_some(reply.module.into())
 }
 
+/// Bytes of a request that goes out for every place.
+fn burst_len(burst: Burst) -> u64 {
+    BURST as u64 + u64::from(burst.lead) + u64::from(burst.trail)
+}
+
 /// A datagram nine times, with a byte between: whatever a module that counts to nine has counted, one of
-/// them is the next that it takes, and its count is then as before, or one further. Returns how many
-/// bytes that are.
+/// them is the next that it takes, and its count is then as before, but for the bytes before and after.
+/// Returns how many bytes that are.
 fn repeat_shifted(datagram: [u8; DATAGRAM], out: &mut [u8], burst: Burst) -> usize {
-    for place in out[..BURST].chunks_exact_mut(DATAGRAM + 1) {
+    let len = burst_len(burst) as usize;
+    out[..len].fill(SHIFT);
+    let lead = usize::from(burst.lead);
+    for place in out[lead..lead + BURST].chunks_exact_mut(DATAGRAM + 1) {
         place[..DATAGRAM].copy_from_slice(&datagram);
-        place[DATAGRAM] = SHIFT;
     }
-    if burst.shifts {
-        out[BURST] = SHIFT;
-        return BURST + 1;
-    }
-    BURST
+    len
 }

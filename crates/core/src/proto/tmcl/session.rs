@@ -30,7 +30,7 @@ use modules::Modules;
 use motors::Motors;
 use proof::{PROBES, Waiting};
 pub(super) use quiet::Burst;
-use quiet::Quiet;
+use quiet::{Count, Plan, Quiet};
 
 /// Times an idempotent request is sent at most.
 pub const ATTEMPTS_MAX: u8 = 3;
@@ -103,6 +103,8 @@ struct Pending {
     ask: Ask,
     attempts: u8,
     sent: bool,
+    /// How it goes out, once that is known.
+    plan: Option<Plan>,
     /// It went out at each place of its module's count.
     burst: Option<Burst>,
     /// When it could first have been sent.
@@ -146,6 +148,7 @@ impl Pending {
             ask,
             attempts: 0,
             sent: false,
+            plan: None,
             burst: None,
             ready: now,
             not_before: now,
@@ -195,8 +198,7 @@ pub struct Session {
     /// Replies that came sooner than the baud rate allows, in a row; past the limit the baud rate
     /// is taken for fiction (USB).
     early_streak: u8,
-    /// Modules know no frame but by counting bytes: on serial lines.
-    counts_bytes: bool,
+    count: Count,
     /// Replies in a row that took their time.
     timely: u64,
     up: bool,
@@ -227,7 +229,7 @@ impl Session {
             heard: Modules::NONE,
             unheard: Modules::NONE,
             early_streak: 0,
-            counts_bytes: false,
+            count: Count::NONE,
             timely: 0,
             up: true,
             counters: Counters::default(),
@@ -329,6 +331,7 @@ impl Session {
         self.recent_at = self.recent_at.wrapping_add(1);
         pending.earliest = now.plus_ns(soonest_ns);
         pending.deadline = now.plus_ns(on_wire_ns + self.timeout_ns);
+        self.count.sends(burst, pending.deadline);
         self.counters.sent += 1;
         if pending.attempts > 0 {
             self.counters.resent += 1;
@@ -578,13 +581,13 @@ impl Session {
     fn close(&mut self, now: Instant) {
         let Some(pending) = self.pending.take() else { return };
         let (probe, module) = (pending.ticket.is_none(), pending.ask.request.address);
-        let doubtful = pending.attempts > 1 || pending.doubts.bad_sum;
+        let doubtful = pending.attempts > 1 || pending.doubts.bad_sum || pending.burst.is_some();
         self.heard.add(module);
         if self.early_streak < EARLY_MAX || self.timely >= TIMELY_MIN {
             self.early_streak = 0;
         }
         self.counters.answered += 1;
-        if probe {
+        if probe && pending.burst.is_none() {
             self.trust(module);
         } else if doubtful {
             self.suspect(now, &pending, true);
@@ -621,7 +624,7 @@ impl Session {
             return self.not_proved(now, &pending);
         }
         if user && resendable && pending.attempts < attempts && !pending.doubts.cut_short {
-            pending.sent = false;
+            (pending.sent, pending.plan) = (false, None);
             pending.doubts.bad_sum = false;
             pending.ready = now;
             pending.not_before = now;

@@ -148,6 +148,7 @@ impl Session {
         self.suspect(now, probe, false);
         let module = probe.ask.request.address;
         let most = match self.knows(module) {
+            true if self.is_searched(module) => SENT_MAX,
             true => KNOWN_MAX,
             false if self.may_be_shifted(module) => SENT_MAX,
             false => UNKNOWN_MAX,

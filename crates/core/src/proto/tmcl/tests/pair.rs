@@ -2,15 +2,16 @@
 
 extern crate std;
 
+use core::cell::Cell;
 use std::boxed::Box;
+use std::rc::Rc;
 use std::vec::Vec;
 
 use super::Random;
 use crate::error::Failure;
 use crate::medium::{Frame, Stream};
 use crate::proto::HostOptions;
-use crate::proto::tmcl::device::CanEnd;
-use crate::proto::tmcl::device::{BadSum, Event, Firmware, Quirks, Response, SerialEnd};
+use crate::proto::tmcl::device::{BadSum, CanEnd, Event, Firmware, Quirks, Response, SerialEnd};
 use crate::proto::tmcl::{Answer, Ask, CanHost, Instruction, Opcode, Request, SerialHost, Status};
 use crate::station::{Class, Host, Station, Ticket, Timed, To};
 use crate::time::{Instant, earliest};
@@ -35,9 +36,8 @@ pub struct Bench {
 impl Default for Bench {
     fn default() -> Self {
         let done = Vec::new();
-        let (address, motors) = (MODULE, u8::MAX);
-        let (silent, event) = (None, None);
-        Self { address, pause: 0, baud: 9600, ascii: None, done, motors, silent, event }
+        let (address, motors, baud) = (MODULE, u8::MAX, 9600);
+        Self { address, pause: 0, baud, ascii: None, done, motors, silent: None, event: None }
     }
 }
 
@@ -128,6 +128,8 @@ pub struct Wire {
     to_drive: Vec<(Instant, Vec<u8>)>,
     pub replies: Fault,
     pub requests: Fault,
+    /// Follows the time, for faults that end.
+    pub clock: Option<Rc<Cell<Instant>>>,
     counts: [u32; 2],
     tickets: u32,
 }
@@ -147,6 +149,7 @@ impl Wire {
             to_drive: Vec::new(),
             replies: sound(),
             requests: sound(),
+            clock: None,
             counts: [0; 2],
             tickets: 0,
         }
@@ -157,6 +160,7 @@ impl Wire {
     }
 
     fn transmit(&mut self) {
+        self.clock.iter().for_each(|clock| clock.set(self.now));
         let mut out = [0; 128];
         while let Some(len) = self.host.poll_transmit(self.now, &mut out) {
             let bytes = out[..len].to_vec();
@@ -318,15 +322,9 @@ fn the_same_on_a_wire_without_timing_and_with_echo() {
                 let mut wire = Wire::new(baud, Quirks::default());
                 (wire.echo, wire.replies) = (echo, fault);
                 assert_eq!(sixty(&mut wire, 5), (0, 0), "{baud} {echo}");
-                let echoed = wire.host.counters().echoed;
-                assert!(
-                    if echo {
-                        echoed >= 60 && wire.host.counters().skipped == 0
-                    } else {
-                        echoed == 0
-                    },
-                    "{echoed}"
-                );
+                let (echoed, skipped) = (wire.host.counters().echoed, wire.host.counters().skipped);
+                let good = if echo { echoed >= 60 && skipped == 0 } else { echoed == 0 };
+                assert!(good, "{echoed}");
             }
         }
     }

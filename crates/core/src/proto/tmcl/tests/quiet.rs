@@ -13,6 +13,11 @@ use crate::proto::tmcl::device::{BadSum, Quirks};
 use crate::proto::tmcl::wire::{DATAGRAM, Request, checksum};
 use crate::proto::tmcl::{Answer, Ask, Opcode, SerialHost};
 use crate::station::Host;
+use crate::time::Instant;
+
+/// So soon a module in step answers after its wire is well, ms. Where it got all that was sent, and only its
+/// answers were lost, it may have lost count.
+const SOON_MS: [u128; 2] = [2_500, 1_400];
 
 const BAD_SUMS: [BadSum; 3] = [BadSum::AnswerAlways, BadSum::AnswerIfMine, BadSum::Ignore];
 
@@ -209,6 +214,106 @@ fn a_stop_that_is_shifted_is_no_other_request() {
                 let is_whole = checksum(window) == window[DATAGRAM - 1];
                 let idle = window[0] == 0 || window[1] == 0;
                 assert!(!is_whole || idle, "{address} {motor}: {window:?}");
+            }
+        }
+    }
+}
+
+/// Silence of a wire: until when, and what of it is lost meanwhile.
+fn mute(wire: &mut Wire, silence_ms: u32, both: bool) -> Instant {
+    let until = wire.now.plus_ms(silence_ms);
+    let clock = Rc::new(Cell::new(wire.now));
+    let (down, up) = (Rc::clone(&clock), Rc::clone(&clock));
+    wire.clock = Some(clock);
+    wire.replies = Box::new(move |_, _| (down.get() < until).then(Vec::new));
+    wire.requests = Box::new(move |_, _| (both && up.get() < until).then(Vec::new));
+    until
+}
+
+/// What the program does while it hears nothing: reads, stops, or a stop and then reads of standing.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Doing {
+    Reads,
+    Stops,
+    Both,
+    /// As the command line does after Ctrl-C: with pauses between.
+    Pauses,
+}
+
+impl Doing {
+    const ALL: [Self; 4] = [Self::Reads, Self::Stops, Self::Both, Self::Pauses];
+
+    /// Does the nth thing. True where a module in step has answered.
+    fn once(self, wire: &mut Wire, nth: u32) -> bool {
+        let stops = match self {
+            Self::Reads => false,
+            Self::Stops => true,
+            Self::Both | Self::Pauses => nth.is_multiple_of(3),
+        };
+        if self == Self::Pauses && stops && nth > 0 {
+            wire.rest(350);
+        }
+        if stops { stop(wire) && self == Self::Stops } else { wire.read(9) == Ok(9007) }
+    }
+}
+
+/// A module in step whose wire was silent answers soon after its wire is well, whatever pause it knows; and
+/// an acknowledged stop is taken for that.
+#[test]
+fn a_module_in_step_is_heard_soon_after_a_silence() {
+    let pauses = [None, Some(5), Some(30), Some(40), Some(99), Some(130), Some(200), Some(500)];
+    let silences = (1..30).map(|n| n * 97).chain([4003, 10_007]);
+    let mut slow = Vec::new();
+    for silence_ms in silences {
+        for byte_timeout_ms in pauses {
+            for (baud, both) in [(0, true), (9600, true), (0, false), (9600, false)] {
+                for doing in Doing::ALL {
+                    let bad_sum = BAD_SUMS[silence_ms as usize % 3];
+                    let quirks = Quirks { bad_sum, byte_timeout_ms, ..Quirks::default() };
+                    let mut wire = Wire::new(baud, quirks);
+                    wire.host =
+                        SerialHost::new(&HostOptions { doubt: Some(5), ..HostOptions::new(baud) });
+                    assert_eq!(wire.read(4), Ok(4007));
+                    let until = mute(&mut wire, silence_ms, both);
+                    let mut nth = 0;
+                    while !(doing.once(&mut wire, nth) && wire.now >= until) {
+                        nth += 1;
+                        if wire.now > until.plus_ms(10_000) {
+                            break;
+                        }
+                    }
+                    let took = wire.now.since(until).as_millis();
+                    if took > SOON_MS[usize::from(both)] {
+                        slow.push((took, silence_ms, byte_timeout_ms, baud, both, doing));
+                    }
+                }
+            }
+        }
+    }
+    slow.sort_by_key(|case| core::cmp::Reverse(case.0));
+    assert!(slow.is_empty(), "{}: {:?}", slow.len(), &slow[..slow.len().min(12)]);
+}
+
+/// On two wires nothing is heard of what goes out for every place: a module that lost count is brought back
+/// all the same, by reads or by stops.
+#[test]
+fn a_module_that_lost_count_on_two_wires_is_brought_back() {
+    for extra in 1..DATAGRAM {
+        for doing in [Doing::Reads, Doing::Stops] {
+            let mut wire = counting(9600, BadSum::Ignore);
+            assert_eq!(wire.read(4), Ok(4007));
+            wire.end.handle_input(wire.now, &[0x55; 9][..extra], &mut wire.firmware);
+            let sends = Rc::new(Cell::new(false));
+            let long = Rc::clone(&sends);
+            wire.requests = Box::new(move |_, bytes| {
+                long.set(bytes.len() > DATAGRAM);
+                None
+            });
+            wire.replies = Box::new(move |_, _| sends.get().then(Vec::new));
+            let start = wire.now;
+            while !doing.once(&mut wire, 0) {
+                let took = wire.now.since(start).as_millis();
+                assert!(took < 10_000, "{extra} {doing:?}: {:?}", wire.host);
             }
         }
     }
