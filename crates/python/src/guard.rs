@@ -69,30 +69,38 @@ pub fn stop_armed(py: Python<'_>) {
 pub fn end_link(link: &polepair::Link) -> Result<(), polepair::Error> {
     let is_of_link =
         |axis: &Axis| link.axes().iter().any(|one| one.connection().is(axis.connection()));
-    let mut armed = armed();
-    let axes: Vec<Axis> = armed.extract_if(.., |axis| is_of_link(axis)).collect();
-    system::set_idle(armed.is_empty());
-    drop(armed);
+    let axes: Vec<Axis> = armed().iter().filter(|axis| is_of_link(axis)).cloned().collect();
     let ended = end(&axes).into_iter().map(|(stopped, off)| stopped.and(off));
-    ended.fold(Ok(()), Result::and)
+    let ended = ended.fold(Ok(()), Result::and);
+    // A signal that comes meanwhile finds them, and waits for its own stops of them.
+    axes.iter().for_each(leave);
+    ended
 }
 
 /// Stops axes, and says it again to those that did not confirm it; the first error, after all were
-/// tried. Ctrl-C ends that.
+/// tried. A first Ctrl-C meanwhile asks for what is done already: it is raised when that has ended. A
+/// second one ends it.
 #[pyfunction]
 #[pyo3(name = "stop_owed")]
 pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::Axis>>) -> PyResult<()> {
     let axes = axes.iter().map(|axis| axis.get().inner(py).cloned());
     let axes: Vec<Axis> = axes.collect::<PyResult<_>>()?;
-    let mut interrupted = None;
-    let again = |_: &Axis, _: &polepair::Error| {
-        interrupted = Python::attach(|py| py.check_signals().err());
-        interrupted.is_none()
+    let mut interrupts = Vec::new();
+    let again = |_: &Axis, _: &Error| {
+        interrupts.extend(Python::attach(|py| py.check_signals().err()));
+        interrupts.len() < 2
     };
-    let ended = py.detach(move || stop_owed(&axes, OWED_MAX, again));
-    match interrupted {
-        Some(error) => Err(error),
-        None => ended.into_iter().try_for_each(|one| one.map_err(|error| raised(py, &error))),
+    let ended = py.detach(|| stop_owed(&axes, OWED_MAX, again));
+    let ended: Result<(), Error> = ended.into_iter().fold(Ok(()), Result::and);
+    match (interrupts.into_iter().next(), ended) {
+        (Some(interrupt), Err(error)) => {
+            let note = format!("And an axis was not stopped: {error}");
+            // As `not_stopped` of the package does.
+            interrupt.value(py).setattr("__notes__", vec![note])?;
+            Err(interrupt)
+        }
+        (Some(interrupt), Ok(())) => Err(interrupt),
+        (None, ended) => ended.map_err(|error| raised(py, &error)),
     }
 }
 
@@ -108,7 +116,8 @@ fn end(axes: &[Axis]) -> Vec<(Result<(), Error>, Result<(), Error>)> {
 }
 
 fn end_all() {
-    let axes = std::mem::take(&mut *armed());
+    // Who ends a block, or closes a link, meanwhile does the same: each says its stop until it stands.
+    let axes = armed().clone();
     for ended in end(&axes) {
         match ended {
             (Ok(()), Ok(())) => {}
@@ -116,7 +125,7 @@ fn end_all() {
             (Ok(()), Err(error)) => tell(&format!("{error}. It may still be powered.")),
         }
     }
-    system::set_idle(true);
+    axes.iter().for_each(leave);
     // The last handle of a connection waits for its keeper, and nobody need wait for that now.
     std::mem::forget(axes);
 }

@@ -13,6 +13,7 @@ use polepair_core::time::Instant;
 use super::lead::REOPEN_EVERY_NS;
 use super::mailbox::{Listener, Notice};
 use super::{AnyLane, LOST, Slots};
+use crate::clock;
 use crate::error::{Cause, LinkError};
 use crate::link::{Link, Received};
 use crate::wake::Waker;
@@ -69,8 +70,9 @@ pub(super) enum Leader {
 /// Where a link was that this program closed.
 struct Closed {
     name: String,
-    /// Time stands still.
+    /// When it was closed, by its own clock and by this machine's: its time goes on.
     at: Instant,
+    since: Instant,
     waker: Waker,
 }
 
@@ -82,7 +84,7 @@ impl Closed {
 
 impl<M: Medium> Link<M> for Closed {
     fn now(&self) -> Instant {
-        self.at
+        self.at + clock::now().since(self.since)
     }
 
     fn send(&self, _: &M::Unit) -> Result<(), LinkError> {
@@ -267,7 +269,7 @@ impl<M: Medium> State<M> {
     pub(super) fn close(&mut self) {
         let (name, at, waker) = (self.link.describe(), self.link.now(), self.link.waker());
         self.lose(LinkError::new(&name, Cause::Closed));
-        self.link = Arc::new(Closed { name, at, waker: waker.clone() });
+        self.link = Arc::new(Closed { name, at, since: clock::now(), waker: waker.clone() });
         self.trouble = self.link.reopen().err();
         // Nobody has to look whether it comes back.
         self.retry.tried = u32::MAX - 1;

@@ -138,7 +138,8 @@ impl RepeatedStop {
         };
         if let Some(error) = error {
             self.may_be_done |= error.executed() != Some(false);
-            if is_lost(&error) && now < self.until && again(axis, &error) {
+            if (is_lost(&error) || is_of_another(&error)) && now < self.until && again(axis, &error)
+            {
                 self.lost = Some(now + AGAIN);
             } else {
                 self.ended = Some(Err(if self.may_be_done { error.told_before() } else { error }));
@@ -183,6 +184,11 @@ impl Axis {
             }
         }
     }
+}
+
+/// Whether it ended because somebody else said a stop, or a motion, since: it is owed all the same.
+fn is_of_another(error: &Error) -> bool {
+    matches!(error, Error::Failed { outcome, .. } if outcome.failure() == Some(Failure::Cancelled))
 }
 
 /// Whether a stop that is said again may still arrive. A drive that refused it has heard it.

@@ -428,20 +428,27 @@ class AxisSteps:
 
     def _ended(self, before: Settings, stop: bool) -> Steps[PolepairError | None]:
         failed: PolepairError | None = None
+        interrupt: KeyboardInterrupt | None = None
         try:
             if stop and "stop" in self.verbs and not (yield from self._stop_own()):
                 # It has been taken by somebody else.
                 return None
         except PolepairError as error:
             failed = error
+        except KeyboardInterrupt as error:
+            # The stop went to its end, or was not waited for: its power is taken all the same.
+            interrupt = error
         try:
             if "disable" in self.verbs:
                 begun = yield from self._begin_own("disable")
-                if begun is None:
+                if begun is None and interrupt is None:
                     return failed
-                yield Wait(begun)
+                if begun is not None:
+                    yield Wait(begun)
         except PolepairError as error:
             failed = failed or error
+        if interrupt is not None:
+            raise interrupt
         if failed is not None:
             return failed
         # So that `state()` tells what is now, not what was in the block.
