@@ -64,9 +64,7 @@ fn why(error: &Error) -> String {
         }
         (Exit::NoReply, _) => "Nothing came back within the time allowed, repeats included.",
         (Exit::Corrupt, _) => "Noise, a second host, or two drives with one address can do that.",
-        (Exit::Refused, Some(false)) if error.code() == "E602" => {
-            "The drive told a state in which it cannot do that; it was not executed."
-        }
+        (Exit::Refused, Some(false)) if error.code() == "E602" => "It was not executed.",
         (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",
         (Exit::Negative, _) => "What was waited for did not come in that time.",
         // What was executed of it, the sentence says.

@@ -194,7 +194,9 @@ impl<'a> Prober<'a> {
             }
             asked.push((*identity, outcome));
             match outcome {
-                Some(Outcome::NotDone(Failure::NotReady { hint })) => {
+                Some(Outcome::NotDone(
+                    Failure::NotReady { hint } | Failure::Impossible(Unsupported::Forbidden(hint)),
+                )) => {
                     return Ok(Probe::Forbidden(hint));
                 }
                 Some(Outcome::Done(raw)) => {

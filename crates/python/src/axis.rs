@@ -171,7 +171,7 @@ impl Axis {
             Watchdog::Fixed { after_ms } => ("fixed", Some(f64::from(after_ms) / 1e3), None),
             Watchdog::Configurable { .. } => ("configurable", None, name()),
             Watchdog::Heartbeat { .. } => {
-                ("heartbeat", None, if self.0.sends_heartbeat() { name() } else { None })
+                ("heartbeat", None, if self.0.heartbeat().is_some() { name() } else { None })
             }
         }
     }

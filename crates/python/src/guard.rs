@@ -189,8 +189,9 @@ mod system {
         let hear = move || {
             for signal in &mut signals {
                 let _one = super::ends();
-                // What came while nothing was armed has done what it does.
-                if IDLE.load(Ordering::SeqCst) {
+                // Who goes on behind this one had nothing armed and was suspended at once. All others
+                // end the process, though a block that was armed may have ended since.
+                if signal == SIGTSTP && IDLE.load(Ordering::SeqCst) {
                     continue;
                 }
                 super::end_all();

@@ -4,6 +4,7 @@ use std::io::IsTerminal as _;
 
 use clap::Args;
 use polepair::doctor::{self, Check, Grade, Options, Unproven, Witness};
+use polepair::url::shell_word;
 use polepair::{Axis, Connector, Error};
 use polepair_capture::jsonl;
 
@@ -89,7 +90,7 @@ impl Doctor {
             return Err(Problem::usage("E217", "a watchdog that is off stops nothing."));
         }
         let link = connector.connect(url).map_err(outcome::error)?;
-        let session = Session { link, words: url.to_owned() };
+        let session = Session { link, words: shell_word(url).into_owned() };
         self.consent(&session)?;
         session.listen();
         let words = &session.words;

@@ -39,8 +39,6 @@ impl Watchdog {
         let wanted = self.time.as_deref().map(span).transpose()?;
         let session = self.target.open()?;
         session.listen();
-        let period = session.link.url().milliseconds("heartbeat").map_err(outcome::error)?;
-        let period = period.map(|ms| Duration::from_secs_f64(ms / 1e3)).filter(|p| !p.is_zero());
         let mut out = Output::stdout();
         for axis in session.axes() {
             let state = match wanted {
@@ -61,7 +59,7 @@ impl Watchdog {
             };
             let state = state.map_err(outcome::error)?;
             out.line(&format!("{}: {}", axis.label(), shown(axis, state)));
-            if let (WatchdogState::On(after), Some(period)) = (state, period)
+            if let (WatchdogState::On(after), Some(period)) = (state, axis.heartbeat())
                 && matches!(axis.profile().watchdog, Kind::Heartbeat { .. })
                 && after <= period
             {

@@ -207,6 +207,20 @@ fn a_stop_that_reaches_nobody_says_so() {
     sim.end();
 }
 
+/// The rules of the protocol forbid it: what may not be sent tells nothing of the drive.
+#[test]
+fn a_stop_that_the_protocol_cannot_send_says_that_nothing_was() {
+    let sim = Served::new("technosoft-f514l:255");
+    let ran = timed(&["stop", &format!("{}?host=255#1", sim.link())]);
+    assert_eq!(ran.code, 2, "{}", ran.err);
+    assert!(
+        ran.err.contains("error[E222]: ") && ran.err.contains("Nothing was sent."),
+        "{}",
+        ran.err
+    );
+    sim.end();
+}
+
 /// A module that answers to another host answers nobody here, and is no silence.
 #[test]
 fn what_came_where_nobody_answered_is_told() {

@@ -134,10 +134,10 @@ impl Axis {
         matches!(self.profile.watchdog, Watchdog::Heartbeat { .. }) && self.heartbeat.is_none()
     }
 
-    /// Whether this connection was told to send a heartbeat that drives can watch.
+    /// The period of the heartbeat that this connection was told to send, which drives can watch.
     #[must_use]
-    pub const fn sends_heartbeat(&self) -> bool {
-        self.heartbeat.is_some()
+    pub const fn heartbeat(&self) -> Option<Duration> {
+        self.heartbeat
     }
 
     /// What to know before [`set_watchdog`](Self::set_watchdog) sets it, or switches it `off`: that the

@@ -40,6 +40,8 @@ pub struct CanWatch {
     counters: Counters,
     known: Standing,
     open: Vec<Asked>,
+    /// What was passed over, since something newer was answered. The host may still wait for it.
+    passed: Vec<Asked>,
     /// The identifier by which a drive, named by its place on the bus, was last asked.
     asked_by: BTreeMap<usize, (u32, bool)>,
     owed: Vec<Owed>,
@@ -77,6 +79,8 @@ struct Owed {
     until: Instant,
     /// A stranger's frame was, or may have been.
     strange: bool,
+    /// More was open: it may have been taken for the answer to something else.
+    several: bool,
 }
 
 impl CanWatch {
@@ -90,6 +94,7 @@ impl CanWatch {
             counters: Counters::default(),
             known: Standing::default(),
             open: Vec::with_capacity(OPEN_MAX),
+            passed: Vec::new(),
             asked_by: BTreeMap::new(),
             owed: Vec::new(),
             last_match: Match::Sound,
@@ -166,7 +171,7 @@ impl CanWatch {
         let exact = self.open.iter().position(|asked| asked.mark.tag == tag);
         let same = || self.open.iter().rposition(|asked| asked.mark.content == question);
         let Some(at) = exact.or_else(same) else {
-            return self.mismatched(now, reply, tag, behind.is_some());
+            return self.mismatched(now, reply, (tag, question), behind);
         };
         let asked = self.open[at];
         self.asked_by.insert(reply.from, asked.mark.id);
@@ -181,12 +186,25 @@ impl CanWatch {
             self.open.remove(at);
             return None;
         }
+        self.pass(now, at);
+        None
+    }
+
+    /// The request at `at` was answered: what is older and went to the same drive is passed over.
+    fn pass(&mut self, now: Instant, at: usize) {
+        let asked = self.open[at];
+        self.passed.retain(|old| now < old.since.plus_ms(OWED_MS));
         let mut place = 0;
         self.open.retain(|other| {
             place += 1;
-            place > at + 1 || other.mark.id != asked.mark.id
+            if place > at + 1 || other.mark.id != asked.mark.id {
+                return true;
+            }
+            if place <= at {
+                self.passed.push(*other);
+            }
+            false
         });
-        None
     }
 
     /// The reply answers nothing that is open.
@@ -194,8 +212,8 @@ impl CanWatch {
         &mut self,
         now: Instant,
         reply: Mark,
-        tag: u32,
-        behind: bool,
+        (tag, question): (u32, u64),
+        behind: Option<Owed>,
     ) -> Option<Violation> {
         let soonest = |asked: &Asked| {
             let bits = u64::from(asked.mark.bits + reply.bits - INTERFRAME);
@@ -203,7 +221,20 @@ impl CanWatch {
             asked.since.plus_ns(ns - ns / 20)
         };
         let asked = self.last_asked(&reply);
-        if let Some(asked) = asked.filter(|a| (reply.copy || behind) && now >= soonest(a)) {
+        if let Some(asked) = asked.filter(|a| (reply.copy || behind.is_some()) && now >= soonest(a))
+        {
+            self.copied(now, asked);
+            return None;
+        }
+        if behind.is_some_and(|owed| owed.several) && !reply.copy {
+            // The copy before was not taken for the answer to this, but to something older.
+            return None;
+        }
+        let same = |old: &Asked| old.mark.content == question && old.mark.tag != tag;
+        if let Some(older) = self.passed.iter().position(same).filter(|_| reply.copy) {
+            // The first was taken for the answer to the same that was asked before, which was passed
+            // over; so this is taken for the answer to what it answers.
+            let asked = self.passed.remove(older);
             self.copied(now, asked);
             return None;
         }
@@ -242,8 +273,9 @@ impl CanWatch {
     }
 
     fn owe(&mut self, now: Instant, asked: Asked, strange: bool) {
-        let (tag, until) = (asked.mark.tag, now.plus_ms(OWED_MS));
-        self.owed.push(Owed { tag, until, strange });
+        let Mark { tag, id, .. } = asked.mark;
+        let several = self.open.iter().any(|other| other.mark.id == id && other.mark.tag != tag);
+        self.owed.push(Owed { tag, until: now.plus_ms(OWED_MS), strange, several });
         let old = self.owed.len().saturating_sub(OWED_MAX);
         self.owed.drain(..old);
     }

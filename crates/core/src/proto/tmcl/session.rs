@@ -21,7 +21,7 @@ mod suspects;
 
 use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
-use crate::error::Failure;
+use crate::error::{Failure, Unsupported};
 use crate::proto::events::Events;
 use crate::proto::proven::Proven;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
@@ -445,12 +445,12 @@ impl Session {
     }
 
     fn refusal(&self, ask: &Ask) -> Option<Failure> {
-        const HINT: &str =
-            "the host's address must differ from every module's; give another with host=";
+        const RULE: &str = "this is the host's own address; give the host another with host=";
         if !self.up {
             return Some(Failure::LinkDown);
         }
-        (u16::from(ask.request.address) == self.host).then_some(Failure::NotReady { hint: HINT })
+        let is_own = u16::from(ask.request.address) == self.host;
+        is_own.then_some(Failure::Impossible(Unsupported::Forbidden(RULE)))
     }
 
     /// A stop, while something is outstanding: a probe is given up at once; a request keeps its

@@ -113,8 +113,11 @@ impl SerialHost {
                 self.sent = None;
                 self.session.counters.echoed += 1;
             }
-            Piece::Message(message) => {
-                self.session.heard(now, Some(message.to), &message.instruction);
+            Piece::Message(Message { to, instruction }) => {
+                match early {
+                    true => self.session.heard_early(now, Some(to), &instruction),
+                    false => self.session.heard(now, Some(to), &instruction),
+                }
                 self.hears();
             }
             Piece::Ack if self.rate.acknowledged(now) => {}

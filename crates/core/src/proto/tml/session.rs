@@ -23,7 +23,7 @@ use super::online::Online;
 use super::rules::{Rule, Wire, leaves};
 use super::serial::FRAME_MIN;
 use super::wire::{IdCode, Instruction, Message};
-use crate::error::Failure;
+use crate::error::{Failure, Unsupported};
 use crate::proto::GROUP;
 use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
 use crate::time::Instant;
@@ -436,7 +436,7 @@ impl Session {
         };
         let harmless = matches!(ask.class, Class::Idempotent | Class::Stop);
         match rule {
-            Some(rule) => Some(Failure::NotReady { hint: rule.sentence() }),
+            Some(rule) => Some(Failure::Impossible(Unsupported::Forbidden(rule.sentence()))),
             None if !many && !harmless && self.doubts.are_twins(to.id) => Some(TWINS),
             None => None,
         }
@@ -604,7 +604,7 @@ impl Session {
     }
 
     /// An answer of a moment ago is given again: by a second drive of that ID, if it happens always.
-    fn double(&mut self, said: &Online) -> bool {
+    pub(super) fn double(&mut self, said: &Online) -> bool {
         if self.doubts.is_double(said) {
             self.counters.late += 1;
             return true;

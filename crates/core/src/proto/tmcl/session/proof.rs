@@ -129,7 +129,6 @@ impl Session {
         })
     }
 
-    /// Whether such a reply answers one of the last requests.
     /// Counts an answer to nothing that waits: a late one where it was asked for.
     pub(super) fn unasked(&mut self, reply: &Reply) {
         let asked = self.was_asked(reply.module, reply.opcode.number());
@@ -137,6 +136,7 @@ impl Session {
         self.counters.foreign += u64::from(!asked);
     }
 
+    /// Whether such a reply answers one of the last requests.
     fn was_asked(&self, module: u8, opcode: u8) -> bool {
         self.recent.iter().any(|(to, what, _)| (*to, *what) == (module, opcode))
     }

@@ -8,7 +8,7 @@ use std::rc::Rc;
 use std::vec::Vec;
 
 use super::Random;
-use crate::error::Failure;
+use crate::error::{Failure, Unsupported};
 use crate::medium::{Frame, Stream};
 use crate::proto::HostOptions;
 use crate::proto::tmcl::device::{BadSum, CanEnd, Event, Firmware, Quirks, Response, SerialEnd};
@@ -481,7 +481,8 @@ fn telegram_pause_and_foreign_modules() {
     assert_eq!(wire.ask(Ask::of(other)), Err(Failure::Silent));
     assert_eq!(wire.read(4), Ok(4007));
     let host = Request { address: 2, ..other };
-    assert!(matches!(wire.ask(Ask::of(host)), Err(Failure::NotReady { .. })));
+    let outcome = wire.ask(Ask::of(host));
+    assert!(matches!(outcome, Err(Failure::Impossible(Unsupported::Forbidden(_)))), "{outcome:?}");
 }
 
 #[test]

@@ -6,7 +6,9 @@
 use super::{DRAIN_NS, FICTION_MIN, LATEST_TIMEOUTS, Pending, Phase, Place, Session, Stage};
 use crate::error::Failure;
 use crate::proto::tml::ask::{self, assigned};
+use crate::proto::tml::online::Online;
 use crate::proto::tml::rules::Wire;
+use crate::proto::tml::wire::{IdCode, Instruction};
 use crate::station::Class;
 use crate::time::Instant;
 
@@ -32,6 +34,22 @@ impl Session {
         self.counters.relayed += u64::from(relayed);
         self.fiction = if early { self.fiction } else { self.fiction.saturating_sub(1) };
         self.taken(now);
+    }
+
+    /// Takes a message that began before the request had left: a copy of the answer before, where it is
+    /// one to that question.
+    pub(in crate::proto::tml) fn heard_early(
+        &mut self,
+        now: Instant,
+        to: Option<IdCode>,
+        said: &Instruction,
+    ) {
+        let told = Online::parse(said).filter(|_| self.fiction < FICTION_MIN);
+        if told.is_some_and(|told| self.double(&told)) {
+            self.counters.early += 1;
+            return;
+        }
+        self.heard(now, to, said);
     }
 
     /// A byte was lost somewhere: the boundary between frames is to be found again.

@@ -6,7 +6,7 @@ use std::boxed::Box;
 use std::collections::VecDeque;
 use std::vec::Vec;
 
-use crate::error::Failure;
+use crate::error::{Failure, Unsupported};
 use crate::medium::Frame;
 use crate::proto::tml::ask::{Answer, Ask, assignment, give_me_data};
 use crate::proto::tml::device::{Firmware, Quirks};
@@ -389,6 +389,24 @@ fn an_acknowledgement_that_came_too_soon_has_no_motion_told_as_done() {
     }
 }
 
+/// The copy of an answer is not the answer to the same question asked again (swarm seed
+/// serial:4051056): it began before the request had left.
+#[test]
+fn a_copy_of_an_answer_is_not_the_next_one() {
+    for ms in [1, 5, 9] {
+        let mut line = Line::rs232();
+        line.replies = Box::new(move |at, bytes| {
+            (at == 1).then(|| std::vec![(0, bytes.to_vec()), (ms, bytes.to_vec())])
+        });
+        assert_eq!(line.value(KPP), Ok(5));
+        line.drives[0].1.kpp = 9;
+        assert_eq!(line.value(KPP), Ok(9), "{ms}");
+        assert_eq!(line.host.counters().early, 1, "{ms}");
+        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)), "{ms}");
+        assert_eq!(line.counts[0], 3, "{ms}: nothing was asked again");
+    }
+}
+
 #[test]
 fn what_serial_servers_add_is_skipped() {
     for junk in [&[0x00][..], &[0x0D], &[0x0A], &[0x0A, 0x0D, 0x00], &[0x0C, 0xFF], &[0x08, 0x0F]] {
@@ -512,7 +530,7 @@ fn a_group_on_rs485_obeys_without_a_word() {
     assert_eq!(line.counts[1], 0);
     let request = Online::GiveMeData2 { sender: IdCode::axis(0), cell: Cell::short(KPP) };
     let ticket = line.submit(Ask::of(Message { to, instruction: request.emit() })).unwrap();
-    assert!(matches!(line.end(ticket), Err(Failure::NotReady { .. })));
+    assert!(matches!(line.end(ticket), Err(Failure::Impossible(Unsupported::Forbidden(_)))));
 }
 
 #[test]
@@ -541,7 +559,7 @@ fn the_wrong_host_on_rs232_says_nothing() {
     let mut line = Line::rs232();
     let options = HostOptions { host: Some(3), ..HostOptions::new(9600) };
     line.host = SerialHost::new(&options, &[AXIS.into()]);
-    let Err(Failure::NotReady { hint }) = line.value(KPP) else { panic!() };
-    assert!(hint.contains("the host ID equals the axis ID"));
+    let Err(Failure::Impossible(Unsupported::Forbidden(rule))) = line.value(KPP) else { panic!() };
+    assert!(rule.contains("the host ID equals the axis ID"));
     assert!(line.said.is_empty());
 }
