@@ -216,7 +216,11 @@ export class Bench {
   /** Brings one axis to rest whatever becomes of its command, but leaves the lease where it is. */
   async halt(axis: number): Promise<void> {
     const outcome = await Promise.race([this.command(axis, "stop"), wait(HALT_MS)]);
-    if (!outcome || outcome.outcome !== "done") this.stop([axis], "stop was not confirmed");
+    // Where the server has it, it says it until the motor stands, or was set in motion again.
+    const taken = outcome
+      ? outcome.outcome === "done" || outcome.error?.code === "gateway.owed"
+      : this.states[axis]?.owed;
+    if (!taken) this.stop([axis], "stop was not confirmed");
   }
 
   /** Stops axes, or all of them; needs no lease. What came of it is in `stops` and `stopped`. */
