@@ -130,29 +130,21 @@ def ready(axis: polepair.Axis) -> None:
         axis.params["control mode"] = 1
 
 
-@pytest.mark.parametrize("drive", ["tmcl", "cia402:5", "thruster", "modbus-rtu"])
-def test_behind_the_block_it_has_no_power(drive: str) -> None:
-    with polepair.connect(f"sim:{drive}?time=virtual") as link:
-        axis = link.axes[0]
-        ready(axis)
-        with axis.armed():
-            axis.spin(10)
-            link.sleep(0.5)
-            axis.read("enabled") if "enabled" in axis.signals else None
-        assert not axis.state().enabled and not axis.state().moving
-
-
-@pytest.mark.parametrize("drive", ["cia402:5", "modbus-rtu", "technosoft-f514l"])
-def test_a_turning_motor_is_read_as_moving(drive: str) -> None:
+@pytest.mark.parametrize("drive", ["tmcl", "cia402:5", "thruster", "modbus-rtu", "technosoft-f514l"])
+def test_it_moves_while_it_turns_and_has_no_power_behind_the_block(drive: str) -> None:
     with polepair.connect(f"sim:{drive}?time=virtual") as link:
         axis = link.axes[0]
         ready(axis)
         with axis.armed():
             axis.spin(10)
             link.sleep(1.0)
-            assert axis.read("moving")["moving"] == 1
-            assert axis.state().moving
-        assert axis.read("moving")["moving"] == 0
+            if "moving" in axis.signals:
+                assert axis.read("moving")["moving"] == 1
+                assert axis.state().moving
+            axis.read("enabled") if "enabled" in axis.signals else None
+        assert not axis.state().enabled and not axis.state().moving
+        if "moving" in axis.signals:
+            assert axis.read("moving")["moving"] == 0
 
 
 def test_a_fault_has_words() -> None:

@@ -543,26 +543,31 @@ fn the_same_module_on_can() {
     }
 }
 
+/// Asks a module on CAN for its actual position.
+fn ask_position(host: &mut CanHost, now: Instant) {
+    host.submit(now, Ticket(1), Ask::of(request(Opcode::Gap, 1, 0))).unwrap();
+    host.poll_transmit(now, &mut Frame::default()).unwrap();
+}
+
+/// What it says.
+fn position(value: u8) -> Frame {
+    Frame::standard(2, &[1, 100, 6, 0, 0, 0, value])
+}
+
 /// A reply disturbed in its last bit is heard twice, the second time before the next request can
 /// have left (swarm seed can:9).
 #[test]
 fn a_copy_on_can_that_comes_too_soon_is_no_answer() {
     let mut host = CanHost::new(&HostOptions::new(250_000));
-    let mut frame = Frame::default();
-    let mut ask = |host: &mut CanHost, now| {
-        host.submit(now, Ticket(1), Ask::of(request(Opcode::Gap, 1, 0))).unwrap();
-        host.poll_transmit(now, &mut frame).unwrap();
-    };
-    let reply = |value| Frame::standard(2, &[1, 100, 6, 0, 0, 0, value]);
-    ask(&mut host, Instant(1));
-    host.handle_input(Instant(1).plus_ms(1), &reply(5));
+    ask_position(&mut host, Instant(1));
+    host.handle_input(Instant(1).plus_ms(1), &position(5));
     assert!(host.poll_event().is_some());
     let now = Instant(1).plus_ms(1);
-    ask(&mut host, now);
+    ask_position(&mut host, now);
     // 130 bits: an error frame and the reply again.
-    host.handle_input(now.plus_ns(130 * 4_000), &reply(5));
+    host.handle_input(now.plus_ns(130 * 4_000), &position(5));
     assert!(host.poll_event().is_none());
-    host.handle_input(now.plus_ns(250 * 4_000), &reply(9));
+    host.handle_input(now.plus_ns(250 * 4_000), &position(9));
     let answer = host.poll_event().map(|(_, answer)| *answer);
     assert!(matches!(answer, Some(Ok(Answer::Reply(r))) if r.value == 9), "{answer:?}");
 }
@@ -573,12 +578,6 @@ fn a_copy_on_can_that_comes_too_soon_is_no_answer() {
 #[test]
 fn an_answer_that_comes_too_soon_is_no_answer_where_others_took_their_time() {
     let mut host = CanHost::new(&HostOptions::new(250_000));
-    let mut frame = Frame::default();
-    let mut ask = |host: &mut CanHost, now| {
-        host.submit(now, Ticket(1), Ask::of(request(Opcode::Gap, 1, 0))).unwrap();
-        host.poll_transmit(now, &mut frame).unwrap();
-    };
-    let reply = |value| Frame::standard(2, &[1, 100, 6, 0, 0, 0, value]);
     let answer = |host: &mut CanHost| match host.poll_event() {
         Some((_, Ok(Answer::Reply(reply)))) => Some(reply.value),
         Some(other) => panic!("{other:?}"),
@@ -586,21 +585,21 @@ fn an_answer_that_comes_too_soon_is_no_answer_where_others_took_their_time() {
     };
     let mut now = Instant(1);
     for n in 0..16 {
-        ask(&mut host, now);
+        ask_position(&mut host, now);
         now = now.plus_ms(1);
-        host.handle_input(now, &reply(n));
+        host.handle_input(now, &position(n));
         assert_eq!(answer(&mut host), Some(n.into()));
     }
     // So long after that no earlier request could own it.
     now = now.plus_ms(2_000);
-    ask(&mut host, now);
-    host.handle_input(now.plus_ns(110 * 4_000), &reply(200));
+    ask_position(&mut host, now);
+    host.handle_input(now.plus_ns(110 * 4_000), &position(200));
     assert_eq!(answer(&mut host), None);
     now = now.plus_ns(330 * 4_000);
-    host.handle_input(now, &reply(20));
+    host.handle_input(now, &position(20));
     assert_eq!(answer(&mut host), Some(20));
-    ask(&mut host, now);
-    host.handle_input(now.plus_ns(250 * 4_000), &reply(21));
+    ask_position(&mut host, now);
+    host.handle_input(now.plus_ns(250 * 4_000), &position(21));
     assert_eq!(answer(&mut host), Some(21));
     assert_eq!(host.counters().early, 1);
 }
