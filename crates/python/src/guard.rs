@@ -6,6 +6,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use polepair::axis::{OWED_MAX, stop_owed};
 use polepair::{Axis, Error};
 use polepair_core::axis::Verb;
+use polepair_core::profile::Signal;
+use polepair_core::time::Instant;
 use pyo3::prelude::*;
 
 use crate::errors::raised;
@@ -118,9 +120,12 @@ fn end(axes: &[Axis]) -> Vec<(Result<(), Error>, Result<(), Error>)> {
 fn end_all() {
     // Who ends a block, or closes a link, meanwhile does the same: each says its stop until it stands.
     let axes = armed().clone();
-    for ended in end(&axes) {
+    let begun: Vec<_> = axes.iter().map(|axis| axis.connection().now()).collect();
+    for ((axis, begun), ended) in axes.iter().zip(begun).zip(end(&axes)) {
         match ended {
             (Ok(()), Ok(())) => {}
+            // Its block took the power before this could, and closed the link.
+            (Ok(()), Err(_)) if has_no_power(axis, begun) => {}
             (Err(error), _) => tell(&format!("{error}. It may still turn: cut its supply.")),
             (Ok(()), Err(error)) => tell(&format!("{error}. It may still be powered.")),
         }
@@ -128,6 +133,12 @@ fn end_all() {
     axes.iter().for_each(leave);
     // The last handle of a connection waits for its keeper, and nobody need wait for that now.
     std::mem::forget(axes);
+}
+
+/// Whether an axis has told since then that its motor has no power.
+fn has_no_power(axis: &Axis, since: Instant) -> bool {
+    let enabled = axis.state().reading(Signal::Enabled);
+    enabled.at.is_some_and(|at| at >= since) && enabled.raw == 0
 }
 
 fn tell(what: &str) {

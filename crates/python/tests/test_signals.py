@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +18,8 @@ import polepair
 import pytest
 
 BINARY = Path(__file__).parents[3] / "target" / "release" / "polepair"
+
+ENDS = ["SIGTERM", "SIGHUP", "SIGQUIT", "SIGVTALRM", "SIGXCPU", "SIGABRT", "SIGSYS"]
 
 if sys.platform == "win32":
     pytest.skip("signals as Unix has them", allow_module_level=True)
@@ -66,6 +71,82 @@ asyncio.run(turn(sys.argv[1]))
 """
 
 
+ENDING = BLOCK.replace("time.sleep(3600)", """sys.stdin.readline()
+        print("ended", flush=True)
+""") + "turn(sys.argv[1])"
+CLOSED = """
+import sys, threading, polepair
+link = polepair.connect(sys.argv[1])
+with link.axes[0].armed() as axis:
+    axis.spin(300, "rpm")
+    print("ready", flush=True)
+    sys.stdin.readline()
+    ends = threading.Timer(0.5, link.close)
+    ends.start()
+ends.join()
+"""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _signals_as_ever() -> Iterator[None]:
+    """What a shell has ignored for what it runs behind would be ignored by every program here."""
+    names = [*ENDS, "SIGINT"]
+    ignored = [signal.Signals[name] for name in names]
+    ignored = [each for each in ignored if signal.getsignal(each) == signal.SIG_IGN]
+    for each in ignored:
+        signal.signal(each, signal.SIG_DFL)
+    yield
+    for each in ignored:
+        signal.signal(each, signal.SIG_IGN)
+
+
+class Wire:
+    """A TCP wire to a drive that is silent at will: what is said meanwhile is lost."""
+
+    def __init__(self, drive: tuple[str, int]) -> None:
+        self.silent = threading.Event()
+        self._drive = drive
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        return "tmcl+tcp://{}:{}#1".format(*self._listener.getsockname()[:2])
+
+    def _serve(self) -> None:
+        while True:
+            host, _ = self._listener.accept()
+            drive = socket.create_connection(self._drive)
+            for one, other in (host, drive), (drive, host):
+                threading.Thread(target=self._pass, args=(one, other), daemon=True).start()
+
+    def _pass(self, one: socket.socket, other: socket.socket) -> None:
+        try:
+            while heard := one.recv(4096):
+                if not self.silent.is_set():
+                    other.sendall(heard)
+        except OSError:
+            pass
+        finally:
+            with contextlib.suppress(OSError):
+                other.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.fixture
+def wire() -> Iterator[Wire]:
+    """A drive on TCP, which outlives the program that turns it."""
+    simulator = subprocess.Popen(
+        [BINARY, "sim", "tmcl:1", "--tcp", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True
+    )
+    assert simulator.stdout is not None
+    line = simulator.stdout.readline()
+    assert line.startswith("ready ")
+    host, _, port = line.split("//")[1].split("#")[0].split("?")[0].strip().rpartition(":")
+    yield Wire((host, int(port)))
+    simulator.terminate()
+    simulator.wait(timeout=30)
+
+
 @pytest.fixture
 def url(tmp_path: Path) -> Iterator[str]:
     """A drive that outlives the program which turns it."""
@@ -103,9 +184,6 @@ def stands(url: str) -> None:
         assert axis.params.raw["driver enable"] == 0
 
 
-ENDS = ["SIGTERM", "SIGHUP", "SIGQUIT", "SIGVTALRM", "SIGXCPU", "SIGABRT", "SIGSYS"]
-
-
 @pytest.mark.parametrize("name", ENDS)
 @pytest.mark.parametrize("program", [MAIN, THREAD, LOOP], ids=["main", "thread", "loop"])
 def test_a_signal_that_ends_the_process_stops_first(program: str, name: str, url: str) -> None:
@@ -128,6 +206,38 @@ def test_a_signal_ends_the_process_as_ever_while_it_arms(after: float, url: str)
     # It may not have been armed once: a module of this kind has its driver on from the beginning.
     with polepair.connect(url) as link:
         assert link.axes[0].params.raw["target velocity"] == 0
+
+
+def ends_on_a_silent_wire(program: str, wire: Wire) -> subprocess.Popen[str]:
+    """The program, whose block ends while its wire is silent."""
+    process = begun(program, wire.url)
+    wire.silent.set()
+    assert process.stdin is not None
+    process.stdin.write("\n")
+    process.stdin.flush()
+    time.sleep(0.5)
+    assert process.poll() is None, "its stop is owed"
+    return process
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_a_signal_while_a_block_ends_waits_for_its_stop(name: str, wire: Wire) -> None:
+    process = ends_on_a_silent_wire(ENDING, wire)
+    process.send_signal(signal.Signals[name])
+    time.sleep(1.0)
+    assert process.poll() is None, "its stop is owed"
+    wire.silent.clear()
+    said, told = process.communicate(timeout=60)
+    assert "polepair: " not in told, told
+    # Who went on behind the block's end was ended there.
+    assert process.returncode == -signal.Signals[name] and said in ("", "ended\n")
+    stands(wire.url)
+
+
+def test_a_link_that_is_closed_while_its_stop_is_owed_ends_that(wire: Wire) -> None:
+    process = ends_on_a_silent_wire(CLOSED, wire)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 1 and "may still turn" in told, told
 
 
 def test_ctrl_z_stops_and_suspends(url: str) -> None:

@@ -41,9 +41,11 @@ impl Axis {
         if let (Failure::Impossible(why), Outcome::NotDone(_)) = (failure, outcome) {
             return self.refuse(what, why);
         }
-        // Who closed it knows that it is no lost link.
+        // Who closed it knows that it is no lost link, but not that a motor was left turning.
         if let (Failure::LinkDown, Some(closed)) = (failure, self.connection.trouble())
             && closed.cause() == Cause::Closed
+            && asked != RequestKind::Standing
+            && !self.may_turn()
         {
             return Error::Link(closed);
         }

@@ -554,7 +554,8 @@ fn failure(error: &Error) -> Option<Failure> {
 /// Whether a request ended so because the drive was not heard: it may be answered once it is said again.
 fn is_of_the_wire(error: &Error) -> bool {
     use Failure::{Cancelled, LinkDown, Misbehaved, Silent};
-    matches!(failure(error), Some(Silent | Misbehaved | Cancelled | LinkDown))
+    let failed = matches!(failure(error), Some(Silent | Misbehaved | Cancelled | LinkDown));
+    failed || matches!(error, Error::Link(_))
 }
 
 impl Axis {

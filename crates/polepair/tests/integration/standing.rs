@@ -3,6 +3,7 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use polepair::axis::{Class, OWED_MAX, Stopping, stop_owed};
@@ -169,6 +170,19 @@ fn a_motor_that_turns_on_is_told_to_stop_again() {
         stopped.expect("the third stop is obeyed");
         assert!(begun.elapsed() >= Duration::from_secs(3), "it is given time to brake");
     }
+}
+
+/// The time of a link goes on when it is closed: who waits for its motor to stand is told.
+#[test]
+fn a_link_that_is_closed_ends_the_wait_for_its_stop() {
+    let link = connect(&module_whose_position_runs(300, 20_000.0, u32::MAX)).expect("a module");
+    let axes = link.axes().to_vec();
+    let (told, ended) = mpsc::channel();
+    std::thread::spawn(move || told.send(stop_owed(&axes, Duration::from_secs(3), |_, _| true)));
+    std::thread::sleep(Duration::from_millis(500));
+    link.close();
+    let ended = ended.recv_timeout(Duration::from_secs(60)).expect("the wait ends");
+    assert!(matches!(&ended[..], [Err(error)] if error.may_turn()), "{ended:?}");
 }
 
 /// One answer that is lost while a motor is looked at makes no stop fail: it is asked for again.
