@@ -29,6 +29,8 @@ mod stop;
 mod stream;
 mod summary;
 mod sync;
+#[cfg(test)]
+mod tests;
 mod verbs;
 mod watch;
 mod watchdog;
